@@ -1,4 +1,4 @@
-"""The addresses that a person can click, for a server that listens on some of this machine's."""
+"""URLs that a person can open in a browser, from the addresses that the server listens on."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _SOMEWHERE_ELSE = (
     (socket.AF_INET, "192.0.2.1"),
     (socket.AF_INET6, "2001:db8::1"),
 )
-"""RFC 5737 and 3849: for documentation, nobody's. Nothing is sent there."""
+"""Documentation addresses (RFC 5737 and 3849), used only to look up the route; nothing is sent there."""
 
 
 def links(
     host: str, port: int, token: str | None, own: list[str] | None = None, *, contained: bool | None = None
 ) -> list[str]:
-    """Links to the page, the likeliest first.
+    """URLs of the page, the most likely one first.
 
     Args:
         host: what the server is bound to.
@@ -43,7 +43,7 @@ def in_container() -> bool:
 
 
 def own_addresses() -> list[str]:
-    """This machine's addresses towards others: the one of each default route."""
+    """This machine's own address on each default route."""
     found: list[str] = []
     for family, elsewhere in _SOMEWHERE_ELSE:
         try:

@@ -1,4 +1,4 @@
-"""The whole server as one application: what is built when it starts, and taken down in which order."""
+"""Builds the server application, and starts and stops its parts in order."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ log = logging.getLogger(__name__)
 
 COMPONENT_ID = 190
 STREAM_COMPONENT_ID = 191
-"""Setpoints' own: MAVLink numbers the frames of each component, and they leave another process."""
+"""Component id of setpoints. Another process sends them, and MAVLink counts frames per component."""
 STATIC = Path(__file__).resolve().parent / "static"
 NO_PAGE = """The page has not been built yet.
 
@@ -148,7 +148,7 @@ class Server:
             self.station.more_warnings.append(self._simulator.warnings)
 
     async def start(self) -> None:
-        """Everything that runs; a link that cannot be opened is a warning."""
+        """Starts all parts; a link that cannot be opened becomes a warning."""
         await self.station.journal.load()
         self.station.journal.start(self.supervisor)
         await self.streamer.limits.load()
@@ -174,7 +174,7 @@ class Server:
             log.warning(notice.text)
 
     async def stop(self) -> None:
-        """Vehicles into Hold first, the simulator last."""
+        """Stops all parts: puts streamed vehicles into Hold first, stops the simulator last."""
         await self._stop_streams()
         await self.station.operations.close()
         self.station.plans.close()
@@ -209,7 +209,7 @@ class Server:
         return None if target is None else OffboardTarget(*target)
 
     def _faults(self) -> list[Notice]:
-        """Of this program, in what serves all vehicles."""
+        """Errors of this program in parts that serve all vehicles."""
         faults = [*self.streamer.faults(), *(self.scene.faults() if self.scene is not None else ())]
         return [Notice("fault", text) for text in faults]
 
@@ -219,7 +219,7 @@ class Server:
         self.fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
 
     def _operation_told(self, operation: Operation) -> None:
-        # Told, not kept: GET /operations has them.
+        # Sent to clients, not stored as an event: GET /operations lists them.
         data = {"operation": operation_view(operation)}
         unix_s = self.station.clock.unix_s()
         event = Event(0, "operation", operation.vehicle, unix_s, MAV_SEVERITY_DEBUG, operation.text, data)
@@ -234,7 +234,7 @@ class Server:
             "client": change.by,
             "client_key": change.by_key,
         }
-        # Told, not kept: GET /plans has them.
+        # Sent to clients, not stored as an event: GET /plans lists them.
         unix_s = self.station.clock.unix_s()
         self.station.hub.tell(Event(0, "plan_changed", None, unix_s, MAV_SEVERITY_DEBUG, text, data))
 
@@ -247,7 +247,7 @@ class Server:
         return any(v.id == vehicle_id and v.status.link_lost for v in self.fleet.all())
 
     def _scene_clicked(self, click: SceneClick) -> None:
-        # Only told, not kept: a click is no event of the vehicle's.
+        # Sent to clients, not stored: a click is not an event of the vehicle.
         hub, unix_s = self.station.hub, self.station.clock.unix_s()
         hub.tell(Event(0, "scene_click", click.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(click)))
 
@@ -274,8 +274,8 @@ def create_app(
     Args:
         settings: what the operator chose.
         clock: the machine's own unless given.
-        more_links: opened beside the settings' own (a replay).
-        static: where the built page lies.
+        more_links: links to open besides those of the settings (a replay).
+        static: folder of the built page.
 
     Raises:
         GcsError: a token is needed, and its file cannot be made or read.

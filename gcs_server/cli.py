@@ -30,7 +30,8 @@ WAITING_TO_BE_ACCEPTED = 1024
 COMMANDS = ("serve", "sim", "replay", "key")
 EXIT_CANNOT_START = 2
 UNSENT_BYTES = 32_768
-"""What the system may hold back for a browser: a slow one sees what is new, not what came megabytes ago."""
+"""Limit of the socket's send buffer, so that a slow browser gets new data instead of megabytes of old
+data."""
 
 _EPILOG = """\
 examples:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What everything that waits, expires or repeats is handed."""
+    """The clock that all code uses that waits, expires or repeats."""
 
     def monotonic_s(self) -> float:
         """Seconds that never jump; on the event loop's own scale."""

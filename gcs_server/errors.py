@@ -70,7 +70,7 @@ class UnknownVehicle(GcsError):
     def __init__(self, vehicle_id: str, known: list[str]) -> None:
         super().__init__(
             f"There is no vehicle {vehicle_id!r}.",
-            remedy=f"Known vehicles: {', '.join(known)}." if known else "No vehicle has been heard yet.",
+            remedy=f"Known vehicles: {', '.join(known)}." if known else "No vehicle has connected yet.",
         )
         self.vehicle_id = vehicle_id
 
@@ -199,10 +199,10 @@ class NotInControl(Refused):
 
     def __init__(self, vehicle_id: str, *, holder: str, holder_key: str, can_be_asked: bool) -> None:
         how = (
-            "Ask for it (control/request); the holder may grant it."
+            "Request control (control/request); the holder may grant it."
             if can_be_asked
-            else "The holder cannot be asked (it watches no telemetry): wait until it is done, or take "
-            "control by force (control/take with force)."
+            else "The holder cannot be asked (it receives no telemetry): wait until it releases control, "
+            "or take control by force (control/take with force)."
         )
         super().__init__(
             f"{holder} has control of vehicle {vehicle_id}, not you: nothing was sent.",

@@ -72,7 +72,7 @@ def _text(error: BaseException) -> str:
 
 
 def _line(error: BaseException) -> str:
-    """Where it was raised, so that texts that differ each time are one kind."""
+    """The line that raised it, so that errors with varying texts count as one kind."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

@@ -1,4 +1,4 @@
-"""One member's fault costs that member only: each work is run by itself, and its faults are kept in words.
+"""Isolates errors: each work is run by itself, and its errors are kept as texts.
 
 What fails here is a fault of this program that some vehicle's data brought to light. It is logged, and stands
 in `GET /warnings` until the same work succeeds; the others are served as ever.
@@ -15,7 +15,7 @@ from gcs_server.clock import Clock
 LOG_EVERY_S = 60.0
 """A fault that stands is logged again this seldom."""
 MOST_FAULTS = 50
-"""So many are named; with more, the rest still costs its own work only."""
+"""Most faults that are listed."""
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -50,14 +50,14 @@ class Isolation:
 
     @property
     def faults(self) -> list[str]:
-        """What fails now, in sentences."""
+        """The work that fails now, as sentences."""
         return list(self._faults.values())
 
     def _note(self, what: str, error: Exception) -> None:
         if what not in self._logged_s and len(self._logged_s) >= MOST_FAULTS:
             return
         said = f"{self._whose}: {what} failed ({type(error).__name__}: {error})"
-        self._faults[what] = f"{said[:300]}. This is a fault of the server; all else goes on."
+        self._faults[what] = f"{said[:300]}. This is an error in the server; everything else continues."
         now_s = self._clock.monotonic_s()
         if now_s - self._logged_s.get(what, float("-inf")) >= LOG_EVERY_S:
             self._logged_s[what] = now_s

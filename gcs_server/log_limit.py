@@ -1,4 +1,4 @@
-"""An error that is caused again and again fills no log: a few equal lines, then their number."""
+"""Keeps a repeated error from filling the log: a few equal lines, then their number."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PLACES_KEPT = 1000
 
 
 class LogLimit(logging.Filter):
-    """Of the lines that one place in the code writes, lets `LINES` pass in `PERIOD_S`.
+    """Lets `LINES` log lines of one place in the code pass in `PERIOD_S`.
 
     Args:
         monotonic_s: the time [s].
@@ -22,7 +22,7 @@ class LogLimit(logging.Filter):
         super().__init__()
         self._monotonic_s = monotonic_s
         self._places: dict[tuple[str, int, str], tuple[float, int]] = {}
-        """By file, line and error: when its period began, and the lines since."""
+        """By file, line and error: start of its period, and the number of lines since."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether this line is written."""

@@ -54,7 +54,7 @@ class Supervisor:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def names(self) -> list[str]:
-        """What runs now."""
+        """The names of the running tasks."""
         return sorted(self._tasks.values())
 
     def _own(self, work: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:

@@ -1,4 +1,4 @@
-"""Foreign JSON, bounded before and while it is parsed."""
+"""Reads JSON from outside, within limits that are checked before and while it is parsed."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def check_json(data: str | bytes) -> str:
 
 
 def load(data: str | bytes) -> Any:
-    """Foreign JSON as Python values: finite numbers, no key twice in one object.
+    """JSON from outside as Python values: finite numbers, no repeated key in an object.
 
     Raises:
         PlanError: It is out of bounds or no JSON; says the line and column.

@@ -1,4 +1,4 @@
-"""What all checks of a plan work on, and the table of their codes."""
+"""The data that all checks of a plan use, and the table of finding codes."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Finding:
     message: str
     """A sentence for a person."""
     row: int | None = None
-    """Index in `Plan.items`; None where it is about no item."""
+    """Index in `Plan.items`; None if it is not about an item."""
     zone: int | None = None
     """Index in `Plan.fence`."""
     rally_point: int | None = None
@@ -80,7 +80,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the operator allows; None: no limit of the operator's own."""
+    """The operator's limits; None: no limit."""
 
     altitude_home_max_m: float | None = 120.0
     """Above home; 120 m is the limit of the open category in the EU (Regulation 2019/947)."""
@@ -92,7 +92,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """A plan with what several checks need of it."""
+    """A plan with values derived from it that several checks need."""
 
     plan: Plan
     limits: Limits

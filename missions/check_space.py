@@ -1,4 +1,4 @@
-"""Checks of where a plan goes: distances, geofence, rally points."""
+"""Checks of a plan's positions: distances, geofence, rally points."""
 
 from __future__ import annotations
 

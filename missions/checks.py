@@ -1,4 +1,4 @@
-"""What is wrong with a plan, as findings: place, plain sentence, stable code, and a fix where there is one.
+"""Checks a plan: findings with place, sentence, stable code, and a fix if there is one.
 
 `check` never raises: a rule that fails is a finding itself. What PX4 v1.16 refuses is an error; what flies
 other than a person may expect is a warning.

@@ -1,4 +1,5 @@
-"""Both kinds of plan alike: a waypoint plan, flown by PX4, and an offboard mission, flown by setpoints."""
+"""Reads and writes both kinds of plan: waypoint plans, flown by PX4, and offboard missions, flown by
+setpoints."""
 
 from __future__ import annotations
 

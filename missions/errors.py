@@ -1,4 +1,4 @@
-"""The one error of plans that cannot be read or written: where, why, and what to do."""
+"""The error of a plan that cannot be read or written: where, why, and what to do."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PlanError(Exception):
 
 
 def place_of(location: tuple[int | str, ...]) -> str:
-    """A place for a person from the path of keys and indexes to a value; items count from 1."""
+    """Describes a value's place for a person, from its path of keys and indexes; items count from 1."""
     parts = list(location)
     if len(parts) >= 2 and parts[0] in ("items", "fence", "rally_points") and isinstance(parts[1], int):
         nouns = {"items": "item", "fence": "fence zone", "rally_points": "rally point"}
@@ -55,7 +55,7 @@ _FIXES = {
 
 
 def from_validation(error: ValidationError, before: tuple[int | str, ...] = ()) -> PlanError:
-    """The first complaint of a validation as a PlanError; `before` is the path to what was validated."""
+    """The first error of a validation as a PlanError; `before` is the path to the validated value."""
     first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
     more = error.error_count() - 1
     reason = str(first["msg"])[:300].rstrip(".")

@@ -20,7 +20,7 @@ GROUND_SPEED_TYPES = (0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What a flight takes; lengths in metres, times in seconds."""
+    """Estimates for a flight; lengths in metres, times in seconds."""
 
     length_m: float
     """Along the path, over the ground and up and down."""

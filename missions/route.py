@@ -1,4 +1,5 @@
-"""The way a plan is flown: its items in order, jumps followed, as stops and the legs between them."""
+"""The route of a plan: its items in the order of execution, with jumps followed, and the legs between
+positions."""
 
 from __future__ import annotations
 

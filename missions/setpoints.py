@@ -6,8 +6,8 @@ Where a kind has several quantities, position goes before velocity and velocity 
 ones are feed-forward. With neither yaw nor yaw rate the vehicle keeps its present heading.
 
 `type` is a kind's name in the API, on the page and in plans. `needs` are the estimates without which a kind
-cannot be flown: those that PX4 asks for, and those that are needed to turn it into one that is sent as it
-is.
+cannot be flown: those that PX4 requires, and those needed to convert it into a kind that is sent
+unchanged.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Partial3 = tuple[float | None, float | None, float | None]
 NOTHING: Partial3 = (None, None, None)
 FOLLOW_MIN_DISTANCE_M = 2.0
 Estimate = Literal["position", "velocity", "heading", "global_position", "home"]
-"""What the vehicle must know of itself."""
+"""An estimate that the vehicle must have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +192,7 @@ class Follow:
 DirectSetpoint = (
     Position | PositionGlobal | Velocity | VelocityBody | Acceleration | Trajectory | Attitude | Rates
 )
-"""Kinds that are sent as they are."""
+"""Kinds that are sent without conversion."""
 Setpoint = DirectSetpoint | PositionBody | ThrustTorque | Actuators | Path | Follow
 """Every kind."""
 KINDS: dict[str, type[Setpoint]] = {kind.type: kind for kind in get_args(Setpoint)}

@@ -1,4 +1,4 @@
-"""What the simulated aircraft is made of: PX4's own SIH quadrotor (airframe 10040), read from SIH_*.
+"""Mass, geometry and motors of the simulated aircraft: PX4's SIH quadrotor (airframe 10040), read from SIH_*.
 
 Rotor order and geometry are PX4's quad X: 1 front right, 2 rear left, 3 front left, 4 rear right;
 1 and 2 turn counter-clockwise seen from above.

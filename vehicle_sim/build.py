@@ -1,4 +1,4 @@
-"""Facts of the build that the simulator stands for: PX4 v1.16.0 in its own simulation on Linux."""
+"""Version and build data that the simulator reports: PX4 v1.16.0 in its own simulation on Linux."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Many vehicles in several processes, each with its share: a Python process uses one core.
+"""Runs many vehicles in several processes, since one Python process uses one core.
 
-The first process flies nobody: it starts the others, passes on that it is told to end, and ends them when one
+The first process flies no vehicle: it starts the others, passes on signals to end, and ends all when one
 of them fails. They end when it is gone, however that came (`SimServer.end_with`).
 """
 
@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 
 VEHICLES_A_PROCESS = 40
-"""So many in flight, with the ground station's streams, use half a core (tests/bench/simulator.py)."""
+"""This many vehicles in flight, with the ground station's streams, use half a core
+(tests/bench/simulator.py)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +30,14 @@ class Share:
 
 
 def shares(vehicles: int, processes: int) -> list[Share]:
-    """The fleet cut into equal shares, bigger ones first; nobody gets an empty one."""
+    """Splits the fleet into equal shares, larger ones first; none is empty."""
     processes = max(1, min(vehicles, processes))
     cuts = [math.ceil(vehicles * k / processes) for k in range(processes + 1)]
     return [Share(first, end - first) for first, end in itertools.pairwise(cuts)]
 
 
 def processes_for(vehicles: int) -> int:
-    """How many processes suit so many vehicles on this machine."""
+    """Number of processes for this many vehicles on this machine."""
     return max(1, min(math.ceil(vehicles / VEHICLES_A_PROCESS), len(os.sched_getaffinity(0))))
 
 

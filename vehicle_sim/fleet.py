@@ -1,4 +1,4 @@
-"""N simulated PX4 vehicles as a thing one can feed bytes, step and drain: no sockets, no wall clock."""
+"""N simulated PX4 vehicles: bytes in, steps, bytes out; no sockets, no wall clock."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class VehicleSim:
             for name, profile in links:
                 self.add_link(row, name, profile)
         self._down: set[tuple[int, str]] = set()
-        """(row, link) that carry nothing now."""
+        """(row, link) of the links that are cut now."""
         self._script = ScriptRunner(script, self) if script is not None else None
         self._debt_s = 0.0
 
@@ -192,12 +192,12 @@ class VehicleSim:
             self._logbook.step(self.simulation.steps * STEP_US)
 
     def _end_flight(self, collision: Collision) -> None:
-        """A vehicle that flew into something has no propellers left; nothing of PX4 would say so."""
+        """A vehicle that hit an obstacle has no propellers left; no PX4 message would report it."""
         autopilot = self.autopilots[collision.row]
         autopilot.announcer.text(2, f"Collision with {collision.what}: motors stopped")
         autopilot.commander.disarm(force=True)
 
     def close(self) -> None:
-        """End what is being written, as a shutdown does."""
+        """Closes files that are being written, as a shutdown does."""
         if self._logbook is not None:
             self._logbook.close()

@@ -1,4 +1,4 @@
-"""Where the vehicle returns to, and who moves it."""
+"""The home position, and what changes it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class HomeKeeper:
         self.home = home
 
     def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_deg: float = math.nan) -> None:
-        """A given place becomes home, and stays it until the next command."""
+        """Sets home to a given position; it is kept until the next command."""
         origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         home = self.home
@@ -48,7 +48,7 @@ class HomeKeeper:
         home.set_at_us, home.manual = self._view.time_boot_us(), True
 
     def origin_moved(self) -> None:
-        """The local frame lies elsewhere: home stays on the globe."""
+        """The local frame's origin has moved: home keeps its global position."""
         home = self.home
         if home.valid:
             lat, lon, alt = self._view.origin
@@ -56,7 +56,7 @@ class HomeKeeper:
             home.position_ned_m = (float(n), float(e), alt - home.alt_amsl_m)
 
     def set_here(self) -> bool:
-        """The present place becomes home, where the vehicle knows it."""
+        """Sets home to the present position, if it is known."""
         estimate, home = self._view.estimate, self.home
         if not estimate.valid_position:
             return False
@@ -72,7 +72,7 @@ class HomeKeeper:
         return True
 
     def _follow_gps(self) -> None:
-        """Without a local position home is where the receiver says, anew every two seconds."""
+        """Without a local position, home is the GPS position, updated every two seconds."""
         sensors, i, now_us = self._view.simulation.sensors, self._view.row, self._view.time_boot_us()
         home = self.home
         if int(sensors.gps_fix_type[i]) < FIX_3D or now_us - home.set_at_us < GPS_HOME_EVERY_US:
@@ -83,16 +83,16 @@ class HomeKeeper:
 
     @property
     def _moves(self) -> bool:
-        """Whether home moves by itself: COM_HOME_EN, unless a place was given."""
+        """Whether home is set automatically: COM_HOME_EN, unless a position was given."""
         return not self.home.manual and self._view.choice("COM_HOME_EN") != 0
 
     def armed_or_lifted(self) -> None:
-        """The vehicle was armed or left the ground: where it did is home."""
+        """The vehicle was armed or took off: sets home to that position."""
         if self._moves:
             self.set_here()
 
     def follow(self) -> None:
-        """While disarmed: home goes with a vehicle that is carried more than a metre."""
+        """While disarmed, home follows a vehicle that is carried more than a metre."""
         estimate = self._view.estimate
         if not self._moves:
             return

@@ -1,4 +1,4 @@
-"""Lockstep: a client says how far time may go, so that the same client flies the same flight bit for bit.
+"""Lockstep: a client sets how far time may advance, so that the same client gets the same flight bit for bit.
 
 The client sends SYSTEM_TIME with the `time_boot_ms` to go on to; what it sent before on that link has been
 heard when time moves. The vehicle answers SYSTEM_TIME when it is there.
@@ -13,7 +13,7 @@ from vehicle_sim.mavlink.framing import FrameParser
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """How far time may go, and who said so."""
+    """The time up to which the simulation may advance, and the client that set it."""
 
     time_s: float
     row: int

@@ -1,4 +1,4 @@
-"""Whether any or all of a mask holds, at a tenth of what NumPy takes for a handful of vehicles.
+"""Tests whether any or all elements of a mask are true, ten times faster than NumPy for a few vehicles.
 
 Thirteen such questions are asked each step; `ndarray.any` spends microseconds on each before it looks.
 """

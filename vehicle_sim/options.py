@@ -1,4 +1,4 @@
-"""The simulator's command line: what can be asked for, and what is wrong with what was."""
+"""The simulator's command line: its options and their checks."""
 
 from __future__ import annotations
 

@@ -20,7 +20,8 @@ FLAT_OUT_TURN_S = 0.02
 """Simulated time between two looks, at most: the beat of the fastest streams."""
 LOCKSTEP_WAIT_S = 0.05
 MAX_TURN_S = 0.1
-"""Simulated time a turn may catch up at once; a machine too slow falls behind instead of freezing."""
+"""Most simulated time that one turn catches up; a machine that is too slow falls behind instead of
+freezing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class Ports:
 
 @dataclass(slots=True)
 class VehiclePorts:
-    """What one vehicle got."""
+    """The ports of one vehicle."""
 
     transports: dict[str, UdpTransport | TcpServer] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
@@ -58,7 +59,7 @@ class SimServer:
         self._stopping = False
         self._end_s = math.inf
         self.behind_s = 0.0
-        """Real time that could not be kept up with, all together."""
+        """Total real time by which the simulation has fallen behind."""
 
     def _open(self, row: int, n: int, ports: Ports, bind: str, gcs_host: str) -> VehiclePorts:
         vehicle = VehiclePorts()
@@ -109,7 +110,7 @@ class SimServer:
         self._watch(row, "tcp", vehicle.transports["tcp"])
 
     def end_with(self, descriptor: int) -> None:
-        """Let `run` return once there is something to be read there: whoever started us is gone."""
+        """Let `run` return once this descriptor is readable: the parent process has ended."""
         self._selector.register(descriptor, selectors.EVENT_READ, None)
 
     def stop(self) -> None:
@@ -127,7 +128,7 @@ class SimServer:
             self._run_at(speed)
 
     def run_in_lockstep(self, duration_s: float = math.inf) -> None:
-        """Time stands until a client asks for more; it is told when that time has come."""
+        """Time stands still until a client requests more; the client is told when that time is reached."""
         self._end_s = self.fleet.time_s + duration_s
         asker: Lockstep = Lockstep()
         wait_s = 0.0

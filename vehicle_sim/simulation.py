@@ -1,6 +1,6 @@
 """The simulated vehicles without their autopilot's decisions: bodies, sensors, estimates and control.
 
-One `step()` moves all N vehicles 4 ms in an order that can be read off it. There is no clock in here: time
+One `step()` moves all N vehicles by 4 ms, part by part in a fixed order. There is no clock in here: time
 is the step count. Between two steps the autopilot reads `estimate`, `sensors`, `battery` and writes
 `setpoints`; it never reads `truth`.
 """
@@ -143,7 +143,7 @@ class Simulation:
 
     @property
     def truth(self) -> TruthState:
-        """What really is; not for the autopilot."""
+        """The true state; the autopilot must not read it."""
         return self._bodies.state
 
     @property
@@ -158,7 +158,7 @@ class Simulation:
 
     @property
     def estimate(self) -> EstimateState:
-        """What the autopilots believe."""
+        """The estimated state, as the autopilots use it."""
         return self._estimator.state
 
     @property
@@ -213,7 +213,7 @@ class Simulation:
         self._estimate_rows = None
 
     def _touch(self, contact: Contact) -> None:
-        """What carries each body, and who has flown into something: its rotors are broken."""
+        """Finds the surface under each body, and collisions: the rotors of a collided vehicle are broken."""
         state = self._bodies.state
         collisions = contact.collide(state.position_ned_m, state.velocity_ned_m_s)
         for collision in collisions:
@@ -222,7 +222,7 @@ class Simulation:
         self._bodies.ground_ned_m[:] = contact.support_ned_m(state.position_ned_m)
 
     def take_collisions(self) -> list[Collision]:
-        """Who has flown into what since the last call."""
+        """The collisions since the last call."""
         taken, self._collisions = self._collisions, []
         return taken
 
@@ -294,11 +294,11 @@ class Simulation:
             self._bodies.turn(i, q_ned_frd)
 
     def take_vision(self, i: int, sample: VisionSample) -> None:
-        """What somebody outside measured of vehicle `i` (EKF2_EV_CTRL)."""
+        """Feeds an external measurement of vehicle `i` to its estimator (EKF2_EV_CTRL)."""
         self._estimator.take_vision(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Local (0, 0, 0) of vehicle `i` lies there from now on, as somebody tells it."""
+        """Sets the global origin of vehicle `i`'s local frame, on command."""
         self._estimator.set_origin(i, lat_deg, lon_deg, alt_amsl_m)
         self._estimate_rows = None
 

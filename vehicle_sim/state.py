@@ -1,4 +1,4 @@
-"""The state of N vehicles as plain arrays, one dataclass for each who may know it.
+"""The state of N vehicles as plain arrays, one dataclass for each part of the simulator that may read it.
 
 `TruthState` belongs to the physics, `SensorState` is all the estimator sees of it, `EstimateState` is
 all the autopilot may use. NED and FRD, SI units; quaternions are (w, x, y, z) and take FRD to NED.
@@ -28,7 +28,7 @@ class Home:
 
 @dataclass(slots=True)
 class TruthState:
-    """What really is; only physics and sensors (and tests) read it."""
+    """The true state; only physics, sensors and tests read it."""
 
     position_ned_m: FloatArray
     """(N, 3) from `Home`."""
@@ -97,7 +97,7 @@ class SensorState:
 
 @dataclass(slots=True)
 class EstimateState:
-    """What the autopilot believes. Local NED's origin is where each estimator started (`origin_*`)."""
+    """The estimated state. Local NED's origin is where each estimator started (`origin_*`)."""
 
     position_ned_m: FloatArray
     """(N, 3)."""

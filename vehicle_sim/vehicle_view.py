@@ -1,6 +1,6 @@
 """One vehicle's row of the simulation as plain floats, read once a step however many ask.
 
-Reading single elements of NumPy arrays is what costs in a Python autopilot; this is where it is paid.
+Reading single elements of NumPy arrays is the main cost of a Python autopilot, so it is done only here.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class VehicleView:
         self._floats: dict[str, float] = {}
         self._choices: dict[str, int] = {}
         self.parameter_changes = 0
-        """Rises with each change of a parameter: what was worked out from them before is old."""
+        """Rises with each parameter change, so that values derived from parameters are computed again."""
         self.parameters.add_listener(self._forget)
         self._step = -1
 

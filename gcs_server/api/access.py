@@ -1,7 +1,7 @@
-"""Who may come in: decides on every request and WebSocket before anything else looks at it.
+"""Access control: decides on every request and WebSocket before any other code sees it.
 
-Three questions, in this order. Were we asked under a name that is ours (on loopback: against DNS
-rebinding)? Is the page that asks one of ours (against every other web site)? Where a token is in force
+Three checks, in this order. Is the Host one of this server's names (on loopback: against DNS
+rebinding)? Is the Origin this server's own page (against other web sites)? Where a token is in force
 (always, when the server can be reached from other machines): does the caller have it?
 
 No I/O and no state: `guard.py` carries out what is decided here.
@@ -33,7 +33,7 @@ _REMEDY = (
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Not let in, and why."""
+    """Access refused, with the reason."""
 
     status: int
     code: str
@@ -41,19 +41,19 @@ class Refusal:
     detail: str
     remedy: str | None = None
     guessed: bool = False
-    """A token was given, and it is not ours."""
+    """A token was given, and it is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignedIn:
-    """The link was opened: the browser gets its cookie and goes on to `location`."""
+    """The URL with the token was opened: the browser gets its cookie and is redirected to `location`."""
 
     location: str
 
 
 @dataclass(frozen=True, slots=True)
 class FormSent:
-    """The page that asks for the token sends one: its body decides."""
+    """The sign-in page sends a token: the request's body decides."""
 
 
 Verdict = Refusal | SignedIn | FormSent | None
@@ -62,7 +62,7 @@ Verdict = Refusal | SignedIn | FormSent | None
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What of a request or WebSocket the decision needs."""
+    """The parts of a request or WebSocket that the decision needs."""
 
     method: str
     """`WEBSOCKET` for one."""
@@ -84,18 +84,18 @@ class Asked:
 
     @property
     def only_reads(self) -> bool:
-        """Whether it cannot change anything."""
+        """Whether the request cannot change anything (GET, HEAD)."""
         return self.method in SAFE
 
     @property
     def is_navigation(self) -> bool:
-        """Whether a browser asks for a document of its own (a link, a bookmark, an address typed)."""
+        """Whether a browser opens a document (a link, a bookmark, a typed address)."""
         mode, dest = self.headers.get("sec-fetch-mode"), self.headers.get("sec-fetch-dest")
         return self.only_reads and mode == "navigate" and dest == "document"
 
     @property
     def from_elsewhere(self) -> bool:
-        """Whether the browser says that another site's page made it ask."""
+        """Whether the browser reports that another site's page caused the request."""
         return self.headers.get("sec-fetch-site") in ("cross-site", "same-site")
 
 
@@ -103,8 +103,8 @@ class Access:
     """The rules of one server.
 
     Args:
-        loopback_only: it is bound to loopback: only names that can mean nothing else are answered.
-        token: what a caller must have; None lets everybody in who passes the rest.
+        loopback_only: the server is bound to loopback: it answers only to names of this machine.
+        token: the token that a caller needs; None if no token is required.
     """
 
     def __init__(self, *, loopback_only: bool, token: str | None) -> None:
@@ -144,13 +144,13 @@ class Access:
         hosts = asked.headers.getlist("host")
         name = host_name(hosts[0]) if len(hosts) == 1 else None
         if name is None:
-            return Refusal(400, "bad_host", "Not understood", "The request names no host, or not one.")
+            return Refusal(400, "bad_host", "Not understood", "The request names no host, or more than one.")
         if self.loopback_only and not is_loopback(name):
             return Refusal(
                 403,
                 "foreign_host",
                 "Forbidden",
-                f"This server answers on this machine only, not as {name!r}.",
+                f"This server answers only requests to this machine's own names, not to {name!r}.",
                 "Use http://localhost, or start the server with --host to let other machines in.",
             )
         return None
@@ -173,14 +173,14 @@ class Access:
                 return None
             return unknown("The token is not this server's.", guessed=True)
         if not self._has_cookie(asked):
-            return unknown("This server wants a token from everybody.")
+            return unknown("This server requires a token.")
         if not asked.only_reads and "origin" not in asked.headers:
-            # Every browser names the page that commands; who leaves it out has to bring the token itself.
+            # Every browser sends the Origin of the page; a request without one must carry the token itself.
             return Refusal(
                 403,
                 "origin_missing",
                 "Forbidden",
-                "A cookie commands only together with the Origin of the page that uses it.",
+                "A command with a cookie needs the Origin header of the page that sends it.",
                 "Programs send the token as `Authorization: Bearer …` instead.",
             )
         return None
@@ -219,20 +219,20 @@ def given_by_link(query: str) -> str | None:
 
 
 def form_fields(body: bytes) -> tuple[str, str]:
-    """Token and place to go on to of the form that asks for a token; empty where they are missing."""
+    """Token and next location from the sign-in form; empty where they are missing."""
     fields = dict(_pairs(body.decode("latin-1")))
     return fields.get(TOKEN_KEY, "").strip(), own_path(fields.get("next", "/"))
 
 
 def without_token(path: str, query: str) -> str:
-    """The same address (its path decoded, as ASGI has it), fit to be seen; always on this server."""
+    """The same location without the token; always on this server. The path is decoded, as in ASGI."""
     rest = [(key, value) for key, value in _pairs(query) if key != TOKEN_KEY]
     where = "/" + quote(path.lstrip(_BEFORE_A_HOST), safe=_IN_PATHS)
     return f"{where}?{urlencode(rest)}" if rest else where
 
 
 def own_path(address: str) -> str:
-    """A path on this server, whatever address is given: `//elsewhere/` would be another one's."""
+    """A path on this server, whatever is given: `//elsewhere/` would lead to another server."""
     path, _, query = address.partition("?")
     where = "/" + quote(path.lstrip(_BEFORE_A_HOST), safe=_IN_PATHS + "%")
     return f"{where}?{quote(query, safe='=&%+/:@')}" if query else where

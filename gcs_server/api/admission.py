@@ -1,6 +1,6 @@
-"""How many requests and WebSockets one client, one address and all together may have open.
+"""Limits how many requests and WebSockets one client, one address and all clients may have open.
 
-A client in control of a vehicle is served beyond the numbers of its address and of all, up to its own.
+A client in control of a vehicle is only held to its own limit, not to those of its address and of all.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CLOSE_TRY_AGAIN = 1013
 
 @dataclass(frozen=True, slots=True)
 class OpenLimits:
-    """Of one kind: how many may be open at once."""
+    """Limits of one kind (request or WebSocket)."""
 
     in_all: int
     by_address: int
@@ -40,14 +40,14 @@ LIMITS: dict[Kind, OpenLimits] = {
 
 
 class OpenCounts:
-    """What is open now, of one kind."""
+    """Counts what is open now, of one kind."""
 
     def __init__(self, limits: OpenLimits, in_control: Callable[[str], bool]) -> None:
         self._limits = limits
         self._in_control = in_control
         self._all = 0
         self._open: Counter[str] = Counter()
-        """By `client …` and `address …`."""
+        """Counts by `client …` and `address …`."""
 
     def refusal(self, client_key: str, address: str) -> LimitRefusal | None:
         """Why one more is refused."""
@@ -60,7 +60,7 @@ class OpenCounts:
 
     @contextmanager
     def one(self, client_key: str, address: str) -> Generator[None]:
-        """For as long as it is open."""
+        """Counts one for as long as it is open."""
         names = (f"client {client_key}", f"address {address}")
         self._all += 1
         self._open.update(names)
@@ -112,6 +112,6 @@ class Admission:
 
 
 def refused(refusal: LimitRefusal) -> Response:
-    """The answer, which closes the connection."""
+    """The refusal, which closes the connection."""
     headers = {"Connection": "close", "Cache-Control": "no-store", "Retry-After": "2"}
     return Response(refusal.body(), refusal.status, headers, media_type="application/problem+json")

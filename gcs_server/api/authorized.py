@@ -1,4 +1,4 @@
-"""How a command is carried out: admitted by its row of the table, timed, noted in the journal."""
+"""Carries out a command: checks its row of the command table, times it, writes it to the journal."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SETPOINT_LINE_PERIOD_S = 1.0
 SETPOINT_LINES_KEPT = 1000
 SETPOINT = "offboard/setpoint"
 DEBUG = 7
-"""MAV_SEVERITY: of no interest once it is over."""
+"""MAV_SEVERITY of progress events."""
 
 
 def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> Progress:
-    """Tells everybody who listens how far a command is, and whose it is; kept in no history."""
+    """Sends a command's progress and its client to all telemetry clients; not stored as an event."""
 
     def tell(text: str, fraction: float | None) -> None:
         data: dict[str, object] = {
@@ -37,7 +37,7 @@ def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> Progres
 
 
 class Outcome:
-    """How long a command took, known after its block."""
+    """The duration of a command, known after its block."""
 
     duration_s: float = 0.0
 
@@ -52,7 +52,7 @@ def authorized_command(
     *,
     refused: NotInControl | None = None,
 ) -> Generator[Outcome]:
-    """The seam of all commands: asks for control as the table says, and notes whatever happens.
+    """Wraps every command: requires control as the table says, and writes the result to the journal.
 
     Args:
         station: what it works on.
@@ -60,7 +60,7 @@ def authorized_command(
         name: the command's row in `control/commands.py`.
         vehicle_id: None where no single vehicle is commanded.
         arguments: for the journal.
-        refused: why it is not admitted, where that was asked for several vehicles at once.
+        refused: the refusal, if several vehicles have already been checked together.
 
     Raises:
         NotInControl: another client holds control of the vehicle.
@@ -102,7 +102,7 @@ def _note_setpoint(
     arguments: dict[str, object],
     end: tuple[str, str | None, float],
 ) -> None:
-    """A stream of setpoints becomes a line a second with the newest one and their number."""
+    """Writes a line per second for a stream of setpoints: the newest one and their number."""
     now_s = station.clock.monotonic_s()
     if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:  # by callers that name themselves anew each time
         station.setpoints_noted.clear()

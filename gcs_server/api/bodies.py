@@ -1,7 +1,7 @@
-"""Reads the body of each request before its turn comes: within size, time, depth and number of values.
+"""Reads the body of each request before it is handled, within limits of size, time, depth and values.
 
-What is deeper or has more keys than anything of ours is refused before it is parsed and checked: a hundred
-thousand unknown keys would make as many complaints.
+A body nested deeper, or with more keys, than any valid one is refused before it is parsed: a hundred thousand
+unknown keys would make as many validation errors.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ DEEPEST = 32
 MOST_VALUES = 100_000
 """Counted as commas and opening brackets: a path of 5000 points has 35,000."""
 MOST_KEYS = 100
-"""Of one object; our largest has 20."""
+"""Most keys of one object; the largest valid one has 20."""
 _LONG_NUMBER = re.compile(rb"[0-9]{400}")
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 
 
 def json_fault(text: bytes) -> str | None:
-    """Why this JSON is not parsed; None where it may be. What is no JSON is left to the parser."""
+    """Why this JSON is refused; None if it may be parsed. Invalid JSON is left to the parser."""
     try:
         text.decode()
     except UnicodeDecodeError:
@@ -110,11 +110,11 @@ class Bodies:
         if fault is not None:
             answer = problem(
                 422,
-                "Not possible as asked",
+                "Invalid request",
                 "invalid_request",
-                f"The body is not read: {fault}.",
+                f"The request body was refused: {fault}.",
                 field="body",
-                remedy="Send what the API's description says, and less at once.",
+                remedy="Send only what the API description allows, and less data at once.",
             )
             await answer(scope, receive, send)
             return

@@ -16,7 +16,7 @@ from typing import Protocol
 from gcs_server.clock import Clock
 
 SCOPE_KEY = "gcs.connection"
-"""Where a connection stands in the `extensions` of an ASGI scope."""
+"""Key of the connection in the `extensions` of an ASGI scope."""
 SHED_PERIOD_S = 0.05
 WARNED_FOR_S = 60.0
 
@@ -27,16 +27,16 @@ class ConnectionLimits:
 
     in_all: int = 512
     by_address: int = 256
-    """Of `in_all`; where an address has more, its own idle connections give way."""
+    """Limit of one address; if it has more, its own idle connections give way."""
     reserve: int = 64
     """Beyond `in_all`, for clients in control of a vehicle."""
     waiting_in_all: int = 128
     """Connections that have not sent a request that was let in."""
     waiting_by_address: int = 64
     body_bytes: int = 32 << 20
-    """Of requests that are not complete or not answered yet, all together."""
+    """Limit of all bodies of requests that are not complete or not answered yet."""
     unread_bytes: int = 64 << 20
-    """Of answers that clients have not read, all together."""
+    """Limit of all answers that clients have not read yet."""
 
     def within(self, descriptors: int) -> ConnectionLimits:
         """The same, for a process that may have only so many files open for its connections."""
@@ -54,7 +54,7 @@ class ConnectionLimits:
 
 
 class Socket(Protocol):
-    """What a connection can be told."""
+    """The part of a connection that this module uses."""
 
     def end(self) -> None:
         """Closes it at once."""
@@ -65,7 +65,7 @@ class Socket(Protocol):
         ...
 
     def unread_bytes(self) -> int:
-        """How much was written that the system has not taken for the client."""
+        """Bytes written that the operating system has not taken yet."""
         ...
 
 
@@ -169,7 +169,7 @@ class Connections:
             self._wait(connection)
 
     def let_in(self, connection: Connection, client_key: str) -> int:
-        """Its request has passed the guard; answers the status that refuses it all the same, or 0."""
+        """Its request has passed the guard; returns the status of a refusal for another reason, or 0."""
         connection.let_in = True
         connection.client_key = client_key
         return 0 if not connection.probation or self._in_control(client_key) else connection.probation

@@ -1,4 +1,4 @@
-"""What comes in about control of a vehicle, and its guarded actions: checked at the door."""
+"""Request bodies for control of a vehicle and for the actions that need a confirmation text."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class LandNowRequest(StrictBody):
 
 
 class TakeControl(StrictBody):
-    """How to take control."""
+    """Options for taking control."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"on_expiry": "hold"}]})
 
@@ -45,14 +45,14 @@ class RequestControl(StrictBody):
 
 
 class AnswerControl(StrictBody):
-    """To whom."""
+    """The client that gets control."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"client": "bob"}]})
 
-    client: str = Field(min_length=1, max_length=64, description="Key or name of the one who asks.")
+    client: str = Field(min_length=1, max_length=64, description="Key or name of the requesting client.")
 
 
 class DenyControl(AnswerControl):
-    """To whom, and why."""
+    """The client that is denied, and why."""
 
-    reason: str | None = Field(default=None, max_length=200, description="Shown to the one who asks.")
+    reason: str | None = Field(default=None, max_length=200, description="Shown to the requesting client.")

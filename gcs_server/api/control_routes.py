@@ -1,4 +1,4 @@
-"""Who may command a vehicle: taking, asking, granting, releasing; and who the caller is."""
+"""Routes of control: take, request, grant, deny, release; and the caller's identity."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ router = APIRouter(tags=["control"], responses=RESPONSES)
 
 @router.get("/me", response_model=responses.Me)
 async def me(station: StationDep, principal: PrincipalDep) -> Response:
-    """Who the caller is to this server, and what it controls."""
+    """The caller's identity on this server, and the vehicles that it controls."""
     return answer(
         {"name": principal.name, "key": principal.key, "controls": station.authority.held_by(principal)}
     )
@@ -27,7 +27,7 @@ async def me(station: StationDep, principal: PrincipalDep) -> Response:
 
 @router.post("/me/leave", response_model=responses.Me)
 async def leave(station: StationDep, principal: PrincipalDep) -> Response:
-    """The caller is done: releases every vehicle that it controls, which changes nothing in their flight."""
+    """Releases every vehicle that the caller controls; their flight is not changed."""
     for vehicle_id in station.authority.held_by(principal):
         with authorized_command(station, principal, "control/release", vehicle_id, {}):
             station.authority.control(vehicle_id).lease.release(principal)
@@ -36,7 +36,7 @@ async def leave(station: StationDep, principal: PrincipalDep) -> Response:
 
 @router.get("/vehicles/{v}/control", response_model=responses.ControlView)
 async def show(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Who holds control, since when, who asks for it, and who makes the vehicle fly its mode."""
+    """The holder of control, since when, who requests it, and who set the vehicle's present mode."""
     return _view(station.authority.control(v), principal)
 
 
@@ -44,7 +44,8 @@ async def show(v: str, station: StationDep, principal: PrincipalDep) -> Response
 async def take(
     v: str, station: StationDep, principal: PrincipalDep, body: models.TakeControl | None = None
 ) -> Response:
-    """Takes control that nobody holds; with `force` from another, who was asked first where it can be.
+    """Takes control that nobody holds; with `force` from another client, which must be asked first if it can
+    be.
 
     The first command of a vehicle that nobody holds does the same.
     """
@@ -59,7 +60,8 @@ async def take(
 async def request(
     v: str, station: StationDep, principal: PrincipalDep, body: models.RequestControl | None = None
 ) -> Response:
-    """Asks the holder, who sees by whom and why; what nobody holds is taken at once."""
+    """Requests control from its holder, who sees client and reason; control that nobody holds is taken at
+    once."""
     reason = body.reason if body is not None else None
     with authorized_command(station, principal, "control/request", v, {"reason": reason} if reason else {}):
         control = station.authority.control(v)
@@ -69,7 +71,7 @@ async def request(
 
 @router.post("/vehicles/{v}/control/grant", response_model=responses.ControlView)
 async def grant(v: str, body: models.AnswerControl, station: StationDep, principal: PrincipalDep) -> Response:
-    """The holder hands control to one who asks; the vehicle flies on as it does."""
+    """The holder gives control to a client that requested it; the flight is not changed."""
     with authorized_command(station, principal, "control/grant", v, body.model_dump(exclude_none=True)):
         control = station.authority.control(v)
         control.lease.grant(principal, body.client)
@@ -78,7 +80,7 @@ async def grant(v: str, body: models.AnswerControl, station: StationDep, princip
 
 @router.post("/vehicles/{v}/control/deny", response_model=responses.ControlView)
 async def deny(v: str, body: models.DenyControl, station: StationDep, principal: PrincipalDep) -> Response:
-    """The holder keeps control; the one who asked may then take it by force."""
+    """The holder keeps control; the denied client may then take it by force."""
     with authorized_command(station, principal, "control/deny", v, body.model_dump(exclude_none=True)):
         control = station.authority.control(v)
         control.lease.deny(principal, body.client, body.reason)
@@ -87,7 +89,7 @@ async def deny(v: str, body: models.DenyControl, station: StationDep, principal:
 
 @router.post("/vehicles/{v}/control/release", response_model=responses.ControlView)
 async def release(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Gives control up, or takes a request back; otherwise nothing happens."""
+    """Releases control, or withdraws a request; otherwise nothing happens."""
     with authorized_command(station, principal, "control/release", v, {}):
         control = station.authority.control(v)
         control.lease.release(principal)
@@ -96,7 +98,8 @@ async def release(v: str, station: StationDep, principal: PrincipalDep) -> Respo
 
 @router.post("/vehicles/{v}/control/renew", response_model=responses.ControlView)
 async def renew(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Keeps control for another `lease_s`, as every request of the holder does; takes nothing."""
+    """Renews the holder's control for another `lease_s`, as every request of the holder does; takes no
+    control."""
     return _view(station.authority.control(v), principal)
 
 

@@ -1,4 +1,4 @@
-"""What any call may be answered before its route is asked: added to each operation of the description."""
+"""Adds to each operation of the API description the answers that any call may get before its route runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ COMMON: dict[str, str] = {
 
 
 def describe_refusals(described: dict[str, Any]) -> None:
-    """Errors are problem+json everywhere; the door's and the limits' stand at each operation."""
+    """Errors are problem+json everywhere; those of access control and of the limits are listed at each
+    operation."""
     described["components"]["responses"] = {
         f"Refused{status}": {"description": words, "content": {PROBLEM_JSON: _PROBLEM}}
         for status, words in COMMON.items()

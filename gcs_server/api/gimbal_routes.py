@@ -39,13 +39,14 @@ async def take(v: str, station: StationDep, principal: PrincipalDep) -> Response
 
 @router.post("/release", response_model=responses.CommandDone)
 async def release(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Gives control back where it is ours."""
+    """Releases gimbal control if this server has it."""
     return await carry_out(station, principal, "gimbal/release", v, {}, lambda x: x.gimbal.release_control())
 
 
 @router.post("/angles", response_model=responses.GimbalPointed)
 async def angles(v: str, body: models.GimbalAngles, station: StationDep, principal: PrincipalDep) -> Response:
-    """Points the camera; answers once it is there or has stopped: `limited` says where it stopped short.
+    """Points the camera; answers once it points there or has stopped: `limited` says where a limit stopped
+    it.
 
     Without `wait` it answers once the vehicle has acknowledged.
     """
@@ -64,7 +65,7 @@ async def angles(v: str, body: models.GimbalAngles, station: StationDep, princip
 
 @router.post("/rates", response_model=responses.CommandDone)
 async def rates(v: str, body: models.GimbalRates, station: StationDep, principal: PrincipalDep) -> Response:
-    """Turns the camera steadily; zero stops both axes."""
+    """Turns the camera at constant rates; zero stops both axes."""
     return await carry_out(
         station,
         principal,
@@ -77,7 +78,7 @@ async def rates(v: str, body: models.GimbalRates, station: StationDep, principal
 
 @router.post("/roi", response_model=responses.CommandDone)
 async def roi(v: str, body: models.GimbalRoi, station: StationDep, principal: PrincipalDep) -> Response:
-    """Keeps looking at a place."""
+    """Keeps the camera pointed at a location (ROI)."""
     return await carry_out(
         station,
         principal,
@@ -90,5 +91,5 @@ async def roi(v: str, body: models.GimbalRoi, station: StationDep, principal: Pr
 
 @router.post("/roi/clear", response_model=responses.CommandDone)
 async def clear_roi(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Stops looking at a place."""
+    """Clears the location that the camera looks at."""
     return await carry_out(station, principal, "gimbal/roi/clear", v, {}, lambda x: x.gimbal.clear_roi())

@@ -1,4 +1,4 @@
-"""Groups as they come in over HTTP, and how they stand, for the OpenAPI description."""
+"""Request bodies and answers about groups, for the OpenAPI description."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class _Together(StrictBody):
 
 
 class StartGroup(_Together):
-    """Vehicles in flight that begin together at one instant and are kept apart."""
+    """A group: vehicles in flight that start at one instant and are kept apart."""
 
     model_config = example(
         members=[
@@ -107,7 +107,7 @@ class StartGroup(_Together):
 
 
 class GroupSetpoints(_Together):
-    """New setpoints for some members or all, sent at one instant; without any, all are renewed."""
+    """New setpoints for some or all members, sent at one instant; without any, all are renewed."""
 
     model_config = example(
         setpoints=[{"vehicle": "1", "setpoint": {"type": "velocity", "velocity_ned_m_s": [0, 0, 0]}}],
@@ -141,7 +141,7 @@ GroupModel = model_of(
 
 
 class GroupStarted(GroupModel):  # type: ignore[misc,valid-type]
-    """The group that has begun, and what its members are held to."""
+    """The group that has started, and the limits of its members."""
 
     limits: dict[str, LimitsModel] = Field(  # type: ignore[valid-type]
         description="By vehicle: what its setpoints are held to; `origin` says whether the operator's were "

@@ -1,4 +1,4 @@
-"""Several vehicles in Offboard as one group; who commands it needs control of every member."""
+"""Routes of groups of vehicles in Offboard; commanding a group needs control of every member."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
 
 @router.post("", response_model=models.GroupStarted, status_code=201)
 async def start(body: models.StartGroup, station: StationDep, principal: PrincipalDep) -> Response:
-    """Brings all members, in flight, into Offboard where they are, and lets them begin at one instant.
+    """Switches all members, in flight, to Offboard at their positions, then starts them at one instant.
 
     Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
     confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
@@ -46,7 +46,7 @@ async def show_all(station: StationDep) -> Response:
 
 @router.get("/{g}", response_model=models.GroupModel)
 async def show(g: str, station: StationDep) -> Response:
-    """How a group stands: its members, the two that are nearest, and what went wrong."""
+    """State of a group: its members, the two nearest to each other, and its findings."""
     return answer(station.groups.get(g))
 
 
@@ -75,7 +75,8 @@ async def setpoints(
 
 @router.post("/{g}/hold", response_model=models.GroupModel)
 async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Puts all members into Hold at once, by anybody; one that has left the group is not touched."""
+    """Puts all members into Hold at once, without control; a vehicle that has left the group is not
+    touched."""
     with together(station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}):
         return answer(await station.groups.hold(g, principal.name))
 
@@ -84,7 +85,8 @@ async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response
 def together(
     station: Station, principal: Principal, command: str, arguments: dict[str, dict[str, Any]]
 ) -> Generator[None]:
-    """The seam for several vehicles: a line for each, and control of none is taken where one's is refused.
+    """Wraps a command to several vehicles: a journal line for each, and no control is taken if one is
+    refused.
 
     Raises:
         NotInControl: another client holds control of a member; names which.

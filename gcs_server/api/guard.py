@@ -1,4 +1,4 @@
-"""The door: carries out what `access.py` decides, before the application sees anything.
+"""Middleware that carries out the decisions of `access.py` before the application sees a request.
 
 Refused is refused for all alike (page, API, documents, 3D view): a WebSocket is closed before it is
 accepted, a program gets problem+json, a person in a browser who lacks the token a page that asks for it.
@@ -33,7 +33,7 @@ POLICY_VIOLATION = 1008
 LONGEST_FORM = 4096
 FORM_DEADLINE_S = 10.0
 QUIET_S = 10.0
-"""Between two lines about wrong tokens: whoever guesses must not fill the log."""
+"""Time between two log lines about wrong tokens: guessing tokens must not fill the log."""
 
 
 class Guard:
@@ -83,7 +83,7 @@ class Guard:
         return answer
 
     def _note(self, scope: Scope, refusal: Refusal) -> None:
-        """Wrong tokens are worth a line; they lock nobody out, for that would lock out the pilot, too."""
+        """Logs wrong tokens. They lock nobody out, because that could lock out the pilot."""
         if not refusal.guessed:
             return
         self._wrong_since += 1

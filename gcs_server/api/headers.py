@@ -1,4 +1,4 @@
-"""What every answer tells the browser: run and load what this server serves, and nothing else.
+"""Security headers of every answer: the browser may run and load only what this server serves.
 
 The 3D view brings a policy of its own (`scene/page.py`); what a route has set stays as it is.
 """
@@ -41,7 +41,7 @@ def security_headers(scope: Scope) -> dict[str, str]:
 
 
 class SecurityHeaders:
-    """ASGI middleware: adds what the answer does not carry yet."""
+    """ASGI middleware: adds the security headers that an answer does not have yet."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

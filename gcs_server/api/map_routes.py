@@ -1,4 +1,4 @@
-"""The operator's offline maps: which there are, and their tiles."""
+"""Routes of the operator's offline maps: the list and the tiles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/maps", tags=["station"])
 
 LARGEST_ZOOM = 24
 FRESH = {"Cache-Control": "no-cache"}
-"""The browser may keep a tile, and asks whether the file is still the same."""
+"""Cache header: the browser may keep a tile, but must ask whether the file has changed."""
 RANGE = re.compile(r"bytes=(?P<first>[0-9]{0,15})-(?P<last>[0-9]{0,15})")
 GZIP_MAGIC = b"\x1f\x8b"
 
@@ -40,7 +40,7 @@ async def list_maps(station: StationDep) -> Response:
         **RESPONSES,
         200: {"content": {"application/octet-stream": {}}},
         206: {"description": "A part.", "content": {"application/octet-stream": {}}},
-        416: {"model": Problem, "description": "The Range is none of the file's."},
+        416: {"model": Problem, "description": "The Range header lies outside the file."},
     },
 )
 async def map_file(

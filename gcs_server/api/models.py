@@ -1,4 +1,4 @@
-"""What comes in over HTTP, checked at the door: units, ranges, no NaN, no unknown fields."""
+"""Request bodies, validated on arrival: units, ranges, no NaN, no unknown fields."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, descrip
 
 
 def _example(**fields: JsonValue) -> ConfigDict:
-    """What such a body may look like, for the reference."""
+    """An example of the body, for the API reference."""
     examples: list[JsonValue] = [fields]
     return ConfigDict(json_schema_extra={"examples": examples})
 
 
 class TakeoffRequest(StrictBody):
-    """How high to climb."""
+    """The take-off altitude."""
 
     model_config = _example(alt_home_m=10)
 
@@ -42,7 +42,7 @@ class ModeRequest(StrictBody):
 
 
 class GotoRequest(StrictBody):
-    """Where to fly; exactly one of the two altitudes."""
+    """The target position; exactly one of the two altitudes."""
 
     model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_home_m=15)
 
@@ -84,7 +84,7 @@ class KillRequest(StrictBody):
 
 
 class GimbalAngles(StrictBody):
-    """Where the camera is to look."""
+    """The gimbal's target angles."""
 
     model_config = _example(pitch_deg=-30, yaw_deg=0)
 
@@ -102,7 +102,7 @@ class GimbalAngles(StrictBody):
 
 
 class GimbalRates(StrictBody):
-    """How fast the camera is to turn; zero stops both axes."""
+    """The gimbal's turning rates; zero stops both axes."""
 
     model_config = _example(pitch_rate_deg_s=5, yaw_rate_deg_s=-10)
 
@@ -155,7 +155,7 @@ class ReplayRequest(StrictBody):
 
 
 class ReplayChange(StrictBody):
-    """What to change of a replay; what is left out stays."""
+    """Changes of a replay; fields that are left out stay as they are."""
 
     model_config = _example(playing=True, speed=4, position_unix_s=1783762200)
 

@@ -1,4 +1,4 @@
-"""Long work as a resource: what runs, how far it is, how it ended; and cancelling it."""
+"""Routes of operations (long-running work): list them, show one, cancel one."""
 
 from __future__ import annotations
 
@@ -26,36 +26,40 @@ class OperationList(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     operations: list[OperationModel] = Field(  # type: ignore[valid-type]
-        description="Those that run, and the last that ended; oldest first."
+        description="Running operations and those that ended last; oldest first."
     )
 
 
 def operation_view(operation: Operation) -> dict[str, Any]:
-    """As routes and events tell it; the error as problem+json."""
+    """The operation as JSON for routes and events; its error as problem+json."""
     error = operation.error
     return {**fields_of(operation), "error": None if error is None else problem_of(error)}
 
 
 @router.get("", response_model=OperationList)
 async def list_operations(
-    station: StationDep, vehicle: Annotated[str | None, Query(max_length=32, description="Only its.")] = None
+    station: StationDep,
+    vehicle: Annotated[
+        str | None, Query(max_length=32, description="Only operations of this vehicle.")
+    ] = None,
 ) -> Response:
-    """What runs, and what ended last; the `operation` events of the telemetry socket tell every change."""
+    """Running operations and those that ended last. Each change is also an `operation` event of the telemetry
+    socket."""
     all_ = station.operations.all()
     return answer({"operations": [operation_view(o) for o in all_ if vehicle in (None, o.vehicle)]})
 
 
 @router.get("/{o}", response_model=OperationModel)
 async def show_operation(o: str, station: StationDep) -> Response:
-    """How far one is, or how it ended."""
+    """Progress of an operation, or how it ended."""
     return answer(operation_view(station.operations.get(o)))
 
 
 @router.delete("/{o}", response_model=OperationModel)
 async def cancel_operation(o: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Cancels one, and answers once it has cleaned up; one that has ended stays as it is.
+    """Cancels an operation and answers once it has cleaned up; one that has ended is not changed.
 
-    Who started it may cancel it; others only while no other client has control of its vehicle.
+    The client that started it may cancel it; another client only while nobody else controls its vehicle.
     """
     operation = station.operations.get(o)
     with authorized_command(

@@ -1,4 +1,5 @@
-"""A vehicle's parameters: all of them with what they mean, and one at a time, verified."""
+"""Routes of a vehicle's parameters: all with their descriptions, and single ones read and set with
+verification."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
 
 VIEWED_AT_ONCE = 100
-"""Parameters that are put into words in one turn of the event loop."""
+"""Parameters encoded in one turn of the event loop."""
 
 FactsModel = model_of(
     ParamFacts,
@@ -43,14 +44,16 @@ class _Out(BaseModel):
 
 
 class ParameterView(_Out):
-    """A parameter as the vehicle reports it, and what it means."""
+    """A parameter as the vehicle reports it, with its description."""
 
     name: str = Field(description="Up to 16 of A–Z, 0–9, _.")
     value: float | int | None = Field(description="In its own unit; null: not a number.")
     is_integer: bool = Field(description="Whole number of 32 bits, else a 32-bit float.")
-    is_default: bool | None = Field(description="Whether it is the firmware's; null: not told.")
+    is_default: bool | None = Field(
+        description="Whether the value is the firmware's default; null: not known."
+    )
     facts: FactsModel | None = Field(  # type: ignore[valid-type]
-        description="From the vehicle's own metadata; null where they are not at hand."
+        description="From the vehicle's own metadata; null if that is not available."
     )
 
 
@@ -58,17 +61,19 @@ class ParametersView(_Out):
     """All parameters that are known."""
 
     vehicle: str = Field(description="The vehicle's id.")
-    list: ListModel = Field(description="How far they are known.")  # type: ignore[valid-type]
+    list: ListModel = Field(description="State of the list of parameters.")  # type: ignore[valid-type]
     params: tuple[ParameterView, ...] = Field(description="By name.")
 
 
 class RefreshRequest(StrictBody):
-    """How to read them."""
+    """Options for reading all parameters."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    ignore_cache: bool = Field(default=False, description="Read them though the vehicle's checksum is equal.")
-    wait: bool = Field(default=False, description="Answer once they are there.")
+    ignore_cache: bool = Field(
+        default=False, description="Read them even if the vehicle's checksum is unchanged."
+    )
+    wait: bool = Field(default=False, description="Answer only once they have been read.")
 
 
 class ParamRequest(StrictBody):
@@ -78,7 +83,7 @@ class ParamRequest(StrictBody):
 
     value: float = Field(allow_inf_nan=False, description="In the parameter's own unit.")
     force: bool = Field(
-        default=False, description="Although the vehicle's metadata says that it is out of range."
+        default=False, description="Set it even if the vehicle's metadata says that it is out of range."
     )
 
 
@@ -95,7 +100,7 @@ def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:
 
 @router.get("/{v}/params", response_model=ParametersView)
 async def all_params(vehicle: VehicleDep) -> Response:
-    """All that are known, without asking the vehicle; `POST …/params/refresh` reads them."""
+    """All known parameters, without asking the vehicle; `POST …/params/refresh` reads them."""
     known = vehicle.params.all()
     head = encode({"vehicle": vehicle.id, "list": vehicle.params.list})
     parts: list[bytes] = []
@@ -117,11 +122,11 @@ async def refresh_params(
     principal: PrincipalDep,
     body: Annotated[RefreshRequest | None, Body()] = None,
 ) -> Response:
-    """Reads all (929 of a PX4) unless the vehicle's checksum says that those known still hold.
+    """Reads all parameters (929 on PX4) unless the vehicle's checksum shows that the known ones are
+    unchanged.
 
-    Answers at once how far it is, unless asked to wait; `Location` is the operation that reads them, which
-    can be followed and cancelled. What they mean is fetched from the vehicle's own files, the first time with
-    this firmware.
+    Answers at once with the progress, unless asked to wait; `Location` is the operation that reads them,
+    which can be followed and cancelled. Descriptions are read from the vehicle's files, once per firmware.
     """
     request = body or RefreshRequest()
     vehicle.require_commandable()
@@ -157,7 +162,7 @@ async def refresh_params(
 
 @router.get("/{v}/params/{name}", response_model=ParameterView)
 async def get_param(vehicle: VehicleDep, name: str) -> Response:
-    """Reads one parameter from the vehicle; it is silent about unknown names (504)."""
+    """Reads one parameter from the vehicle; for an unknown name the vehicle sends no answer (504)."""
     return answer(_view(vehicle, await vehicle.params.get(name)))
 
 
@@ -165,10 +170,10 @@ async def get_param(vehicle: VehicleDep, name: str) -> Response:
 async def set_param(
     v: str, name: str, body: ParamRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Writes one parameter; answers what the vehicle then reports.
+    """Sets one parameter and answers with the value that the vehicle then reports.
 
-    Once the parameters were read, a value out of the range (or none of the choices) that the vehicle's own
-    metadata names is refused (422), unless forced.
+    Once the parameters have been read, a value outside the documented range or choices is refused (422),
+    unless forced.
     """
     arguments: dict[str, object] = {"name": name, "value": body.value}
     if body.force:

@@ -1,4 +1,4 @@
-"""Whether a caller may call a route at all, by `control/commands.py`: asked before every route."""
+"""Checks before every route whether the caller's role includes its command (`control/commands.py`)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def bind_commands(app: FastAPI) -> None:
 
 
 def command_of(connection: HTTPConnection) -> Command:
-    """What the matched route does."""
+    """The command of the matched route."""
     return connection.app.state.commands[connection.scope["endpoint"]]
 
 

@@ -1,4 +1,4 @@
-"""Who asks: the one place that makes a `Principal` of a request or WebSocket."""
+"""The only place that makes a `Principal` from a request or WebSocket."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def principal_of(connection: HTTPConnection) -> Principal:
 
 
 def names_itself(connection: HTTPConnection) -> bool:
-    """Whether it is more than somebody at an address."""
+    """Whether the caller gave a name or an id, not only its address."""
     return any(_says_of_itself(connection))
 
 

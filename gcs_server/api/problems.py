@@ -43,7 +43,7 @@ UNION_TAGS = frozenset(KINDS) | {"hold", "land", "stop_stream", "polygon", "circ
 """Names of union branches, which Pydantic puts into the paths of fields."""
 
 MOST_ERRORS = 20
-"""Values at fault that an answer names."""
+"""Most invalid values that one answer lists."""
 LONGEST_WORDS = 300
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
@@ -56,13 +56,13 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
     (PlanConflict, 409, "Changed meanwhile"),
-    (InvalidRequest, 422, "Not possible as asked"),
+    (InvalidRequest, 422, "Invalid request"),
     (NotPermitted, 403, "Not permitted"),
     (Rejected, 409, "The vehicle refused"),
     (NotInControl, 409, "Not in control"),
     (Refused, 409, "Not sent"),
     (FtpFailed, 409, "The vehicle's file could not be read"),
-    (MetadataMissing, 409, "The vehicle does not describe itself"),
+    (MetadataMissing, 409, "No component metadata"),
     (NoReply, 504, "No answer"),
     (Disconnected, 503, "Link lost"),
     (LinkError, 409, "Link unusable"),
@@ -70,7 +70,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
 
 
 class FieldError(BaseModel):
-    """One value at fault."""
+    """One invalid value."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -142,7 +142,7 @@ def problem(status: int, title: str, code: str, detail: str, **more: object) -> 
 
 
 def problem_of(error: GcsError) -> dict[str, object]:
-    """An error's problem+json, where it is told in something else: an operation, an event."""
+    """An error's problem+json inside another document, such as an operation or an event."""
     status, title = status_of(error)
     return _body(status, title, error.code, error.message, {"remedy": error.remedy, **error.details()})
 
@@ -153,7 +153,7 @@ def _body(status: int, title: str, code: str, detail: str, more: Mapping[str, ob
 
 
 def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
-    """(field, message) of the first values at fault; the names of union branches are left out of the path."""
+    """(field, message) of the first invalid values; the names of union branches are left out of the path."""
     found: list[dict[str, str]] = []
     errors = [item for item in error.errors() if item["type"] != "too_short" or not _follows(item, error)]
     for item in errors[:MOST_ERRORS]:
@@ -177,12 +177,12 @@ def _follows(item: dict[str, Any], error: RequestValidationError) -> bool:
 
 
 def _short(text: str) -> str:
-    """Names and values are the client's: of any length."""
+    """Cuts names and values of the client, which may be of any length."""
     return text if len(text) <= LONGEST_WORDS else f"{text[:LONGEST_WORDS]}…"
 
 
 def install(app: FastAPI) -> None:
-    """Handlers for everything that can go wrong."""
+    """Registers the handlers that turn every error into problem+json."""
 
     async def gcs_error(_: Request, error: Exception) -> Response:
         assert isinstance(error, GcsError)
@@ -197,7 +197,7 @@ def install(app: FastAPI) -> None:
         if note is not None:
             note(request, detail)
         return problem(
-            422, "Not possible as asked", "invalid_request", detail, field=errors[0]["field"], errors=errors
+            422, "Invalid request", "invalid_request", detail, field=errors[0]["field"], errors=errors
         )
 
     async def http_error(_: Request, error: Exception) -> Response:
@@ -212,7 +212,7 @@ def install(app: FastAPI) -> None:
             "The server failed",
             "internal",
             f"{type(error).__name__} while handling {request.method} {request.url.path}.",
-            remedy="Look at what the vehicle does before you try again; the server's log has the details.",
+            remedy="Check what the vehicle does before you try again; the server's log has the details.",
         )
         answer.headers.update(security_headers(request.scope))  # it is made outside of all middleware
         return answer

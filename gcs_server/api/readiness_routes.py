@@ -38,16 +38,15 @@ def _view(vehicle: Vehicle) -> dict[str, object]:
 
 @router.get("/{v}/readiness", response_model=ReadinessView)
 async def readiness(vehicle: VehicleDep) -> Response:
-    """As the vehicle last said, for all modes at once; the telemetry topic `readiness` tells every change."""
+    """The vehicle's last report, for all modes; the telemetry topic `readiness` has every change."""
     return answer(_view(vehicle))
 
 
 @router.post("/{v}/readiness/check", response_model=ReadinessView)
 async def check(vehicle: VehicleDep) -> Response:
-    """Has the vehicle run its checks now, and answers with what they say.
+    """Has the vehicle run its checks now, and answers with their result.
 
-    Its own words for them are fetched from its files, the first time with this firmware; they come a little
-    later.
+    The vehicle's own texts are read from its files, once per firmware, and arrive a little later.
     """
     await vehicle.health.check()
     vehicle.in_background("words for its events", vehicle.health.learn(vehicle.metadata))

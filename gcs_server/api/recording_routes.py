@@ -1,4 +1,4 @@
-"""Recorded flights: listed, fetched, and played as vehicles that take no commands."""
+"""Routes of recordings: list, download, and replay as vehicles that take no commands."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ async def list_recordings(station: StationDep) -> Response:
     responses={200: {"content": {"application/octet-stream": {}}}},
 )
 async def download_recording(name: str, station: StationDep) -> StreamingResponse:
-    """The file as it is; of one that is being written, what is there now."""
+    """The file; if it is still being written, what it holds now."""
     path = station.replays.path(name)
     size = path.stat().st_size
     headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{_quoted(name)}"'}
@@ -45,7 +45,8 @@ async def download_recording(name: str, station: StationDep) -> StreamingRespons
 
 @router.get("/recordings/{name}/index", response_model=responses.RecordingIndexModel)
 async def index_recording(name: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Its bounds, and of each vehicle the modes, armed spans and messages; a long one takes seconds, once.
+    """Index of a recording: start, end, and each vehicle's modes, armed spans and messages. Takes seconds the
+    first time.
 
     The first time it is an operation, which can be followed and cancelled (409 then).
     """
@@ -74,13 +75,13 @@ async def index_recording(name: str, station: StationDep, principal: PrincipalDe
 
 @router.get("/replays", response_model=responses.Replays)
 async def list_replays(station: StationDep) -> Response:
-    """What is played now; the telemetry socket says it, too."""
+    """The replays that are open; also sent by the telemetry socket."""
     return answer({"replays": station.replays.all()})
 
 
 @router.post("/replays", response_model=responses.ReplayModel, status_code=201)
 async def open_replay(body: models.ReplayRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Plays a recording; one that is open already goes on as it is."""
+    """Opens a recording for replay; one that is already open is not changed."""
     with authorized_command(station, principal, "replays/open", None, body.model_dump()):
         opened = await station.replays.open(body.recording, speed=body.speed, playing=body.playing)
         return answer(opened, 201)
@@ -88,13 +89,14 @@ async def open_replay(body: models.ReplayRequest, station: StationDep, principal
 
 @router.get("/replays/{name}", response_model=responses.ReplayModel)
 async def show_replay(name: str, station: StationDep) -> Response:
-    """Where it is."""
+    """State of a replay: position, speed, playing or paused."""
     return answer(station.replays.get(name))
 
 
 @router.post("/replays/{name}", response_model=responses.ReplayModel)
 async def change_replay(name: str, body: models.ReplayChange, station: StationDep) -> Response:
-    """Plays, pauses, sets the pace, goes to a moment; answers once the vehicles are as they were then."""
+    """Plays, pauses, sets the speed or jumps to a time; answers once the vehicles have their state of that
+    time."""
     changed = await station.replays.change(
         name, playing=body.playing, speed=body.speed, position_unix_s=body.position_unix_s
     )
@@ -103,13 +105,13 @@ async def change_replay(name: str, body: models.ReplayChange, station: StationDe
 
 @router.get("/replays/{name}/index", response_model=responses.RecordingIndexModel)
 async def index_replay(name: str, station: StationDep) -> Response:
-    """As of a recording, for one that was opened from elsewhere (`gcs replay FILE`)."""
+    """The same index for a replay, also one that was opened by `gcs replay FILE`."""
     return answer(await station.replays.index_of_replay(name))
 
 
 @router.delete("/replays/{name}", status_code=204)
 async def close_replay(name: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Its vehicles go with it; the file stays."""
+    """Closes a replay and removes its vehicles; the file is kept."""
     with authorized_command(station, principal, "replays/close", None, {"name": name}):
         await station.replays.close(name)
     return Response(status_code=204)

@@ -1,6 +1,7 @@
-"""The API's own reference at /docs: a page of ours over openapi.json, so that nothing leaves the machine.
+"""The API reference at /docs: this server's own page for openapi.json, so that nothing is loaded from
+elsewhere.
 
-FastAPI's page would load its program from elsewhere; a ground station in a field has no elsewhere.
+FastAPI's page would load its script from the internet, which a ground station in the field may not have.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ async def page() -> FileResponse:
 
 @router.get("/docs/reference.js")
 async def program() -> FileResponse:
-    """Its program."""
+    """Its script."""
     return FileResponse(FOLDER / "reference.js", media_type="text/javascript", headers=_FRESH)
 
 
 @router.get("/docs/reference.css")
 async def style() -> FileResponse:
-    """Its looks."""
+    """Its style sheet."""
     return FileResponse(FOLDER / "reference.css", headers=_FRESH)
 
 
 @router.get("/docs/")
 @router.get("/api/v1/docs")
 async def elsewhere() -> RedirectResponse:
-    """Where people look for it, too."""
+    """Redirects from another usual address of the reference."""
     return RedirectResponse("/docs", status_code=308)

@@ -1,4 +1,4 @@
-"""What a client is told that exceeds a limit: one table for the server and its description."""
+"""Answers to clients that exceed a limit: one table for the server and the API description."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MOST_HEADERS = 100
 LARGEST_BODY_BYTES = 1 << 20
 """A path of 5000 points has some 700 kB; everything else a few kilobytes."""
 LARGEST_MESSAGE_BYTES = 1 << 20
-"""Of a WebSocket, from a client."""
+"""Largest WebSocket message of a client."""
 HEAD_DEADLINE_S = 10.0
-"""From the connection's begin, or the first byte of a later request, to the end of its headers."""
+"""Deadline for the headers, from the start of the connection or the first byte of a later request."""
 BODY_DEADLINE_S = 20.0
 UNREAD_DEADLINE_S = 20.0
-"""How long a client may take nothing of what was written for it."""
+"""How long a client may read nothing of what was written for it."""
 MOST_PIPELINED = 8
 """Requests that wait on one connection behind the one that is being answered."""
 
@@ -39,7 +39,7 @@ class LimitRefusal:
         return HTTPStatus(self.status).phrase
 
     def body(self) -> bytes:
-        """As problem+json."""
+        """The refusal as problem+json."""
         return encode(
             {
                 "type": f"/problems/{self.code}",

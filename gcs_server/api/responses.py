@@ -1,4 +1,4 @@
-"""What goes out over HTTP, as models for the OpenAPI description, and how it is put together."""
+"""Answers as models for the OpenAPI description, and the functions that build them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
 LINES_A_TURN = 500
-"""Of a history, encoded in one turn of the event loop."""
+"""Lines of a history that are encoded in one turn of the event loop."""
 
 
 class _Out(BaseModel):
@@ -76,7 +76,7 @@ ControlModel = model_of(
 
 
 class ControlView(ControlModel):  # type: ignore[misc,valid-type]
-    """Who may command a vehicle, as its caller sees it."""
+    """Control of a vehicle, as the caller sees it."""
 
     yours: bool = Field(description="Whether the caller holds it.")
     your_key: str = Field(description="The caller's key.")
@@ -148,7 +148,7 @@ class History(_Out):
 
 
 class Message(_Out):
-    """One line of what a vehicle said or did."""
+    """One event of a vehicle."""
 
     index: int = Field(description="Counts up within the vehicle's feed; give it as `since`.")
     kind: str = Field(description="status_text, event, mode_changed, armed, disarmed, command, …")
@@ -166,7 +166,7 @@ class Messages(_Out):
 
 
 class CommandDone(_Out):
-    """The vehicle's own state shows what was asked for."""
+    """The command's result: the vehicle's own state shows the change."""
 
     vehicle: str = Field(description="The vehicle's id.")
     command: str = Field(description="What was asked.")
@@ -245,7 +245,7 @@ class Journal(_Out):
 
 
 class Warnings(_Out):
-    """What stands now and should be known."""
+    """The present warnings."""
 
     warnings: list[NoticeModel] = Field(description="Empty where all is well.")  # type: ignore[valid-type]
 
@@ -289,7 +289,7 @@ def sample_view(sample: Sample) -> dict[str, object]:
 
 
 def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
-    """A vehicle whole; a part that cannot be made is left out, or null where it must be there."""
+    """A vehicle with all parts; a part that cannot be encoded is left out, or null if it is required."""
 
     def part(name: str, make: Callable[[], object | None]) -> Raw | None:
         def encoded() -> Raw | None:

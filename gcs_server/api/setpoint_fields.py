@@ -1,4 +1,4 @@
-"""What bodies of setpoints are made of: fields with their units and limits, and what all of them refuse."""
+"""Fields of setpoint bodies with their units and limits, and the checks that all of them share."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NULL_WORDS = " null: not controlled."
 
 
 def example(**fields: JsonValue) -> ConfigDict:
-    """What such a body may look like, for the reference."""
+    """An example of the body, for the API reference."""
     examples: list[JsonValue] = [fields]
     return ConfigDict(json_schema_extra={"examples": examples})
 

@@ -1,4 +1,4 @@
-"""Setpoints as they come in over HTTP and WebSocket, one body a type; each makes the streamer's own value."""
+"""Setpoint bodies of HTTP and WebSocket, one class per kind; each converts itself to the streamer's value."""
 
 from __future__ import annotations
 
@@ -79,7 +79,8 @@ class PositionGlobalSetpoint(YawOrRate):
 
 
 class PositionBodySetpoint(SetpointBody):
-    """A step from where the vehicle is when it is taken, along its heading then."""
+    """An offset from the vehicle's position when the server takes the setpoint, along its heading at that
+    time."""
 
     model_config = example(type="position_body", offset_frd_m=[5, 0, 0])
 
@@ -120,7 +121,7 @@ class VelocityBodySetpoint(YawOrRate):
 
 
 class AccelerationSetpoint(YawOrRate):
-    """An acceleration in the vehicle's local frame; zero keeps the speed, not the place."""
+    """An acceleration in the vehicle's local frame; zero keeps the velocity, not the position."""
 
     model_config = example(type="acceleration", acceleration_ned_m_s2=[0.5, 0, 0])
 
@@ -206,7 +207,7 @@ class AttitudeSetpoint(SetpointBody):
 
 
 class RatesSetpoint(SetpointBody):
-    """Turning rates about the body's axes, with thrust: the vehicle levels itself no more."""
+    """Body rates with thrust: the vehicle no longer levels itself."""
 
     model_config = example(type="rates", rates_frd_rad_s=[0, 0, 0.5], thrust=0.5)
 
@@ -221,7 +222,7 @@ class RatesSetpoint(SetpointBody):
 
 
 class ThrustTorqueSetpoint(SetpointBody):
-    """Thrust and torque of the body, past all controllers; no MAVLink message carries it."""
+    """Body thrust and torque, which bypass all controllers; no MAVLink message carries them."""
 
     model_config = example(type="thrust_torque", thrust_frd=[0, 0, -0.5], torque_frd=[0, 0, 0])
 
@@ -234,7 +235,7 @@ class ThrustTorqueSetpoint(SetpointBody):
 
 
 class ActuatorsSetpoint(SetpointBody):
-    """Motors and servos each by itself; no MAVLink message carries it."""
+    """Individual motor and servo values; no MAVLink message carries them."""
 
     model_config = example(type="actuators", motors=[0.5, 0.5, 0.5, 0.5])
 
@@ -257,7 +258,7 @@ class ActuatorsSetpoint(SetpointBody):
 
 
 class PathPointBody(StrictBody):
-    """Where to be, and when."""
+    """A position and its time."""
 
     t_s: float = Field(allow_inf_nan=False, ge=0, le=3600, description="Since the path began [s].")
     position_ned_m: Place = Field(description=POSITION_WORDS)
@@ -267,7 +268,7 @@ class PathPointBody(StrictBody):
 
 
 class PathSetpoint(SetpointBody):
-    """A smooth curve through points in time, flown by the server whatever becomes of its client.
+    """A smooth curve through points in time, flown by the server even if its client disconnects.
 
     It begins where the vehicle is (the first point within 5 m) and at `t_s` 0.
     `valid_for_s` counts from its end.
@@ -304,7 +305,7 @@ class PathSetpoint(SetpointBody):
 
 
 class FollowSetpoint(SetpointBody):
-    """A place beside another vehicle, that moves with it; exactly one offset, at least 2 m long."""
+    """A position relative to another vehicle, moving with it; exactly one offset, at least 2 m long."""
 
     model_config = example(type="follow", vehicle="2", offset_frd_m=[-5, 0, -2], yaw="same")
 

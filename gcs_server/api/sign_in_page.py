@@ -1,4 +1,4 @@
-"""What a person sees who comes without the token: how to get in, and a field for it.
+"""The sign-in page for browsers without the token: explains how to get it, and has a field for it.
 
 One document that needs nothing else from a server that gives nothing else away: its style stands inside
 and is allowed by its hash; there is no script.

@@ -1,4 +1,4 @@
-"""What the routes work on."""
+"""The running server's parts, as the routes use them."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ class Station:
     setpoints_noted: dict[tuple[str, str, str], tuple[float, int]] = field(
         default_factory=dict[tuple[str, str, str], tuple[float, int]]
     )
-    """By caller's key, vehicle and result: when the last line was written, and how many came since."""
+    """By client key, vehicle and result: time of the last journal line, and the number of setpoints since."""
 
     def __post_init__(self) -> None:
         self.turns = Turns(self.authority.controls_any)
 
     @property
     def groups(self) -> Groups:
-        """Vehicles that are flown together."""
+        """The groups of vehicles."""
         return self.streamer.groups
 
     def offboard(self, vehicle_id: str) -> OffboardControl:
@@ -73,7 +73,7 @@ class Station:
         return self.streamer.offboard(self.fleet.get(vehicle_id).id)
 
     def warnings(self) -> list[Notice]:
-        """What stands now, from everywhere."""
+        """All present warnings."""
         notices = self.fleet.warnings()
         if self.journal.warning is not None:
             notices.append(Notice("journal", self.journal.warning))
@@ -96,7 +96,7 @@ StationDep = Annotated[Station, Depends(get_station)]
 
 
 async def heard(station: StationDep, principal: PrincipalDep) -> None:
-    """Dependency of all routes: any request of a caller renews what it holds."""
+    """Dependency of all routes: any request of a caller renews the control that it holds."""
     station.authority.heard(principal)
 
 

@@ -31,7 +31,7 @@ async def health(station: StationDep) -> Response:
 
 @router.get("/version", response_model=responses.Version)
 async def version(station: StationDep) -> Response:
-    """Which server this is."""
+    """Name, version and features of this server."""
     return answer(
         {
             "name": "offboard-gcs",
@@ -52,7 +52,7 @@ async def list_links(station: StationDep) -> Response:
 
 @router.post("/links", response_model=responses.LinkModel, status_code=201, responses=RESPONSES)
 async def add_link(body: models.LinkRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Opens a link; one that cannot be opened yet tries again by itself and says why.
+    """Opens a link. One that cannot be opened yet keeps trying and reports why.
 
     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
     control of a vehicle: that station could command it.
@@ -74,15 +74,15 @@ async def remove_link(
         str | None,
         Query(
             max_length=1000,
-            description="Where a vehicle in flight would lose its last link, exactly the words that the "
-            "refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`.",
+            description="Needed where a vehicle in flight would lose its last link: exactly the text that "
+            "the refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`.",
         ),
     ] = None,
 ) -> Response:
     """Closes a link; 409 where that would cut off a vehicle.
 
     `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
-    a vehicle that is armed or flown by setpoints, and `confirm` does not say so.
+    a vehicle that is armed or flown by setpoints, and `confirm` is not the text that this needs.
     """
     arguments: dict[str, object] = {"name": name} if confirm is None else {"name": name, "confirm": confirm}
     with authorized_command(station, principal, "links/remove", None, arguments):
@@ -97,15 +97,16 @@ def _guard(station: Station) -> LinkGuard:
 
 @router.get("/journal", response_model=responses.Journal)
 async def journal(
-    station: StationDep, limit: Annotated[int, Query(ge=1, le=1000, description="At most so many.")] = 100
+    station: StationDep,
+    limit: Annotated[int, Query(ge=1, le=1000, description="Maximum number of entries.")] = 100,
 ) -> Response:
-    """Who commanded what and what became of it, newest first."""
+    """The commands with client, arguments and result, newest first."""
     return answer({"entries": station.journal.tail(limit)})
 
 
 @router.get("/warnings", response_model=responses.Warnings)
 async def warnings(station: StationDep) -> Response:
-    """Ports taken, recordings stopped, duplicate ids, a simulator that died."""
+    """Present warnings: ports in use, stopped recordings, duplicate ids, a simulator that died."""
     return answer({"warnings": station.warnings()})
 
 

@@ -1,4 +1,4 @@
-"""What every request body is made of: no field but its own, and a number is a number.
+"""Base class of request bodies: unknown fields are refused, and numbers must be JSON numbers.
 
 Pydantic would take `true` for 1.0 and `"30"` for 30, and a vehicle would climb to it. Here floats take whole
 numbers too, and nothing else takes anything but its own JSON type; NaN and infinities are no numbers.

@@ -1,8 +1,8 @@
-"""Requests begin one after the other, each in a turn of the event loop of its own.
+"""Starts requests one after the other, each in its own turn of the event loop.
 
 Two hundred requests that come in at once would otherwise be answered in one turn, and whatever else the loop
 does would wait for all of them. Clients in control of a vehicle go first, then those that were there before,
-then the new ones: who names itself anew each time holds nobody up. Among equals it goes address by address,
+then new ones, so that a client with ever new names delays nobody. Among equals it goes address by address,
 then client by client.
 """
 
@@ -15,7 +15,7 @@ from collections.abc import Callable
 from gcs_server.control.principal import Principal
 
 KNOWN_AFTER_S = 2.0
-"""A client counts as one that was there before so long after its first request."""
+"""Age of its first request from which a client no longer counts as new."""
 FORGOTTEN_AFTER_S = 60.0
 MOST_KNOWN = 500
 
@@ -23,7 +23,7 @@ Waiting = deque[asyncio.Future[None]]
 
 
 class _Lane:
-    """Equals that wait, in fair order."""
+    """Waiting requests of equal priority, in fair order."""
 
     def __init__(self) -> None:
         self._addresses: OrderedDict[str, OrderedDict[str, Waiting]] = OrderedDict()
@@ -46,7 +46,7 @@ class _Lane:
 
 
 class Turns:
-    """Of one server.
+    """The turns of one server.
 
     Args:
         in_control: whether the client of this key controls a vehicle.
@@ -56,12 +56,12 @@ class Turns:
         self._in_control = in_control
         self._taken = False
         self._lanes = (_Lane(), _Lane(), _Lane())
-        """In control, there before, new."""
+        """Lanes of clients in control, known clients and new clients."""
         self._seen: dict[str, tuple[float, float]] = {}
-        """By client's key: when it was first and last here."""
+        """By client key: time of the first and the last request."""
 
     async def wait(self, client: Principal) -> None:
-        """Returns when it is this client's turn: at once where nobody else had the present one."""
+        """Returns when it is this client's turn: at once if no other request has the present one."""
         loop = asyncio.get_running_loop()
         known = self._note(client.key, loop.time())
         if not self._taken:
@@ -73,7 +73,7 @@ class Turns:
         await future
 
     def _note(self, key: str, now_s: float) -> bool:
-        """Whether the client was there before. Those that are known stay so, however many others come."""
+        """Whether the client is known. Known clients stay known, however many new ones arrive."""
         if key not in self._seen and len(self._seen) >= MOST_KNOWN:
             self._seen = {k: s for k, s in self._seen.items() if now_s - s[1] < FORGOTTEN_AFTER_S}
             if len(self._seen) >= MOST_KNOWN:
@@ -88,8 +88,8 @@ class Turns:
             if future is None:
                 self._taken = False
                 return
-            if not future.done():  # else its request was given up
+            if not future.done():  # else its request was cancelled
                 break
         future.set_result(None)
-        # It runs in the next round of the loop, and whoever comes after it in the round after that.
+        # It runs in the next turn of the loop, and the request after it one turn later.
         asyncio.get_running_loop().call_soon(self._next)

@@ -1,4 +1,4 @@
-"""Looking at vehicles and commanding them."""
+"""Routes that show vehicles and command them."""
 
 from __future__ import annotations
 
@@ -68,9 +68,10 @@ async def show_vehicle(vehicle: VehicleDep) -> Response:
 
 @router.delete("/{v}", status_code=204)
 async def remove_vehicle(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Forgets a vehicle that is not heard any more; 409 while it is heard, streamed to or another's.
+    """Removes a vehicle that is no longer connected; 409 while it is connected, streamed to or controlled by
+    another.
 
-    Heard again it is there again, as a new one.
+    If it connects again it is listed as a new vehicle.
     """
     with authorized_command(station, principal, "vehicles/remove", None, {"vehicle": v}):
         refused = station.authority.refusal(principal, "vehicles/remove", [v])
@@ -139,7 +140,7 @@ async def disarm(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
 async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Stops and stays, whoever has control; ends a setpoint stream."""
+    """Switches to Hold, whoever has control; ends a setpoint stream."""
     return await carry_out(
         station,
         principal,
@@ -152,7 +153,7 @@ async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response
 
 @router.post("/{v}/land", response_model=responses.CommandDone, tags=["commands"])
 async def land(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Lands where it is; answers once it is landing."""
+    """Lands at the current position; answers once the vehicle is landing."""
     return await carry_out(
         station,
         principal,
@@ -165,7 +166,7 @@ async def land(v: str, station: StationDep, principal: PrincipalDep) -> Response
 
 @router.post("/{v}/rtl", response_model=responses.CommandDone, tags=["commands"])
 async def rtl(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Returns to the launch position; answers once it is under way."""
+    """Returns to the launch position; answers once the vehicle is returning."""
     return await carry_out(
         station,
         principal,
@@ -180,7 +181,7 @@ async def rtl(v: str, station: StationDep, principal: PrincipalDep) -> Response:
 async def takeoff(
     v: str, body: models.TakeoffRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Arms where needed and climbs; answers once it is taking off."""
+    """Arms if needed and takes off; answers once the vehicle is taking off."""
     return await carry_out(
         station,
         principal,
@@ -195,7 +196,7 @@ async def takeoff(
 
 @router.post("/{v}/mode", response_model=responses.CommandDone, tags=["commands"])
 async def mode(v: str, body: models.ModeRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Asks for a flight mode; answers once the vehicle reports it."""
+    """Changes the flight mode; answers once the vehicle reports it."""
     return await carry_out(
         station,
         principal,
@@ -210,7 +211,7 @@ async def mode(v: str, body: models.ModeRequest, station: StationDep, principal:
 
 @router.post("/{v}/goto", response_model=responses.CommandDone, tags=["commands"])
 async def goto(v: str, body: models.GotoRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Flies to a place in Hold; answers once under way."""
+    """Flies to a position in Hold; answers once the vehicle is under way."""
 
     async def work(vehicle: Vehicle) -> None:
         await vehicle.command.goto(
@@ -231,7 +232,8 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
 async def land_now(
     v: str, body: control_models.LandNowRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Lands where it is, whoever has control; answers once it is landing. The holder keeps control."""
+    """Lands at the current position, whoever has control; answers once the vehicle is landing. The holder
+    keeps control."""
 
     async def work(vehicle: Vehicle) -> None:
         BY_NAME["land_now"].require_words(body.confirm, vehicle=v)
@@ -244,7 +246,8 @@ async def land_now(
 async def kill(v: str, body: models.KillRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Stops the motors at once, in flight too, whoever has control: the vehicle falls.
 
-    Sent until the vehicle reports to be disarmed, 6 s at most; until then all other commands are refused.
+    Repeated until the vehicle reports that it is disarmed, for at most 6 s; until then all other commands are
+    refused.
     """
 
     async def work(vehicle: Vehicle) -> None:

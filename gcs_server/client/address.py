@@ -1,4 +1,4 @@
-"""Where the server is and what lets us in: the link that the server printed says both."""
+"""The server's URL and token, from the link that the server printed or from separate values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from urllib.parse import parse_qs, urlsplit, urlunsplit
 def address_and_token(
     url: str, token: str | None, environment: Mapping[str, str] | None = None
 ) -> tuple[str, str | None]:
-    """The server's bare address, and the token: as given, else of the link, else of `GCS_TOKEN`."""
+    """The server's address without the token, and the token: the given one, else the link's, else
+    `GCS_TOKEN`."""
     parts = urlsplit(url)
     if token is None:
         known = os.environ if environment is None else environment

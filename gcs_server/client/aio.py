@@ -33,7 +33,7 @@ from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
 T = TypeVar("T")
 
 POLL_S = 0.1
-"""How often `until` looks."""
+"""Polling period of `until` [s]."""
 LEAVING_S = 2.0
 """How long the end of the block may wait for the server [s]."""
 
@@ -45,10 +45,10 @@ class Gcs:
         url: where the server is.
         client: the name under which commands stand in the journal.
         timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
-        token: what a server that listens to other machines asks for; else the one of `url`, where that is the
-            link that the server printed, else `GCS_TOKEN`.
-        client_id: tells this program from others of its name, and so who has control of a vehicle; one of its
-            own unless given, here or by `GCS_CLIENT_ID`.
+        token: needed by a server that listens to other machines; else taken from `url`, if that is the
+            link that the server printed, else from `GCS_TOKEN`.
+        client_id: tells this program from others of the same name, which decides who has control of a
+            vehicle; a random one unless given here or by `GCS_CLIENT_ID`.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Gcs:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        if self._has_commanded:  # who has gone controls nothing
+        if self._has_commanded:  # a client that has disconnected controls nothing
             with suppress(httpx.TransportError):
                 await self._http.post("/me/leave", timeout=LEAVING_S)
         await self._http.aclose()
@@ -82,7 +82,7 @@ class Gcs:
         """One call below `/api/v1`.
 
         Raises:
-            ApiError: the server or the vehicle said no.
+            ApiError: the server or the vehicle refused.
             Unreachable: the server did not answer.
         """
         content = await self.raw(method, path, body=body)
@@ -101,15 +101,15 @@ class Gcs:
         return response.content
 
     async def vehicles(self) -> list[Vehicle]:
-        """All vehicles that the server has heard."""
+        """All vehicles that the server knows."""
         return [Vehicle(self, entry["id"]) for entry in await self.request("GET", "/vehicles")]
 
     def vehicle(self, vehicle_id: str) -> Vehicle:
-        """A vehicle by its id, without asking whether it is there."""
+        """A vehicle by its id, without asking the server whether it exists."""
         return Vehicle(self, vehicle_id)
 
     def operations(self) -> Operations:
-        """Long work of the server: what runs, waiting for its end, cancelling it."""
+        """Operations (long-running work of the server): list, wait for the end, cancel."""
         return Operations(self)
 
     def plans(self) -> Plans:
@@ -123,10 +123,11 @@ class Gcs:
     async def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
     ) -> Vehicle:
-        """The vehicle (any, without an id) once it is heard; with `ready`, once it says it can arm.
+        """Waits for a vehicle (any, without an id) to connect; with `ready`, until it reports that it can
+        arm.
 
         Raises:
-            Timeout: it did not come, or did not get ready.
+            Timeout: it did not connect, or did not become ready.
         """
 
         async def look() -> Vehicle | None:
@@ -167,9 +168,9 @@ class Gcs:
         hold_for_s: float | None = None,
         others_go_on: bool = False,
     ) -> AsyncGenerator[Group]:
-        """Flies several vehicles together for the length of a block; leaving it, however, holds all.
+        """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
-        Each begins with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; where one
+        Each starts with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; if one
         cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of the
         longest path. Where the Hold after an exception fails, a note on that exception says why.
 
@@ -248,10 +249,10 @@ class Vehicle:
         return None if sample is None else sample["value"]
 
     async def position_ned_m(self) -> tuple[float, float, float]:
-        """Where the vehicle believes to be [m].
+        """The vehicle's estimated local position [m].
 
         Raises:
-            Timeout: it has not said so yet.
+            Timeout: it has not reported one yet.
         """
         local = await self.topic("local_position")
         if local is None:
@@ -260,17 +261,17 @@ class Vehicle:
         return north, east, down
 
     async def is_ready(self) -> bool:
-        """Whether the vehicle says that it can arm."""
+        """Whether the vehicle reports that it can arm."""
         health = await self.topic("health")
         return bool(health and health["ready_to_arm"])
 
     async def until(
         self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
     ) -> dict[str, Any]:
-        """Waits until `condition` holds for what `show` answers, and returns that.
+        """Waits until `condition` is true for the result of `show`, and returns that result.
 
         Raises:
-            Timeout: it never did.
+            Timeout: the condition did not become true in time.
         """
 
         async def look() -> dict[str, Any] | None:
@@ -292,15 +293,15 @@ class Vehicle:
         await self.request("POST", "/disarm")
 
     async def takeoff(self, alt_home_m: float) -> None:
-        """Arms where needed and takes off [m above home]."""
+        """Arms if needed and takes off to an altitude [m above home]."""
         await self.request("POST", "/takeoff", {"alt_home_m": alt_home_m})
 
     async def land(self) -> None:
-        """Lands where it is."""
+        """Lands at the current position."""
         await self.request("POST", "/land")
 
     async def land_now(self) -> None:
-        """Lands where it is, whoever has control."""
+        """Lands at the current position, whoever has control."""
         await self.request("POST", "/land_now", {"confirm": f"vehicle {self.id} lands now"})
 
     async def rtl(self) -> None:
@@ -308,7 +309,7 @@ class Vehicle:
         await self.request("POST", "/rtl")
 
     async def hold(self) -> None:
-        """Stops and stays."""
+        """Switches to Hold."""
         await self.request("POST", "/hold")
 
     async def set_mode(self, mode: str) -> None:
@@ -334,7 +335,7 @@ class Vehicle:
     async def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
         """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
 
-        What is not given is no limit of the operator's. Answers these and the vehicle's own.
+        A limit that is not given is removed. Returns these limits and the vehicle's own.
         """
         return await self.request("PUT", "/offboard/limits", limits)
 
@@ -368,7 +369,7 @@ class Vehicle:
         on_expiry: Expiry | None = None,
         hold_for_s: float | None = None,
     ) -> AsyncGenerator[Offboard]:
-        """Flies setpoints for the length of a block; leaving it, by an exception too, ends in Hold.
+        """Flies setpoints inside a block; leaving the block, also by an exception, ends in Hold.
 
         It starts with `first` (any of `gcs_server.client.setpoints`), with a position or a velocity, or where
         the vehicle is. If it was landed or taken over inside the block, nothing is sent at its end. If this
@@ -395,7 +396,7 @@ class Vehicle:
 
 
 async def _until(look: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
-    """Looks again and again until there is something to see."""
+    """Polls until a value is there."""
     loop = asyncio.get_running_loop()
     end_s = loop.time() + timeout_s
     while True:

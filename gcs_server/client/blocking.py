@@ -36,10 +36,10 @@ class SyncGcs(LoopThread):
         url: where the server is.
         client: the name under which commands stand in the journal.
         timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
-        token: what a server that listens to other machines asks for; else the one of `url`, where that is the
-            link that the server printed, else `GCS_TOKEN`.
-        client_id: tells this program from others of its name, and so who has control of a vehicle; one of its
-            own unless given, here or by `GCS_CLIENT_ID`.
+        token: needed by a server that listens to other machines; else taken from `url`, if that is the
+            link that the server printed, else from `GCS_TOKEN`.
+        client_id: tells this program from others of the same name, which decides who has control of a
+            vehicle; a random one unless given here or by `GCS_CLIENT_ID`.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class SyncGcs(LoopThread):
         """One call below `/api/v1`.
 
         Raises:
-            ApiError: the server or the vehicle said no.
+            ApiError: the server or the vehicle refused.
             Unreachable: the server did not answer.
         """
         return self._portal.call(lambda: self._inner.request(method, path, body))
@@ -69,17 +69,17 @@ class SyncGcs(LoopThread):
         return self._portal.call(lambda: self._inner.raw(method, path, body=body, content=content))
 
     def vehicles(self) -> list[SyncVehicle]:
-        """All vehicles that the server has heard."""
+        """All vehicles that the server knows."""
         return [
             SyncVehicle(found, self._portal) for found in self._portal.call(lambda: self._inner.vehicles())
         ]
 
     def vehicle(self, vehicle_id: str) -> SyncVehicle:
-        """A vehicle by its id, without asking whether it is there."""
+        """A vehicle by its id, without asking the server whether it exists."""
         return SyncVehicle(self._inner.vehicle(vehicle_id), self._portal)
 
     def operations(self) -> SyncOperations:
-        """Long work of the server: what runs, waiting for its end, cancelling it."""
+        """Operations (long-running work of the server): list, wait for the end, cancel."""
         return SyncOperations(self._inner.operations(), self._portal)
 
     def plans(self) -> SyncPlans:
@@ -93,10 +93,11 @@ class SyncGcs(LoopThread):
     def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
     ) -> SyncVehicle:
-        """The vehicle (any, without an id) once it is heard; with `ready`, once it says it can arm.
+        """Waits for a vehicle (any, without an id) to connect; with `ready`, until it reports that it can
+        arm.
 
         Raises:
-            Timeout: it did not come, or did not get ready.
+            Timeout: it did not connect, or did not become ready.
         """
         return SyncVehicle(
             self._portal.call(
@@ -118,9 +119,9 @@ class SyncGcs(LoopThread):
         hold_for_s: float | None = None,
         others_go_on: bool = False,
     ) -> Generator[SyncGroup]:
-        """Flies several vehicles together for the length of a block; leaving it, however, holds all.
+        """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
-        Each begins with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; where one
+        Each starts with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; if one
         cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of the
         longest path. Where the Hold after an exception fails, a note on that exception says why.
 
@@ -185,24 +186,24 @@ class SyncVehicle:
         return self._portal.call(lambda: self._inner.topic(name))
 
     def position_ned_m(self) -> tuple[float, float, float]:
-        """Where the vehicle believes to be [m].
+        """The vehicle's estimated local position [m].
 
         Raises:
-            Timeout: it has not said so yet.
+            Timeout: it has not reported one yet.
         """
         return self._portal.call(lambda: self._inner.position_ned_m())
 
     def is_ready(self) -> bool:
-        """Whether the vehicle says that it can arm."""
+        """Whether the vehicle reports that it can arm."""
         return self._portal.call(lambda: self._inner.is_ready())
 
     def until(
         self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
     ) -> dict[str, Any]:
-        """Waits until `condition` holds for what `show` answers, and returns that.
+        """Waits until `condition` is true for the result of `show`, and returns that result.
 
         Raises:
-            Timeout: it never did.
+            Timeout: the condition did not become true in time.
         """
         return self._portal.call(lambda: self._inner.until(condition, timeout_s=timeout_s, what=what))
 
@@ -219,15 +220,15 @@ class SyncVehicle:
         self._portal.call(lambda: self._inner.disarm())
 
     def takeoff(self, alt_home_m: float) -> None:
-        """Arms where needed and takes off [m above home]."""
+        """Arms if needed and takes off to an altitude [m above home]."""
         self._portal.call(lambda: self._inner.takeoff(alt_home_m))
 
     def land(self) -> None:
-        """Lands where it is."""
+        """Lands at the current position."""
         self._portal.call(lambda: self._inner.land())
 
     def land_now(self) -> None:
-        """Lands where it is, whoever has control."""
+        """Lands at the current position, whoever has control."""
         self._portal.call(lambda: self._inner.land_now())
 
     def rtl(self) -> None:
@@ -235,7 +236,7 @@ class SyncVehicle:
         self._portal.call(lambda: self._inner.rtl())
 
     def hold(self) -> None:
-        """Stops and stays."""
+        """Switches to Hold."""
         self._portal.call(lambda: self._inner.hold())
 
     def set_mode(self, mode: str) -> None:
@@ -261,7 +262,7 @@ class SyncVehicle:
     def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
         """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
 
-        What is not given is no limit of the operator's. Answers these and the vehicle's own.
+        A limit that is not given is removed. Returns these limits and the vehicle's own.
         """
         return self._portal.call(lambda: self._inner.set_offboard_limits(**limits))
 
@@ -289,7 +290,7 @@ class SyncVehicle:
         on_expiry: Expiry | None = None,
         hold_for_s: float | None = None,
     ) -> Generator[SyncOffboard]:
-        """Flies setpoints for the length of a block; leaving it, by an exception too, ends in Hold.
+        """Flies setpoints inside a block; leaving the block, also by an exception, ends in Hold.
 
         It starts with `first` (any of `gcs_server.client.setpoints`), with a position or a velocity, or where
         the vehicle is. If it was landed or taken over inside the block, nothing is sent at its end. If this

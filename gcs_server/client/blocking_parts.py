@@ -36,15 +36,16 @@ class SyncControl:
         self._portal = portal
 
     def show(self) -> dict[str, Any]:
-        """Who has it, since when, who asks for it."""
+        """The holder, since when, and the requests."""
         return self._portal.call(lambda: self._inner.show())
 
     def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
         """Takes control.
 
         Args:
-            force: from another, who was asked and denied, did not answer, or cannot be asked.
-            on_expiry: what the flying vehicle is told should this program not be heard for `lease_s`.
+            force: from another client, after it denied a request, did not answer, or because it cannot be
+                asked.
+            on_expiry: command sent to the flying vehicle if this program is silent for `lease_s`.
 
         Raises:
             NotInControl: another has it.
@@ -53,7 +54,7 @@ class SyncControl:
         return self._portal.call(lambda: self._inner.take(force=force, on_expiry=on_expiry))
 
     def request(self, reason: str | None = None, *, wait_s: float = 0.0) -> dict[str, Any]:
-        """Asks the holder; with `wait_s` waits so long for the answer.
+        """Requests control from the holder; `wait_s` is how long to wait for the answer.
 
         Raises:
             NotInControl: denied, or not answered within `wait_s`.
@@ -61,20 +62,20 @@ class SyncControl:
         return self._portal.call(lambda: self._inner.request(reason, wait_s=wait_s))
 
     def grant(self, client: str) -> dict[str, Any]:
-        """Hands control to one who asks, by key or name."""
+        """Gives control to a client that requested it, by key or name."""
         return self._portal.call(lambda: self._inner.grant(client))
 
     def deny(self, client: str, reason: str | None = None) -> dict[str, Any]:
-        """Keeps control; the one who asks may then force it."""
+        """Denies a request; the denied client may then take control by force."""
         return self._portal.call(lambda: self._inner.deny(client, reason))
 
     def release(self) -> dict[str, Any]:
-        """Gives it up; nothing changes in flight."""
+        """Releases control; the flight is not changed."""
         return self._portal.call(lambda: self._inner.release())
 
     @contextmanager
     def held(self, *, force: bool = False, on_expiry: OnLost | None = None) -> Generator[dict[str, Any]]:
-        """Has control for the length of a block, renewed while the program runs, released at its end."""
+        """Holds control inside a block: renewed while the program runs, released at the end."""
         with self._portal.wrap_async_context_manager(
             self._inner.held(force=force, on_expiry=on_expiry)
         ) as found:
@@ -102,14 +103,14 @@ class SyncGimbal:
         """Points it; yaw from the nose, from north with `yaw_lock`.
 
         Returns:
-            Where it stopped, as `limited` of the answer, where that is short of what was asked; else None.
+            Where a limit stopped it (`limited` of the answer); None if it points as commanded.
         """
         return self._portal.call(
             lambda: self._inner.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
         )
 
     def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
-        """Turns it steadily until told otherwise; zeros stop both axes."""
+        """Turns it at constant rates until the next command; zeros stop both axes."""
         self._portal.call(lambda: self._inner.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
 
     def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
@@ -140,13 +141,13 @@ class SyncGroup:
         """New setpoints for some members or all, sent at one instant; those of the others are renewed.
 
         Raises:
-            Invalid: a value is not acceptable, or a vehicle is none of the group's.
-            Refused: one cannot be flown, two would come too near, or the group flies no more.
+            Invalid: a value is not acceptable, or a vehicle is not in the group.
+            Refused: one cannot be flown, two would come too near, or the group has ended.
         """
         return self._portal.call(lambda: self._inner.send(setpoints))
 
     def renew(self) -> dict[str, Any]:
-        """All fly on as they do, for another `valid_for_s`; raises as `send`."""
+        """Renews all setpoints for another `valid_for_s`; raises as `send`."""
         return self._portal.call(lambda: self._inner.renew())
 
     def status(self) -> dict[str, Any]:
@@ -178,7 +179,7 @@ class SyncMission:
         confirm: str | None = None,
         timeout_s: float = TRANSFER_S,
     ) -> dict[str, Any]:
-        """Uploads a plan, or one that the server keeps, and verifies it; returns what came of it.
+        """Uploads a plan, given or stored on the server, and verifies it; returns the result.
 
         `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
 
@@ -206,7 +207,7 @@ class SyncMission:
         return self._portal.call(lambda: self._inner.compare(plan, plan_id=plan_id, version=version))
 
     def clear(self) -> None:
-        """Has the vehicle forget mission, geofence and rally points; refused while it flies Mission."""
+        """Clears mission, geofence and rally points on the vehicle; refused while it flies Mission."""
         self._portal.call(lambda: self._inner.clear())
 
     def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
@@ -218,7 +219,7 @@ class SyncMission:
         self._portal.call(lambda: self._inner.start(item, despite=despite))
 
     def resume(self) -> None:
-        """Goes on in flight from the current item; `vehicle.hold()` pauses."""
+        """Resumes in flight from the current item; `vehicle.hold()` pauses."""
         self._portal.call(lambda: self._inner.resume())
 
 
@@ -237,7 +238,7 @@ class SyncOffboard(Steering[Answer]):
         self.started = self._inner.started
 
     def send(self, body: Body) -> Answer:
-        """Any setpoint's body; answers how the stream then stands.
+        """Sends any setpoint body; returns the stream's state.
 
         Raises:
             Invalid: a value is not acceptable.
@@ -268,7 +269,7 @@ class SyncOffboard(Steering[Answer]):
         return self._portal.call(lambda: self._inner.status())
 
     def stop(self) -> None:
-        """Ends in Hold; nothing happens where the stream has ended already."""
+        """Ends the stream in Hold; does nothing if it has ended already."""
         self._portal.call(lambda: self._inner.stop())
 
 
@@ -280,7 +281,7 @@ class SyncLiveOffboard(Steering[Answer]):
         self._portal = portal
 
     def send(self, body: Body) -> Answer:
-        """Any setpoint's body; answers what of it was `applied`, and what `limited` it.
+        """Sends any setpoint body; returns what was `applied`, and what `limited` it.
 
         Raises:
             Invalid, Refused: as over HTTP; the socket stays open.

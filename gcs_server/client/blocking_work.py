@@ -94,18 +94,18 @@ class SyncDryRuns:
 
 
 class SyncOperations:
-    """What runs on the server, and what ended last; each as `GET /operations/{o}` answers it."""
+    """The server's running and last ended operations; each as `GET /operations/{o}` answers it."""
 
     def __init__(self, inner: operations.Operations, portal: BlockingPortal) -> None:
         self._inner = inner
         self._portal = portal
 
     def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
-        """Those of a vehicle, or of all; oldest first."""
+        """The operations of one vehicle, or all; oldest first."""
         return self._portal.call(lambda: self._inner.all(vehicle_id))
 
     def get(self, operation_id: str) -> dict[str, Any]:
-        """How far one is (`state`, `progress`, `text`), or how it ended (`result`, `error`)."""
+        """One operation: `state`, `progress`, `text`, and once it has ended `result` or `error`."""
         return self._portal.call(lambda: self._inner.get(operation_id))
 
     def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
@@ -118,7 +118,7 @@ class SyncOperations:
         return self._portal.call(lambda: self._inner.wait(operation_id, timeout_s=timeout_s))
 
     def cancel(self, operation_id: str) -> dict[str, Any]:
-        """Cancels it, and returns how it ended; one that has ended stays as it is."""
+        """Cancels it, and returns how it ended; one that has ended is not changed."""
         return self._portal.call(lambda: self._inner.cancel(operation_id))
 
 
@@ -138,11 +138,11 @@ class SyncPlans:
         return self._portal.call(lambda: self._inner.get(plan_id, version))
 
     def versions(self, plan_id: str) -> list[dict[str, Any]]:
-        """Those that are kept, newest first."""
+        """The stored versions of a plan, newest first."""
         return self._portal.call(lambda: self._inner.versions(plan_id))
 
     def create(self, name: str, plan: Plan) -> dict[str, Any]:
-        """Keeps a new plan."""
+        """Stores a new plan."""
         return self._portal.call(lambda: self._inner.create(name, plan))
 
     def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:

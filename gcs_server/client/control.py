@@ -1,7 +1,7 @@
-"""Who may command a vehicle, from a program: `async with vehicle.control.held(): …`.
+"""Control of a vehicle by a program: `async with vehicle.control.held(): …`.
 
-A program need not care: its first command takes control that nobody holds, and the end of its `Gcs` block
-releases it. Where another has control, commands raise `NotInControl`.
+Most programs need no call here: the first command takes control that nobody holds, and the end of the `Gcs`
+block releases it. While another client has control, commands raise `NotInControl`.
 """
 
 from __future__ import annotations
@@ -32,15 +32,16 @@ class Control:
         self._vehicle = vehicle
 
     async def show(self) -> dict[str, Any]:
-        """Who has it, since when, who asks for it."""
+        """The holder, since when, and the requests."""
         return await self._vehicle.request("GET", "/control")
 
     async def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
         """Takes control.
 
         Args:
-            force: from another, who was asked and denied, did not answer, or cannot be asked.
-            on_expiry: what the flying vehicle is told should this program not be heard for `lease_s`.
+            force: from another client, after it denied a request, did not answer, or because it cannot be
+                asked.
+            on_expiry: command sent to the flying vehicle if this program is silent for `lease_s`.
 
         Raises:
             NotInControl: another has it.
@@ -52,7 +53,7 @@ class Control:
         )
 
     async def request(self, reason: str | None = None, *, wait_s: float = 0.0) -> dict[str, Any]:
-        """Asks the holder; with `wait_s` waits so long for the answer.
+        """Requests control from the holder; `wait_s` is how long to wait for the answer.
 
         Raises:
             NotInControl: denied, or not answered within `wait_s`.
@@ -72,23 +73,23 @@ class Control:
         return status if status["yours"] else await self.take()
 
     async def grant(self, client: str) -> dict[str, Any]:
-        """Hands control to one who asks, by key or name."""
+        """Gives control to a client that requested it, by key or name."""
         return await self._vehicle.request("POST", "/control/grant", {"client": client})
 
     async def deny(self, client: str, reason: str | None = None) -> dict[str, Any]:
-        """Keeps control; the one who asks may then force it."""
+        """Denies a request; the denied client may then take control by force."""
         why: Body = {} if reason is None else {"reason": reason}
         return await self._vehicle.request("POST", "/control/deny", {"client": client, **why})
 
     async def release(self) -> dict[str, Any]:
-        """Gives it up; nothing changes in flight."""
+        """Releases control; the flight is not changed."""
         return await self._vehicle.request("POST", "/control/release")
 
     @asynccontextmanager
     async def held(
         self, *, force: bool = False, on_expiry: OnLost | None = None
     ) -> AsyncGenerator[dict[str, Any]]:
-        """Has control for the length of a block, renewed while the program runs, released at its end."""
+        """Holds control inside a block: renewed while the program runs, released at the end."""
         status = await self.take(force=force, on_expiry=on_expiry)
         trouble: BaseException | None = None
         async with asyncio.TaskGroup() as group:
@@ -106,5 +107,5 @@ class Control:
     async def _renew(self, period_s: float) -> None:
         while True:
             await asyncio.sleep(period_s)
-            with suppress(ApiError, Unreachable):  # who lost it learns so by the next command
+            with suppress(ApiError, Unreachable):  # a lost lease is noticed by the next command
                 await self._vehicle.request("POST", "/control/renew")

@@ -1,4 +1,4 @@
-"""What the server or the vehicle said no to, as exceptions.
+"""Exceptions of the client: refusals of the server or the vehicle, and missing answers.
 
 ApiError                    any answer that is not a success
 ├── NotAllowed              401, 403: the token is missing or wrong, or the server answers this machine only
@@ -46,7 +46,7 @@ class Unknown(ApiError):
 
 
 class Refused(ApiError):
-    """Not done: the server's checks or the vehicle itself said no."""
+    """Not done: the server's checks or the vehicle itself refused."""
 
 
 class NotInControl(Refused):
@@ -64,7 +64,7 @@ class NoReply(ApiError):
 
 
 class Unreachable(Exception):
-    """The server did not answer; what was asked may or may not have been done."""
+    """The server did not answer; the request may or may not have been carried out."""
 
 
 class Timeout(Exception):
@@ -85,7 +85,7 @@ _STATUS_BY_CODE = {"invalid_request": 422, "unknown_vehicle": 404, "disconnected
 
 
 def raise_problem(problem: dict[str, object]) -> NoReturn:
-    """Raises the `ApiError` that a problem stands for which came in something else than an HTTP answer."""
+    """Raises the `ApiError` for a problem that came in another document than an HTTP answer."""
     code = str(problem.get("code"))
     told = problem.get("status")
     status = told if isinstance(told, int) else _STATUS_BY_CODE.get(code, 409)
@@ -94,7 +94,7 @@ def raise_problem(problem: dict[str, object]) -> NoReturn:
 
 
 def raise_for(response: httpx.Response) -> None:
-    """Raises the `ApiError` that an unsuccessful answer stands for."""
+    """Raises the `ApiError` for an unsuccessful answer."""
     if response.is_success:
         return
     try:

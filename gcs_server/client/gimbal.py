@@ -1,4 +1,4 @@
-"""The gimbal in a program's hands: control of it, angles, rates, a place to look at."""
+"""Gimbal commands of a program: control, angles, rates, ROI."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Gimbal:
         """Points it; yaw from the nose, from north with `yaw_lock`.
 
         Returns:
-            Where it stopped, as `limited` of the answer, where that is short of what was asked; else None.
+            Where a limit stopped it (`limited` of the answer); None if it points as commanded.
         """
         body: Body = {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock}
         if roll_deg is not None:
@@ -39,7 +39,7 @@ class Gimbal:
         return (await self._post("angles", body))["limited"]
 
     async def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
-        """Turns it steadily until told otherwise; zeros stop both axes."""
+        """Turns it at constant rates until the next command; zeros stop both axes."""
         body: Body = {"pitch_rate_deg_s": pitch_rate_deg_s, "yaw_rate_deg_s": yaw_rate_deg_s}
         await self._post("rates", {**body, "yaw_lock": yaw_lock})
 

@@ -37,15 +37,15 @@ class Group:
         """New setpoints for some members or all, sent at one instant; those of the others are renewed.
 
         Raises:
-            Invalid: a value is not acceptable, or a vehicle is none of the group's.
-            Refused: one cannot be flown, two would come too near, or the group flies no more.
+            Invalid: a value is not acceptable, or a vehicle is not in the group.
+            Refused: one cannot be flown, two would come too near, or the group has ended.
         """
         return await self._gcs.request(
             "POST", f"/groups/{self.id}/setpoints", {"setpoints": members_of(setpoints), **self._life}
         )
 
     async def renew(self) -> dict[str, Any]:
-        """All fly on as they do, for another `valid_for_s`; raises as `send`."""
+        """Renews all setpoints for another `valid_for_s`; raises as `send`."""
         return await self.send({})
 
     async def status(self) -> dict[str, Any]:

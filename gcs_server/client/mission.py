@@ -1,4 +1,4 @@
-"""What a vehicle flies by itself, in a program's hands: uploaded, read, compared, started."""
+"""Missions of a vehicle: upload, download, compare, start."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Mission:
         confirm: str | None = None,
         timeout_s: float = TRANSFER_S,
     ) -> dict[str, Any]:
-        """Uploads a plan, or one that the server keeps, and verifies it; returns what came of it.
+        """Uploads a plan, given or stored on the server, and verifies it; returns the result.
 
         `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
 
@@ -62,7 +62,7 @@ class Mission:
         return await self._vehicle.request("POST", "/mission/compare", _which(plan, plan_id, version))
 
     async def clear(self) -> None:
-        """Has the vehicle forget mission, geofence and rally points; refused while it flies Mission."""
+        """Clears mission, geofence and rally points on the vehicle; refused while it flies Mission."""
         await self._vehicle.request("DELETE", "/mission")
 
     async def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
@@ -77,7 +77,7 @@ class Mission:
         )
 
     async def resume(self) -> None:
-        """Goes on in flight from the current item; `vehicle.hold()` pauses."""
+        """Resumes in flight from the current item; `vehicle.hold()` pauses."""
         await self._vehicle.request("POST", "/mission/resume")
 
 

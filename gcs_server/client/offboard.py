@@ -1,4 +1,4 @@
-"""A running setpoint stream in a program's hands: each call replaces the setpoint at once.
+"""Setpoint calls of a program: each call replaces the setpoint of the running stream at once.
 
 `Steering` has the calls once for all: what they return is what `send` returns, a value or something to await.
 """
@@ -76,7 +76,7 @@ class Steering(Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Move so."""
+        """A velocity in the local NED frame."""
         body = setpoints.velocity_ned(
             north_m_s, east_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -91,7 +91,7 @@ class Steering(Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Move so, along the heading."""
+        """A velocity in the heading frame."""
         body = setpoints.velocity_body(
             forward_m_s, right_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -105,7 +105,7 @@ class Steering(Generic[R_co]):
         *,
         yaw_ned_rad: float | None = None,
     ) -> R_co:
-        """Accelerate so, gravity left out."""
+        """An acceleration in the local NED frame, without gravity."""
         body = setpoints.acceleration_ned(north_m_s2, east_m_s2, down_m_s2, yaw_ned_rad=yaw_ned_rad)
         return self.send(body)
 
@@ -138,7 +138,7 @@ class Steering(Generic[R_co]):
         q_ned_frd: Sequence[float] | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Lie so, by three angles or a quaternion, with the rotors' thrust (0 to 1)."""
+        """An attitude by three angles or a quaternion, with collective thrust (0 to 1)."""
         body = setpoints.attitude(
             thrust,
             roll_rad=roll_rad,
@@ -150,7 +150,7 @@ class Steering(Generic[R_co]):
         return self.send(body)
 
     def rates(self, roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float) -> R_co:
-        """Turn so about the body's axes."""
+        """Body rates with collective thrust."""
         return self.send(setpoints.rates(roll_rad_s, pitch_rad_s, yaw_rad_s, thrust))
 
     def thrust_torque(self, thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> R_co:
@@ -162,7 +162,7 @@ class Steering(Generic[R_co]):
         return self.send(setpoints.actuators(motors, servos))
 
     def path(self, points: PathPoints) -> R_co:
-        """Begins a curve through points in time, which the server flies by itself."""
+        """Starts a curve through points in time, which the server flies by itself."""
         return self.send(setpoints.path(points))
 
     def follow(
@@ -173,7 +173,7 @@ class Steering(Generic[R_co]):
         offset_frd_m: Sequence[float] | None = None,
         yaw: Literal["keep", "same", "face"] = "keep",
     ) -> R_co:
-        """Stay beside another vehicle, which the server looks after by itself."""
+        """Keep a position relative to another vehicle; the server updates it by itself."""
         body = setpoints.follow(vehicle_id, offset_ned_m=offset_ned_m, offset_frd_m=offset_frd_m, yaw=yaw)
         return self.send(body)
 
@@ -200,7 +200,7 @@ class Offboard(Steering[Awaitable[Answer]]):
         self.started = started
 
     async def send(self, body: Body) -> Answer:
-        """Any setpoint's body; answers how the stream then stands.
+        """Sends any setpoint body; returns the stream's state.
 
         Raises:
             Invalid: a value is not acceptable.
@@ -239,7 +239,7 @@ class Offboard(Steering[Awaitable[Answer]]):
         return await self._vehicle.request("GET", "/offboard")
 
     async def stop(self) -> None:
-        """Ends in Hold; nothing happens where the stream has ended already."""
+        """Ends the stream in Hold; does nothing if it has ended already."""
         await self._vehicle.request("POST", "/offboard/stop")
 
 
@@ -252,7 +252,7 @@ class LiveOffboard(Steering[Awaitable[Answer]]):
         self._seq = 0
 
     async def send(self, body: Body) -> Answer:
-        """Any setpoint's body; answers what of it was `applied`, and what `limited` it.
+        """Sends any setpoint body; returns what was `applied`, and what `limited` it.
 
         Raises:
             Invalid, Refused: as over HTTP; the socket stays open.

@@ -1,4 +1,4 @@
-"""Long work of the server, followed by a program: reading parameters, the index of a recording, …"""
+"""Operations of the server, followed by a program: reading parameters, indexing a recording, …"""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class Caller(Protocol):
 
 
 class Operations:
-    """What runs on the server, and what ended last; each as `GET /operations/{o}` answers it."""
+    """The server's running and last ended operations; each as `GET /operations/{o}` answers it."""
 
     def __init__(self, gcs: Caller) -> None:
         self._gcs = gcs
 
     async def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
-        """Those of a vehicle, or of all; oldest first."""
+        """The operations of one vehicle, or all; oldest first."""
         found = (await self._gcs.request("GET", "/operations"))["operations"]
         return [each for each in found if vehicle_id in (None, each["vehicle"])]
 
     async def get(self, operation_id: str) -> dict[str, Any]:
-        """How far one is (`state`, `progress`, `text`), or how it ended (`result`, `error`)."""
+        """One operation: `state`, `progress`, `text`, and once it has ended `result` or `error`."""
         return await self._gcs.request("GET", f"/operations/{operation_id}")
 
     async def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
@@ -50,5 +50,5 @@ class Operations:
         return shown
 
     async def cancel(self, operation_id: str) -> dict[str, Any]:
-        """Cancels it, and returns how it ended; one that has ended stays as it is."""
+        """Cancels it, and returns how it ended; one that has ended is not changed."""
         return await self._gcs.request("DELETE", f"/operations/{operation_id}")

@@ -38,11 +38,11 @@ class Plans:
         return await self._gcs.request("GET", f"/plans/{quote(plan_id, safe='')}{query}")
 
     async def versions(self, plan_id: str) -> list[dict[str, Any]]:
-        """Those that are kept, newest first."""
+        """The stored versions of a plan, newest first."""
         return (await self._gcs.request("GET", f"/plans/{quote(plan_id, safe='')}/versions"))["versions"]
 
     async def create(self, name: str, plan: Plan) -> dict[str, Any]:
-        """Keeps a new plan."""
+        """Stores a new plan."""
         return await self._gcs.request("POST", "/plans", {"name": name, "plan": dict(plan)})
 
     async def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:

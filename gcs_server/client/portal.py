@@ -1,4 +1,4 @@
-"""What the blocking client stands on: an event loop in a thread of its own."""
+"""Runs the asynchronous client for the blocking one: an event loop in its own thread."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ Expiry = Literal["hold", "land", "stop_stream"]
 Body = dict[str, object]
 Partial = Sequence[float | None]
 PathPoints = Iterable[tuple[float, Sequence[float]] | tuple[float, Sequence[float], float]]
-"""Seconds since the begin, north east down [m], and for all points or none the yaw [rad]."""
+"""Seconds since the start, north, east, down [m], and yaw [rad] for all points or for none."""
 
 
 def _body(setpoint_type: str, **fields: object) -> Body:
@@ -29,7 +29,7 @@ def position_ned(
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """A place by the vehicle's local origin."""
+    """A position in the vehicle's local frame."""
     return _body(
         "position",
         position_ned_m=(north_m, east_m, down_m),
@@ -62,7 +62,8 @@ def position_global(
 def position_body(
     forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
 ) -> Body:
-    """A step from where the vehicle is when it is taken, along its heading; zeros stay there."""
+    """An offset from the vehicle's position when the server takes it, along its heading; zeros hold the
+    position."""
     return _body("position_body", offset_frd_m=(forward_m, right_m, down_m), yaw_offset_rad=yaw_offset_rad)
 
 
@@ -74,7 +75,7 @@ def velocity_ned(
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """A velocity by compass."""
+    """A velocity in the local NED frame."""
     return _body(
         "velocity",
         velocity_ned_m_s=(north_m_s, east_m_s, down_m_s),
@@ -108,7 +109,7 @@ def acceleration_ned(
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """An acceleration by compass, gravity left out."""
+    """An acceleration in the local NED frame, without gravity."""
     return _body(
         "acceleration",
         acceleration_ned_m_s2=(north_m_s2, east_m_s2, down_m_s2),
@@ -163,17 +164,17 @@ def rates(roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float
 
 
 def thrust_torque(thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> Body:
-    """Past all controllers; MAVLink links refuse it."""
+    """Body thrust and torque, bypassing all controllers; MAVLink links refuse it."""
     return _body("thrust_torque", thrust_frd=_tuple(thrust_frd), torque_frd=_tuple(torque_frd))
 
 
 def actuators(motors: Partial = (), servos: Partial = ()) -> Body:
-    """Each motor and servo by itself, -1 to 1, None disarmed; MAVLink links refuse it."""
+    """Individual motors and servos, -1 to 1, None is disarmed; MAVLink links refuse it."""
     return _body("actuators", motors=tuple(motors), servos=tuple(servos))
 
 
 def path(points: PathPoints) -> Body:
-    """A curve through points in time; the server flies it whatever becomes of this program."""
+    """A curve through points in time; the server flies it even if this program ends."""
     listed: list[Body] = []
     for t_s, position_ned_m, *yaw in points:
         point: Body = {"t_s": t_s, "position_ned_m": list(position_ned_m)}
@@ -188,7 +189,7 @@ def follow(
     offset_frd_m: Sequence[float] | None = None,
     yaw: Literal["keep", "same", "face"] = "keep",
 ) -> Body:
-    """A place beside another vehicle, by compass or by its heading; the server keeps it there."""
+    """A position relative to another vehicle, in NED or along its heading; the server updates it."""
     return _body(
         "follow",
         vehicle=vehicle_id,
@@ -205,7 +206,8 @@ def first_setpoint(
     yaw_ned_rad: float | None,
     yaw_rate_ned_rad_s: float | None,
 ) -> Body:
-    """With what a stream starts: any setpoint, or a position or velocity; else it stays where it is.
+    """The first setpoint of a stream: any setpoint, or a position or velocity; else the vehicle holds its
+    position.
 
     Raises:
         ValueError: more than one was given.
@@ -225,7 +227,8 @@ def first_setpoint(
 
 
 def lifetime(valid_for_s: float | None, on_expiry: Expiry | None, hold_for_s: float | None) -> Body:
-    """How long a setpoint counts and what follows; what is not given is left to the server."""
+    """Validity of a setpoint and the action on timeout; values that are not given are the server's
+    defaults."""
     body: Body = {}
     if valid_for_s is not None:
         body["valid_for_s"] = valid_for_s

@@ -1,7 +1,7 @@
-"""Who may command what: the one place that every command passes, and everybody hears of.
+"""Decides which client may command a vehicle; every command passes here, and every change is published.
 
-Holds a lease for each vehicle, knows which clients are there (open telemetry sockets), tells each change to
-all, writes it to the journal, and does what was agreed when a holder is not heard any more.
+Holds a lease for each vehicle, knows which clients are connected (open telemetry sockets), publishes each
+change, writes it to the journal, and carries out `on_expiry` when a holder is no longer connected.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ log = logging.getLogger(__name__)
 SETTLE_PERIOD_S = 0.5
 FLYING = ("in_air", "taking_off", "landing")
 ON_ITS_WAY = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
-"""Modes that go on by themselves: what Hold ends. In others somebody steers, or it stands or lands."""
+"""Modes in which the vehicle moves by itself and Hold stops it. In others a person flies, or it hovers or
+lands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,25 +39,25 @@ class ControlStatus:
     """The topic `control`, and what the routes of control answer."""
 
     holder: str | None
-    """Who may command; null: whoever commands first has it."""
+    """The client in control; null: the first client that commands gets it."""
     holder_key: str | None
     """Tells clients of one name apart; a client's own stands in `GET /me`."""
     since_unix_s: float | None
     expires_in_s: float | None
-    """Until it is free, should the holder not be heard again; a request renews it, an open telemetry socket
+    """Time until control ends if the holder stays silent; a request renews it, an open telemetry socket
     keeps it [s]."""
     can_be_asked: bool
-    """Whether the holder would see a request: its telemetry socket is open."""
+    """Whether the holder can see a request: its telemetry socket is open."""
     on_expiry: OnControlLost | None
-    """What the flying vehicle is told when the holder is not heard any more."""
+    """Command sent to the flying vehicle when the holder's control expires."""
     requests: tuple[ControlRequest, ...]
-    """Who asks for it."""
+    """Clients that request control."""
     lease_s: float
     """How long control lasts without a request [s]."""
     answer_s: float
-    """How long a holder has to answer before it may be forced [s]."""
+    """Time to answer a request before control may be taken by force [s]."""
     mode_cause: ModeCause | None
-    """Who makes the vehicle fly its present mode; null where it has not changed since it was first heard."""
+    """Who set the vehicle's present mode; null if it has not changed since the vehicle connected."""
 
 
 class VehicleControl:
@@ -67,7 +68,7 @@ class VehicleControl:
         self.lease = lease
 
     def status(self) -> ControlStatus:
-        """Who may command it, now."""
+        """The present state of control."""
         lease = self.lease
         holder = lease.holder
         return ControlStatus(
@@ -85,7 +86,7 @@ class VehicleControl:
 
 
 class Authority:
-    """Of all vehicles.
+    """Control of all vehicles.
 
     Args:
         clock: what leases run on.
@@ -110,7 +111,7 @@ class Authority:
         self._terms = terms or Terms()
         self._connected: Counter[str] = Counter()
         self._controls: dict[str, VehicleControl] = {}
-        """By the vehicle's id."""
+        """Controls by vehicle id."""
         fleet.on_vehicle_added(self._attach)
         fleet.on_vehicle_removed(self._detach)
 
@@ -129,10 +130,10 @@ class Authority:
         finally:
             self.heard(client)
             self._connected[client.key] -= 1
-            self._connected += Counter()  # forgets who is at 0
+            self._connected += Counter()  # forgets clients without open sockets
 
     def heard(self, client: Principal) -> None:
-        """The client made a request, of whatever kind: its leases begin anew."""
+        """The client made a request of any kind: renews its leases."""
         for lease in self._leases():
             lease.settle()
             lease.heard(client)
@@ -161,7 +162,7 @@ class Authority:
     # --- the seam -------------------------------------------------------------------------------
 
     def admit(self, principal: Principal, command: Command, vehicle_id: str) -> None:
-        """Before each command: lets it pass, takes what nobody holds, or refuses.
+        """Called before each command: accepts it, taking control if nobody has it, or refuses it.
 
         Raises:
             NotInControl: another client holds control, and the command needs it.
@@ -184,7 +185,7 @@ class Authority:
         return None
 
     def carried_out(self, principal: Principal, command: Command, vehicle_id: str) -> None:
-        """After each command that succeeded: a holder hears of what others did without control."""
+        """Called after each successful command: tells the holder what others did without control."""
         if command.control != "open":
             return
         lease = self._lease(vehicle_id)
@@ -226,7 +227,7 @@ class Authority:
                 yield vehicle.id, holder.key
 
     def _lease(self, vehicle_id: str) -> Lease | None:
-        """None for what refuses every command anyway: unknown vehicles, recordings."""
+        """None for vehicles that refuse every command anyway: unknown ones and recordings."""
         try:
             vehicle = self._fleet.get(vehicle_id)
         except UnknownVehicle:
@@ -260,9 +261,10 @@ class Authority:
                 self._supervisor.spawn("control-lost", self._act(vehicle, change))
 
     async def _act(self, vehicle: Vehicle, change: Change) -> None:
-        """What was agreed for a holder that is not heard any more; never against somebody who steers."""
+        """Carries out `on_expiry` of a holder that is no longer connected; never while a person flies the
+        vehicle."""
         wanted, began_s = change.on_expiry, self._clock.monotonic_s()
-        await vehicle.command.kill_over()  # what nothing overtakes; it may leave nothing to be done
+        await vehicle.command.kill_over()  # Kill is never overtaken, and may leave nothing to be done
         status = vehicle.status
         ours = status.mode != "offboard" or vehicle.streaming
         goes_on = status.mode in ON_ITS_WAY and ours
@@ -272,7 +274,7 @@ class Authority:
         command = {"hold": vehicle.command.hold, "land": vehicle.command.land, "rtl": vehicle.command.rtl}
         result, detail = "ok", change.text
         try:
-            await command[wanted](by=f"The server ({change.client} is not heard any more)")
+            await command[wanted](by=f"The server ({change.client} is no longer connected)")
         except GcsError as error:
             result, detail = error.code, str(error)
             log.warning("vehicle %s: control ended, and %s failed: %s", vehicle.id, wanted, error)

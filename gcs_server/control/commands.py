@@ -14,7 +14,8 @@ from gcs_server.errors import InvalidRequest
 API = "/api/v1"
 
 Permission = Literal["view", "control", "fly", "stop", "payload", "configure", "station", "replay", "plan"]
-"""What a role may be given. `view`: everything that is shown; `control`: taking and giving up control;
+"""Permissions that a role may have. `view`: everything that is shown; `control`: taking and giving up
+control;
 `fly`: modes, arming, setpoints; `stop`: Hold, Land now, Kill; `payload`: the gimbal; `configure`: parameters,
 limits, failsafe, checks; `station`: links and vehicles; `replay`: playing recordings; `plan`: keeping and
 deleting plans."""
@@ -27,9 +28,9 @@ takes none. `changes`: it is about control itself."""
 
 CONTROL_IN_WORDS: dict[Control, str] = {
     "none": "none",
-    "lease": "the caller needs it; takes what nobody has",
-    "open": "none; who has it is told",
-    "not_anothers": "refused while another client has it; takes none",
+    "lease": "required; taken if nobody has it",
+    "open": "not required; the holder is told",
+    "not_anothers": "refused while another client has it; not taken",
     "changes": "by the rules of [safety.md](safety.md)",
 }
 
@@ -39,7 +40,7 @@ class Command:
     """One row: what callers need in order to do one thing."""
 
     name: str
-    """As the journal writes it."""
+    """Name in the journal."""
     permission: Permission | None
     """None: everybody who is let in by the token."""
     calls: tuple[str, ...]
@@ -51,7 +52,7 @@ class Command:
     confirmed: bool = False
     """Whether the page has a person confirm it."""
     words: str | None = None
-    """What `confirm` of the request must say, with the names of what it concerns filled in."""
+    """Text that the request's `confirm` must have, with placeholders for names."""
     journaled: bool = True
     label: str = ""
     """For people, where the holder is told of it."""
@@ -61,7 +62,7 @@ class Command:
         return tuple(_full(call) for call in self.calls)
 
     def described(self) -> dict[str, object]:
-        """As `x-authority` in the OpenAPI description."""
+        """The row as `x-authority` of the OpenAPI description."""
         return {
             "command": self.name,
             "permission": self.permission,
@@ -73,7 +74,7 @@ class Command:
         }
 
     def confirm_words(self, **names: str) -> str:
-        """What `confirm` must say for these names."""
+        """The text that `confirm` must have for these names."""
         assert self.words is not None
         return self.words.format(**names)
 
@@ -296,7 +297,7 @@ ALL: tuple[Command, ...] = (
 
 BY_NAME: dict[str, Command] = {command.name: command for command in ALL}
 BY_CALL: dict[str, Command] = {call: command for command in ALL for call in command.full_calls()}
-"""By `METHOD /path`, with the names of the path's variables."""
+"""Commands by `METHOD /path`, with the names of the path's variables."""
 
 
 def table() -> str:

@@ -1,4 +1,4 @@
-"""Who commanded what, when, and what became of it: one line a command, refused ones too.
+"""The journal of commands: client, command, time and result, one line each, refused ones too.
 
 A command never waits for the disk: a thread writes what waits, each batch whole and on the disk (fsync)
 before the next, and a disk that refuses costs lines on disk, not the command. What was refused before
@@ -28,7 +28,7 @@ MAX_BYTES = 10_000_000
 """A file of this size becomes the one before (`journal.1.jsonl`), and a new one begins."""
 MAX_REFUSED_BYTES = 1_000_000
 TAIL_BYTES = 1_000_000
-"""So much of each file is read at the start."""
+"""Bytes of each file that are read at the start."""
 LONGEST_TEXT = 500
 LONGEST_ARGUMENTS = 4000
 """As JSON."""
@@ -68,7 +68,7 @@ class Entry:
     """The error in words."""
     duration_s: float
     repeated: int = 1
-    """So many equal refusals of this client this line stands for."""
+    """Number of equal refusals of this client that this line stands for."""
 
 
 class _Kept:
@@ -80,7 +80,7 @@ class _Kept:
         self.tail: deque[Entry] = deque(maxlen=in_memory)
         self.unwritten: deque[Entry] = deque()
         self.lost = 0
-        """Lines that the disk never got, since it refused for too long."""
+        """Lines that were dropped because the disk could not be written for too long."""
 
     def add(self, entry: Entry) -> None:
         self.tail.append(entry)
@@ -118,10 +118,10 @@ class Journal:
         self._commands = _Kept(path, max_bytes, TAIL_LENGTH)
         self._refusals = _Kept(refused, MAX_REFUSED_BYTES, REFUSED_TAIL_LENGTH)
         self._repeats: OrderedDict[tuple[object, ...], tuple[float, int, Entry]] = OrderedDict()
-        """Of equal refusals: when their last line was written, how many came since, the newest."""
+        """Equal refusals: time of their last line, number since then, and the newest."""
         self._wake = asyncio.Event()
         self.warning: str | None = None
-        """Why lines are not on disk; None while they are."""
+        """Why lines cannot be written to disk; None while they can."""
 
     async def load(self) -> None:
         """Reads the newest lines of before the server's start; what is no line is left out."""
@@ -173,7 +173,7 @@ class Journal:
         return sorted(both, key=lambda entry: entry.unix_s)[: -limit - 1 : -1]
 
     def flush(self) -> None:
-        """Writes what waits, now, and waits for it; a refusing disk becomes `warning`."""
+        """Writes all waiting lines now and waits for it; a write error becomes `warning`."""
         self._settle_repeats(at_once=True)
         for kept in (self._commands, self._refusals):
             self._written(kept, taken := kept.take(), _append(kept, taken))
@@ -235,7 +235,7 @@ class Journal:
                 self.warning = None
             return
         kept.give_back(taken)
-        text = f"The journal {self._path} cannot be written ({problem}); commands go on."
+        text = f"The journal {self._path} cannot be written ({problem}); commands still work."
         if kept.lost:
             text += f" {kept.lost} lines are lost."
         if self.warning is None:

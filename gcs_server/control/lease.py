@@ -1,10 +1,10 @@
-"""Who may command a vehicle: one client at a time, for as long as it is heard. Pure, on an injected clock.
+"""Control of a vehicle: one client at a time, for as long as it stays connected. Pure, on an injected clock.
 
 A lease is taken by asking for it or by commanding a vehicle that nobody holds. It lasts `lease_s` from the
 holder's last request; while the holder's telemetry socket is open it does not run out. Another client asks;
-the holder grants or denies. Who was denied, or got no answer within `answer_s`, or faces a holder who cannot
-be asked, may force it. Who gave no id of its own (a call from a shell) and only commanded holds nobody up:
-the next who commands has control.
+the holder grants or denies. A client that was denied, or got no answer within `answer_s`, or cannot ask the
+holder, may take it by force. A client without an id (a call from a shell) that only commanded blocks nobody:
+the next client that commands gets control.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from gcs_server.control.requests import MOST_REQUESTS, REQUEST_LIVES_S, Asking, 
 from gcs_server.errors import NotInControl, Refused
 
 OnControlLost = Literal["nothing", "hold", "land", "rtl"]
-"""What a flying vehicle is told when its holder is not heard any more."""
+"""Command sent to a flying vehicle when its holder's control expires."""
 
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """How long things last; the operator's settings."""
+    """Durations of leases and answers; the operator's settings."""
 
     lease_s: float = 30.0
     answer_s: float = 15.0
@@ -32,12 +32,12 @@ class Terms:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Something that everybody should hear."""
+    """A change of control, published to all clients."""
 
     action: str
     """taken, requested, granted, denied, withdrawn, forced, released, expired, intervened."""
     client: Principal
-    """Who did it, or whose control ran out."""
+    """The client that acted, or whose control expired."""
     text: str
     holder: Principal | None
     """Afterwards."""
@@ -46,22 +46,22 @@ class Change:
     reason: str | None = None
     on_expiry: OnControlLost = "nothing"
     to: Principal | None = None
-    """Whom it answers."""
+    """The client whose request it answers."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControlRequest:
-    """Somebody who asks for control."""
+    """A client that requests control."""
 
     client: str
     """Its name."""
     key: str
     """Tells clients of one name apart; a client's own stands in `GET /me`."""
     reason: str | None
-    """Why, in its own words."""
+    """The reason that the client gave."""
     since_unix_s: float
     answer_left_s: float
-    """How long the holder has left to answer before it may be forced [s]."""
+    """Time left for the holder to answer before control may be taken by force [s]."""
 
 
 @dataclass(slots=True)
@@ -71,12 +71,12 @@ class _Holding:
     heard_s: float
     on_expiry: OnControlLost
     asked_for: bool
-    """Whether it was taken as such, not by a command alone."""
+    """Whether control was taken explicitly, not by a command alone."""
 
 
 @dataclass(slots=True)
 class Lease:
-    """Of one vehicle.
+    """The lease of one vehicle.
 
     Args:
         vehicle_id: for the words.
@@ -97,7 +97,7 @@ class Lease:
 
     @property
     def holder(self) -> Principal | None:
-        """Who commands; None: whoever commands first."""
+        """The client in control; None: the first client that commands gets control."""
         self.settle()
         return None if self._holding is None else self._holding.client
 
@@ -108,19 +108,19 @@ class Lease:
 
     @property
     def on_expiry(self) -> OnControlLost | None:
-        """What the vehicle is told when the holder is not heard any more."""
+        """Command sent to the vehicle when the holder's control expires."""
         return None if self._holding is None else self._holding.on_expiry
 
     @property
     def expires_in_s(self) -> float | None:
-        """Until control is free, should the holder not be heard again [s]."""
+        """Time until control ends if the holder stays silent [s]."""
         if self._holding is None:
             return None
         return max(0.0, self._holding.heard_s + self.terms.lease_s - self.clock.monotonic_s())
 
     @property
     def can_be_asked(self) -> bool:
-        """Whether the holder would see a request."""
+        """Whether the holder can see a request."""
         return self._holding is not None and self.reachable(self._holding.client)
 
     @property
@@ -129,7 +129,7 @@ class Lease:
         return len(self._asking) >= MOST_REQUESTS
 
     def requests(self) -> tuple[ControlRequest, ...]:
-        """Who waits for an answer, the first first."""
+        """Clients that wait for an answer, the earliest first."""
         return tuple(
             ControlRequest(str(a.client), a.client.key, a.reason, a.since_unix_s, self._answer_left_s(a))
             for a in self._asking.values()
@@ -139,7 +139,7 @@ class Lease:
     # --- the holder -----------------------------------------------------------------------------
 
     def command(self, client: Principal) -> None:
-        """A command of this client's: it holds control, or takes what nobody holds.
+        """Checks a command of this client: it has control, or takes it if nobody has.
 
         Raises:
             NotInControl: another holds it.
@@ -152,15 +152,14 @@ class Lease:
         elif self._holding.client.key == client.key:
             self.heard(client)
         elif self._yields(self._holding):
-            text = (
-                f"{client} commands vehicle {self.vehicle_id} and has control after {self._holding.client}."
-            )
+            before = self._holding.client
+            text = f"{client} commands vehicle {self.vehicle_id} and has taken control from {before}."
             self._give(client, "taken", client, text)
         else:
             raise self._not_in_control(self._holding)
 
     def refusal(self, client: Principal) -> NotInControl | None:
-        """What a command of this client's would be refused with; changes nothing."""
+        """The error that a command of this client would get; changes nothing."""
         self.settle()
         holding = self._holding
         if holding is None or holding.client.key == client.key or self._yields(holding):
@@ -168,12 +167,12 @@ class Lease:
         return self._not_in_control(holding)
 
     def heard(self, client: Principal) -> None:
-        """The client made a request: where it is the holder, its time begins anew."""
+        """The client made a request: if it is the holder, its lease is renewed."""
         if self._holding is not None and self._holding.client.key == client.key:
             self._holding.heard_s = self.clock.monotonic_s()
 
     def take(self, client: Principal, *, force: bool = False, on_expiry: OnControlLost | None = None) -> None:
-        """Takes what nobody holds, or by force what another does.
+        """Takes control that nobody holds, or by force from its holder.
 
         Args:
             client: who.
@@ -192,7 +191,7 @@ class Lease:
             if not force and not self._yields(holding):
                 raise self._not_in_control(holding)
             if self._yields(holding):
-                text = f"{client} has taken control of vehicle {self.vehicle_id} after {holding.client}."
+                text = f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client}."
                 self._give(client, "taken", client, text)
             else:
                 self._may_force(client, holding)
@@ -242,7 +241,7 @@ class Lease:
             text = f"{client} has released control of vehicle {self.vehicle_id}."
             self._end(Change("released", client, text, None, previous=client))
         elif asking is not None and not asking.denied:
-            text = f"{client} asks no longer for control of vehicle {self.vehicle_id}."
+            text = f"{client} has withdrawn the request for control of vehicle {self.vehicle_id}."
             self.tell(Change("withdrawn", client, text, self.holder))
 
     # --- the others -----------------------------------------------------------------------------
@@ -278,7 +277,7 @@ class Lease:
         self.tell(Change("intervened", client, text, holding.client))
 
     def settle(self) -> None:
-        """Lets what is over be over. Called before each step, and now and then."""
+        """Ends what has expired. Called before each step and periodically."""
         now_s = self.clock.monotonic_s()
         for key, asking in list(self._asking.items()):
             if now_s - asking.first_s > REQUEST_LIVES_S:
@@ -319,7 +318,7 @@ class Lease:
             self._give(waiting.client, "taken", waiting.client, text)
 
     def _yields(self, holding: _Holding) -> bool:
-        """A holder that nobody could tell from another at its address, and that never asked to be one."""
+        """Whether the holder has no id of its own and never took control explicitly."""
         return not (holding.asked_for or holding.client.identified or self.reachable(holding.client))
 
     def _own(self, client: Principal) -> _Holding:
@@ -338,10 +337,10 @@ class Lease:
             return found[0]
         if found:
             keys = ", ".join(a.client.key for a in found)
-            raise Refused(f"{len(found)} clients named {to!r} ask.", remedy=f"Give one's key: {keys}.")
+            raise Refused(f"{len(found)} clients named {to!r} request it.", remedy=f"Give one's key: {keys}.")
         names = ", ".join(f"{a.client} ({a.client.key})" for a in asking) or "nobody"
         raise Refused(
-            f"{to!r} does not ask for control of vehicle {self.vehicle_id}.", remedy=f"Who asks: {names}."
+            f"{to!r} has not requested control of vehicle {self.vehicle_id}.", remedy=f"Requests: {names}."
         )
 
     def _answer_left_s(self, asking: Asking) -> float:
@@ -355,9 +354,10 @@ class Lease:
         asking = self._asking.get(client.key)
         if asking is None:
             raise Refused(
-                f"{holding.client} is there and was not asked for control of vehicle {self.vehicle_id}.",
-                remedy=f"Ask first (control/request); a denial, or {self.terms.answer_s:g} s without an "
-                "answer, lets you force it. Hold, Land now and Kill need no control.",
+                f"{holding.client} has control of vehicle {self.vehicle_id} and has not been asked for it.",
+                remedy="Request control first (control/request); a denial, or "
+                f"{self.terms.answer_s:g} s without an answer, lets you force it. Hold, Land now and Kill "
+                "need no control.",
             )
         left_s = self._answer_left_s(asking)
         if not asking.denied and left_s > 0:

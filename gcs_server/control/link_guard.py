@@ -62,7 +62,7 @@ class LinkGuard:
             raise Refused(
                 f"Vehicle{'s' if many else ''} {', '.join(last)} {'are' if many else 'is'} armed or flown by "
                 f"setpoints, and link {name!r} is the last one. The link stays open.",
-                remedy=f"To close it all the same, send confirm={wanted!r}.",
+                remedy=f"To close it anyway, send confirm={wanted!r}.",
             )
 
     def may_forward(self, principal: Principal) -> None:

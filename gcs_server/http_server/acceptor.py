@@ -29,7 +29,7 @@ NO_FILES_PAUSE_S = 0.2
 
 
 class Acceptor:
-    """Of one listening socket.
+    """Accepts the connections of one listening socket.
 
     Args:
         listener: bound, listening, not blocking.
@@ -99,7 +99,7 @@ class Acceptor:
             accepted.close()
 
     async def _failed(self, error: OSError) -> None:
-        """Where no file is left: tells one that waits and closes it, and tries again a little later."""
+        """No file descriptor is left: refuses one waiting connection, and tries again a little later."""
         if error.errno not in NO_FILES:
             return  # the client went before it was accepted
         log.warning("no connection can be accepted: %s", error.strerror)

@@ -19,13 +19,13 @@ class ConnectionContext:
     config: Config
     server_state: ServerState
     app_state: dict[str, Any]
-    """Of the application's lifespan."""
+    """State of the application's lifespan."""
     connection: Connection
-    """Its place among the others."""
+    """The connection's entry among all connections."""
     connections: Connections
     clock: Clock
 
     @property
     def of_uvicorn(self) -> tuple[Config, ServerState, dict[str, Any]]:
-        """What uvicorn's own protocols take."""
+        """The arguments of uvicorn's own protocols."""
         return self.config, self.server_state, self.app_state

@@ -20,7 +20,7 @@ from gcs_server.http_server.stall import Stall
 from gcs_server.http_server.websocket_protocol import BoundedWebSocket
 
 OVERHEAD_BYTES = 131_072
-"""What a chunked body may have beside its content."""
+"""Most bytes of a chunked body beside its content."""
 MOST_CHUNKS = 4096
 LINGER_S = 2.0
 LINGER_BYTES = 4 << 20
@@ -58,7 +58,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._clock = clock = context.clock
         self._stall = Stall(clock)
         self._since_s = clock.monotonic_s()
-        """Of the present deadline: for the head, or for the body."""
+        """Start of the present deadline: for the head, or for the body."""
         self._in_head = False
         self._in_body = False
         self._head_bytes = 0
@@ -66,12 +66,12 @@ class BoundedHttp(HttpToolsProtocol):
         self._body_bytes = 0
         self._chunks = 0
         self._fed_bytes = 0
-        """As they came, since the message began; without those that came together with its beginning."""
+        """Raw bytes since the message began; without those that came together with its beginning."""
         self._began = False
         """Whether a message began in the bytes that are being parsed."""
         self._unanswered: deque[RequestResponseCycle] = deque()
         self._present: RequestResponseCycle | None = None
-        """Of the request whose body is coming in; None until its head is whole."""
+        """The request whose body is arriving; None until its head is complete."""
         self._refused = False
         self._lingers_until_s: float | None = None
         self._dropped_bytes = 0
@@ -210,7 +210,7 @@ class BoundedHttp(HttpToolsProtocol):
             self.transport.abort()
 
     def unread_bytes(self) -> int:
-        """What was written and not taken."""
+        """Bytes written that the operating system has not taken yet."""
         return self.transport.get_write_buffer_size()
 
     def check(self, now_s: float) -> None:

@@ -7,7 +7,7 @@ from gcs_server.clock import Clock
 
 
 class Stall:
-    """Of one connection.
+    """Watches one connection.
 
     Args:
         clock: the server's.

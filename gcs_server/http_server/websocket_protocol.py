@@ -23,7 +23,7 @@ from gcs_server.http_server.stall import Stall
 
 PIECE_BYTES = 2048
 MOST_FRAMES = 1024
-"""Of one message."""
+"""Most frames of one message."""
 MOST_FRAMES_PER_S = 5000
 MOST_UNREAD_PONG_BYTES = 65_536
 CLOSE_DEADLINE_S = 5.0
@@ -149,7 +149,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self.transport.abort()
 
     def unread_bytes(self) -> int:
-        """What was written and not taken."""
+        """Bytes written that the operating system has not taken yet."""
         return self.transport.get_write_buffer_size()
 
     def check(self, now_s: float) -> None:

@@ -1,4 +1,4 @@
-"""What every link is: bytes in with the peer they came from, bytes out from any thread."""
+"""The base of all links: bytes in with the peer they came from, bytes out from any thread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ OPENING_FAILED = "A fault in this server kept the link from opening; its log say
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """Who is at the other end: `host:port` for UDP, one for the whole link otherwise."""
+    """The other end: `host:port` for UDP, one for the whole link otherwise."""
 
     name: str
     address: tuple[str, int] | None = None
@@ -30,7 +30,7 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What of a link is on disk."""
+    """The recording of a link."""
 
     file: str | None
     """The tlog's name in the data folder's `recordings`; null before the first frame."""
@@ -61,7 +61,7 @@ class SigningReport:
     mode: str
     """required: unsigned frames are refused; allowed: they are taken. Wrongly signed ones are refused."""
     link_id: int
-    """In all signatures of this link, 0 to 255."""
+    """The link id in all signatures of this link, 0 to 255."""
     unsigned: int
     """Refused: no signature, where one is required."""
     wrong_signature: int
@@ -106,15 +106,15 @@ class LinkInfo:
     frames_unknown: int = 0
     """Frames of messages that the dialect does not have."""
     frames_lost: int = 0
-    """By the gaps in their sequence numbers; not counted in a recording."""
+    """Counted by gaps in the sequence numbers; not counted in a recording."""
     crc_errors: int = 0
     """Frames whose checksum is wrong."""
     bytes_skipped: int = 0
     """Bytes that belong to no frame: garbage, another protocol, a wrong baud rate."""
     handler_errors: int = 0
-    """What arrived and could not be handled because of a fault in this server; it was skipped and logged."""
+    """Messages that were skipped and logged because of an error in this server."""
     frames_refused: int = 0
-    """Frames that were not taken for their signature or the want of one; `signing` says why."""
+    """Frames that were refused because of their signature or its absence; `signing` says why."""
     frames_unverified: int = 0
     """Signed frames that were taken as they are, since this link has no key."""
     signing: SigningReport | None = None
@@ -160,7 +160,7 @@ class Link(ABC):
         self._retry: asyncio.TimerHandle | None = None
         self._wanted = False
         self.faults = FaultLog(f"link {name}")
-        """Of this server's own code, while it served this link."""
+        """Errors of this server's own code in serving this link."""
         self.now_s: Callable[[], float] = time.monotonic
         """The clock by which packets expire: the loop's, once started; from any thread."""
         self._loop: asyncio.AbstractEventLoop
@@ -169,14 +169,15 @@ class Link(ABC):
         self._on_state: OnState
 
     def start(self, on_bytes: OnBytes, on_peer_gone: OnPeerGone, on_state: OnState) -> None:
-        """Begins; never raises for what may get better (a port taken, a device missing): see `info()`."""
+        """Starts the link; never raises for problems that may pass (a port in use, a missing device): see
+        `info()`."""
         self._loop = asyncio.get_running_loop()
         self.now_s = self._loop.time
         self._on_bytes, self._on_peer_gone, self._on_state = on_bytes, on_peer_gone, on_state
         self._wanted = True
         try:
             self._try()
-        except BaseException:  # a fault of ours: it gives back what it took
+        except BaseException:  # an error of our own: release what was opened
             self._wanted = False
             self._shut()
             raise
@@ -192,7 +193,7 @@ class Link(ABC):
         return False
 
     def send(self, data: bytes, peer: Peer) -> bool:
-        """As `submit`, for bytes as they are, with the least priority and no end to their wait."""
+        """As `submit`, for plain bytes with the lowest priority and no expiry."""
         return self.submit(Packet(peer, len(data), lambda: data))
 
     def datagrams(self) -> socket.socket | None:
@@ -206,7 +207,7 @@ class Link(ABC):
             self._counts.bytes_sent += size_bytes
 
     def peers(self) -> tuple[Peer, ...]:
-        """Who is at the other end now."""
+        """The peers at the other end now."""
         return tuple(self._peers.values())
 
     def info(self) -> LinkInfo:
@@ -252,7 +253,7 @@ class Link(ABC):
 
     @abstractmethod
     def _writer(self, peer: Peer) -> LinkWriter | None:
-        """What writes to this peer; from any thread. None where nobody is there."""
+        """The writer for this peer, usable from any thread; None if there is no peer."""
 
     def _explain(self, error: OSError) -> str:
         """The error in words for people."""

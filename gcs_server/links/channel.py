@@ -18,7 +18,7 @@ reading dozens of pieces, and no page draws sooner."""
 
 
 def pace(pieces_per_s: float) -> float:
-    """How long to wait before a link is read again [s]."""
+    """Time to wait before a link is read again [s]."""
     return next((wait_s for busy, wait_s in PACES if pieces_per_s >= busy), WAKE_INTERVAL_S)
 
 

@@ -1,4 +1,4 @@
-"""Who connects by TCP and speaks no MAVLink: web pages and browsers are told by their first bytes.
+"""Detects TCP connections that do not speak MAVLink: web pages and browsers, by their first bytes.
 
 A page of any site can make a browser send a request to a TCP port of this machine, with a body of the page's
 choice. The body would be read as MAVLink. What a page cannot choose are the first bytes: a method and a blank
@@ -16,7 +16,7 @@ MAX_UNDECIDED_BYTES = 24
 """Longer than every method: by then it is decided."""
 LOG_INTERVAL_S = 10.0
 SHOWN_FOR_S = 600.0
-"""How long a link's detail tells of the last one that was closed [s]."""
+"""How long a link's detail shows the last closed connection [s]."""
 
 _HTTP = re.compile(rb"[A-Z]{3,20} |HTTP/")
 _MAYBE_HTTP = re.compile(rb"[A-Z]{1,20}|HTTP/?")
@@ -43,7 +43,7 @@ class FirstBytes:
         self._decided = False
 
     def pass_on(self, data: bytes) -> bytes:
-        """What may be read as MAVLink now; empty while that is not decided.
+        """The bytes that may be read as MAVLink; empty until the protocol is known.
 
         Raises:
             ForeignProtocol: it is HTTP or TLS; nothing of the connection may be read.

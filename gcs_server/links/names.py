@@ -1,4 +1,4 @@
-"""What a link may be called and where it may lead: one set of rules for names given and names derived."""
+"""Rules for names and targets of links, the same for given and for derived names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME_IN_WORDS = (
 _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME_LENGTH - 1}}}")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 _LOOKS_SECRET = re.compile(r"[0-9A-Fa-f]{32,}|[A-Za-z0-9_-]{43}")
-"""As 32 bytes look in hexadecimal digits or base64."""
+"""Matches a text that looks like 32 bytes in hexadecimal digits or base64."""
 _HOST = re.compile(r"(?=.{1,253}\Z)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?")
 
 

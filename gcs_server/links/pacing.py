@@ -20,18 +20,18 @@ LOOK_AGAIN_S = 0.005
 BITS_A_BYTE = 10
 """Start bit, eight data bits, stop bit."""
 AHEAD_S = 0.005
-"""So much may be written before the line is idle, for timers are late."""
+"""Time ahead of an idle line at which the next frame may be written, because timers fire late."""
 TIMER_STEP_S = 0.0001
 """No timer is set for less."""
 DRIVER_SLACK_BYTES = 64
 """Drivers count in blocks."""
 UNPACED_DRIVER_BYTES = 512
-"""What may wait in the driver of a device that has no line speed (USB)."""
+"""Bytes that may wait in the driver of a device without a line speed (USB)."""
 ACKED_WITHIN_S = 0.1
 """TCP: what was written must be acknowledged within this and two round trips; else nothing follows."""
 MAX_IN_FLIGHT_BYTES = 64_000
 _RTT_OFFSET_BYTES = 68
-"""Of `tcpi_rtt` [us] in Linux' struct tcp_info."""
+"""Offset of `tcpi_rtt` [us] in Linux' struct tcp_info."""
 
 
 class Pacer(Protocol):
@@ -42,7 +42,7 @@ class Pacer(Protocol):
         ...
 
     def wrote(self, size_bytes: int, now_s: float) -> None:
-        """So much went to the system."""
+        """Notes the bytes that were handed to the operating system."""
         ...
 
 

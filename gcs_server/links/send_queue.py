@@ -18,7 +18,7 @@ FIRST, LAST = 0, CLASSES - 1
 PASSED_OVER = 4
 """A class whose packets wait goes next after so many of more urgent ones, unless one of class 0 waits."""
 LAST_LIMIT_BYTES = 64_000
-"""Of the least urgent class: more is dropped."""
+"""Limit of the least urgent class: more is dropped."""
 CLASS_LIMIT = 512
 """Packets of each class between; of class 0 none is ever dropped."""
 
@@ -29,7 +29,7 @@ def _nothing(_data: bytes) -> None:
 
 @dataclass(slots=True, eq=False)
 class Packet:
-    """What is to be sent, finished at the moment when it leaves.
+    """A packet to send, completed at the moment when it leaves.
 
     Args:
         peer: to whom.
@@ -54,7 +54,7 @@ class Packet:
 
 @dataclass(slots=True)
 class SendCounts:
-    """What became of everything that a link was to send; change it with the lock held."""
+    """Counts of the packets of a link by outcome; change them with the lock held."""
 
     frames_sent: int = 0
     bytes_sent: int = 0
@@ -123,7 +123,7 @@ class SendQueue:
         return None
 
     def put_back(self, packet: Packet) -> None:
-        """What was taken and could not leave: it goes first of its class again."""
+        """Returns a packet that could not leave to the front of its class."""
         name = (packet.peer.name, packet.key) if packet.key is not None else packet
         waiting = self._waiting[packet.priority]
         waiting[name] = packet

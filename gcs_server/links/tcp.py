@@ -15,7 +15,7 @@ from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
 MAX_CLIENTS = 256
-"""Of one listening link; further ones are closed at once."""
+"""Most connections of one listening link; further ones are closed at once."""
 OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 ACCEPT_AGAIN_AFTER_S = 1.0
 

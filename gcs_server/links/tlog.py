@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class ReplayState:
-    """Where a replay is."""
+    """The state of a replay."""
 
     state: str
     """connecting (it is being read), open, ended (at its end, or it cannot be played: see `detail`)."""
@@ -115,12 +115,13 @@ class TlogLink(Link):
         self._ready().pause(self._loop.time())
 
     def set_speed(self, speed: float) -> None:
-        """From now on."""
+        """Sets the replay speed."""
         self._ready().set_speed(self._loop.time(), speed)
         self._speed = speed
 
     async def seek(self, time_us: int) -> None:
-        """To a moment, or the nearest one there is; returns once the vehicles are as they were then."""
+        """Jumps to a time, or the nearest one there is; returns once the vehicles have their state of that
+        time."""
         self._ready()
         self._jumped.append(done := self._loop.create_future())
         self._jump(time_us)

@@ -15,7 +15,8 @@ FORGET_AFTER_S = 30.0
 """A peer silent for longer is forgotten."""
 MAX_PEERS = 256
 EVICT_AFTER_S = 5.0
-"""Of MAX_PEERS, one that has been silent for so long makes room; else newcomers are not heard."""
+"""With MAX_PEERS peers, one that has been silent for this long is replaced by a new one; else new ones are
+ignored."""
 LOOK_AGAIN_S = 0.25
 DATAGRAMS_A_WAKE = 4000
 BUFFER_BYTES = 4_000_000
@@ -126,7 +127,7 @@ class UdpLink(Link):
         return came
 
     def _newcomer(self, address: Address, now_s: float) -> Peer | None:
-        """Who speaks for the first time; None where there are too many already."""
+        """Adds a new peer; None if there are too many already."""
         if len(self._peers) < MAX_PEERS:
             return self._peer(address)
         if now_s < self._full_until_s:

@@ -76,7 +76,7 @@ class FrameParser:
         self.lost: dict[tuple[int, int], int] = {}
         """Frames missed, by the gaps in the sequence numbers, per (system, component)."""
         self._last_seq: dict[int, int] = {}
-        """By system id * 256 + component id."""
+        """The last sequence number by system id * 256 + component id."""
         self._rest = b""
 
     def feed(self, data: bytes, received_monotonic_s: float) -> list[Frame]:

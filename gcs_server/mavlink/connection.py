@@ -18,7 +18,7 @@ from gcs_server.mavlink.tlog_writer import TlogChannel, stamp
 
 @dataclass(frozen=True, slots=True)
 class ParserCounts:
-    """What one peer's bytes held."""
+    """Counts of one peer's frames and bytes."""
 
     frames: int
     frames_unknown: int
@@ -131,7 +131,7 @@ class Connection:
     """
 
     protocol = "MAVLink"
-    """What is spoken here: it decides which kinds of setpoint can be carried."""
+    """The link's protocol, which decides which kinds of setpoint it can carry."""
 
     def __init__(
         self,
@@ -159,7 +159,7 @@ class Connection:
         self._stamped_s, self._stamp = -1.0, b""
         """When the newest bytes came, and what the recording calls that."""
         self._gone = ParserCounts(0, 0, 0, 0, 0)
-        """Of peers that have gone."""
+        """Sum of the counts of peers that have gone."""
         signer = None if signing is None else signing.signer
         self.sender = FrameSender(link, system_id, component_id, self._record, signer)
 
@@ -215,7 +215,7 @@ class Connection:
         )
 
     def counts(self) -> dict[str, ParserCounts]:
-        """By peer."""
+        """Counts by peer."""
         return {name: _counts_of(parser) for name, parser in self._parsers.items()}
 
     def _bytes(self, data: bytes, peer: Peer, received_s: float) -> None:

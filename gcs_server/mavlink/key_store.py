@@ -42,7 +42,7 @@ class KeyStore:
         self._folder = folder
 
     def names(self) -> list[str]:
-        """Of all keys; never the keys."""
+        """The names of all keys; never the keys themselves."""
         with contextlib.suppress(OSError):
             return sorted(path.stem for path in self._folder.glob(f"*{SUFFIX}"))
         return []
@@ -167,7 +167,7 @@ def random_key() -> SecretKey:
 
 @contextlib.contextmanager
 def _new_file(path: Path) -> Generator[TextIO]:
-    """Its owner's only from the begin; not there where writing failed."""
+    """Opens a new file readable by its owner only; removes it if writing fails."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     try:
         with os.fdopen(descriptor, "w", encoding="ascii") as file:

@@ -87,11 +87,11 @@ class LinkSigning:
         )
 
     def refused(self) -> int:
-        """How many frames, for whatever reason."""
+        """Number of refused frames, for any reason."""
         return sum(refused.count for refused in self._refused.values())
 
     def warnings(self) -> list[str]:
-        """What was refused of late, in words."""
+        """Warnings about recently refused frames."""
         before_s = self.clock.monotonic_s() - WARNED_FOR_S
         return [self._text(why, r) for why, r in self._refused.items() if r.last_s >= before_s]
 
@@ -154,7 +154,7 @@ class Signing:
         return verifier
 
     def release(self, signing: LinkSigning) -> None:
-        """Its link was closed."""
+        """Called when the link is closed."""
         self._link_ids.discard(signing.signer.link_id)
 
     def keep(self) -> None:

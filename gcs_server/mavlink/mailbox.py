@@ -65,7 +65,7 @@ class Waiter:
 
 
 class Mailbox:
-    """Who waits for what; decodes a frame only where somebody waits for it."""
+    """Hands replies to the tasks that wait for them; a frame is decoded only if a task waits for it."""
 
     def __init__(self, decode: Callable[[Frame], MAVLink_message | None]) -> None:
         self._decode = decode

@@ -42,7 +42,7 @@ class Priority(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Urgency:
-    """How a message is queued."""
+    """Queue class of a message."""
 
     priority: Priority
     lifetime_s: float
@@ -58,7 +58,7 @@ _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
 _COMMAND_BYTES = 33
 _CONFIRMATION_AT = 32
 _command = struct.Struct("<2f20xHBB")
-"""Of COMMAND_LONG and COMMAND_INT alike: parameters 1 and 2, command, target system and component."""
+"""Fields of both COMMAND_LONG and COMMAND_INT: parameters 1 and 2, command, target system and component."""
 FORCE = 21196.0
 
 SETPOINTS = frozenset(

@@ -32,9 +32,9 @@ class RouterSettings:
     system_id: int = 255
     component_id: int = 190
     signing_dir: Path | None = None
-    """Where signing keys lie; None: no link can sign."""
+    """Folder of the signing keys; None: no link can sign."""
     recording_dir: Path | None = None
-    """Where tlogs go; None records nothing."""
+    """Folder of the tlogs; None records nothing."""
     recording_max_bytes: int = 200_000_000
     """A tlog is closed and the next begun at this size."""
     recording_keep_free_bytes: int = 500_000_000
@@ -42,7 +42,7 @@ class RouterSettings:
 
 
 class FrameSink:
-    """Who takes the frames; the fleet. The methods do nothing until it is there."""
+    """Receiver of the frames (the fleet); the methods do nothing until it is set."""
 
     def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         """A frame from a vehicle's side (not from a forwarding link)."""

@@ -27,7 +27,7 @@ MAX_TIMESTAMP = (1 << 48) - 1
 LATEST_ADOPTED_TIMESTAMP = MAX_TIMESTAMP - 366 * 86_400 * TICKS_PER_S
 """A timestamp at the very end of the range would leave nothing to sign with after it."""
 MAX_STREAMS = 1024
-"""Of one key. Only who has the key can make a new one."""
+"""Most streams of one key. Only a sender with the key can start a new one."""
 STX_V2 = 0xFD
 SIGNED_FLAG = 0x01
 _time_low_high = struct.Struct("<IH")
@@ -77,7 +77,7 @@ class SecretKey:
         return self._bytes
 
     def signature(self, frame: bytes) -> bytes:
-        """Of a frame with its checksum, link id and timestamp."""
+        """The signature of a frame with its checksum, link id and timestamp."""
         return hashlib.sha256(self._bytes + frame).digest()[:6]
 
 
@@ -97,7 +97,7 @@ class SigningClock:
         self._last = min(at_least, LATEST_ADOPTED_TIMESTAMP)
         self._lock = threading.Lock()
         self.ahead_ticks = 0
-        """How far the timestamps run before the machine's clock."""
+        """Ticks by which the timestamps are ahead of the machine's clock."""
         if at_least:
             self._run_ahead_of(self._last)
 
@@ -108,7 +108,7 @@ class SigningClock:
             return self._last
 
     def now(self) -> int:
-        """What `next` would not be earlier than."""
+        """A timestamp that `next` is never earlier than."""
         return max(self._machine_ticks() + self.ahead_ticks, self._last)
 
     def adopt(self, timestamp: int) -> None:
@@ -118,7 +118,7 @@ class SigningClock:
                 self._run_ahead_of(timestamp)
 
     def run_ahead(self, ticks: int) -> None:
-        """As far before the machine's clock as another process of ours does."""
+        """Sets the ticks ahead of the machine's clock, as used by another process of this server."""
         with self._lock:
             self.ahead_ticks = max(self.ahead_ticks, ticks)
 

@@ -19,9 +19,9 @@ class Layout:
     crc_extra: bytes
     """One byte."""
     fields: tuple[str, ...]
-    """In wire order."""
+    """Field names in wire order."""
     attributes: tuple[str, ...]
-    """Where the dialect's message object keeps them, in wire order."""
+    """Attribute names in the dialect's message object, in wire order."""
     lengths: tuple[int, ...]
     """Elements a field, in wire order; 1 for scalars and texts."""
     unpacker: struct.Struct
@@ -53,7 +53,7 @@ NAMES: dict[int, str] = {msg_id: layout.name for msg_id, layout in LAYOUTS.items
 
 
 def _target_system_offset(layout: Layout) -> int | None:
-    """Where `target_system` stands in the payload; None where a message has none."""
+    """Offset of `target_system` in the payload; None if a message has none."""
     if "target_system" not in layout.fields:
         return None
     formats = re.findall(r"\d*[a-zA-Z]", layout.unpacker.format)

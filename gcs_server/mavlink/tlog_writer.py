@@ -25,7 +25,8 @@ log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
 BACKLOG_LIMIT_FRAMES = 150_000
-"""What may wait for a stalled disk, a link (15 MB, half a minute of fifty vehicles); more stops it."""
+"""Most frames of a link that wait for a stalled disk (15 MB, half a minute of fifty vehicles); more stops the
+recording."""
 TRY_AGAIN_FLUSHES = 40
 """A stopped recording is tried again after so many flushes."""
 
@@ -65,7 +66,7 @@ class TlogChannel:
 
     @property
     def backlog_frames(self) -> int:
-        """What waits to be written."""
+        """Frames that wait to be written."""
         return len(self._waiting)
 
     def write(self, directory: Path, data: bytes, time_us: int, max_bytes: int) -> None:

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 MOST_RUNNING = 20
 LINK_GRACE_S = 1.0
-"""So long, work that waits for a lost vehicle may fail in its own words; then it is ended [s]."""
+"""Time in which work that waits for a lost vehicle may fail with its own error; then it is ended [s]."""
 LARGEST_RESULT = 16_384
 """As JSON [characters]."""
 MOST_ENDED = 50
@@ -46,31 +46,31 @@ Work = Callable[[Report], Coroutine[Any, Any, dict[str, object] | None]]
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """How long work stands."""
+    """The state of one operation."""
 
     id: str
     """Unique in this run of the server."""
     kind: str
-    """What it does: `parameters/read`, `recording/index`."""
+    """Kind of work: `parameters/read`, `recording/index`."""
     vehicle: str | None
     """The vehicle's id; null: it concerns none."""
     subject: str | None
-    """What it works on beside the vehicle: a recording's name."""
+    """The object it works on besides the vehicle, such as a recording's name."""
     client: str
-    """Who started it."""
+    """The client that started it."""
     client_key: str
     """Tells the client from others of its name."""
     state: State
     progress: float | None
-    """How much is done, 0 to 1; null: not known."""
+    """Progress, 0 to 1; null: not known."""
     text: str
-    """What is happening, or how it ended."""
+    """What it is doing, or how it ended."""
     started_unix_s: float
     """When it began [s since 1970 UTC]."""
     ended_unix_s: float | None
     """When it ended [s since 1970 UTC]; null while it runs."""
     result: dict[str, object] | None
-    """What came of it; null unless it succeeded."""
+    """The result; null unless it succeeded."""
     error: GcsError | None
     """Why it failed."""
 
@@ -100,7 +100,7 @@ class Operations:
         self._tell = tell
         self._count = 0
         self._known: dict[str, Operation] = {}
-        """In the order of their starts."""
+        """Operations in the order of their starts."""
         self._running: dict[str, _Running] = {}
         self._closed = False
 
@@ -109,7 +109,7 @@ class Operations:
         return list(self._known.values())
 
     def get(self, operation_id: str) -> Operation:
-        """How one stands.
+        """One operation.
 
         Raises:
             UnknownOperation: there is none of that id, or it was forgotten.

@@ -40,7 +40,7 @@ class RecordingInfo:
     started_unix_s: float | None
     """When its first record was written; null where nothing in it can be read."""
     duration_s: float | None
-    """From the first to the last record."""
+    """Time from the first to the last record."""
     vehicles: tuple[int, ...]
     """System ids of the vehicles heard near its begin, of all once it has been opened."""
     link: str | None
@@ -48,7 +48,7 @@ class RecordingInfo:
     running: bool
     """It is being written now."""
     problem: str | None
-    """What is wrong with it, for people; null where nothing is."""
+    """Why it cannot be played in full, for people; null if it can."""
 
 
 def _is_plain(name: str) -> bool:
@@ -62,7 +62,7 @@ def _is_plain(name: str) -> bool:
 
 
 def stamp_of(path: Path) -> Stamp:
-    """What tells whether a file is still the same. Raises OSError."""
+    """A value that changes when the file changes. Raises OSError."""
     status = path.stat()
     return status.st_size, status.st_mtime_ns
 
@@ -107,14 +107,14 @@ class Catalogue:
             if known is None or known[0] != stamp:
                 known = self._known[name] = stamp, look(path, stamp[0])
             is_running = name in running
-            problem = "Nothing is in it yet." if is_running and not stamp[0] else known[1].problem
+            problem = "The recording is still empty." if is_running and not stamp[0] else known[1].problem
             found.append(replace(known[1], running=is_running, problem=problem))
         self._known = {name: self._known[name] for name in names if name in self._known}
         return sorted(found, key=lambda i: (i.started_unix_s or 0.0, i.name), reverse=True)
 
 
 def look(path: Path, size: int) -> RecordingInfo:
-    """What the two ends of a file tell."""
+    """Reads a recording's start and end."""
     named = _ours.fullmatch(path.name)
     info = RecordingInfo(path.name, size, None, None, (), named["link"] if named else None, False, None)
     try:
@@ -125,7 +125,7 @@ def look(path: Path, size: int) -> RecordingInfo:
         return replace(info, problem="The file is empty.")
     first = parse(head, Cursor(), is_last=not tail_offset)
     if not first.records or first.bytes_skipped > len(head) // 2:
-        return replace(info, problem="It holds no MAVLink records: it is no telemetry log (.tlog).")
+        return replace(info, problem="No MAVLink records found: this is not a telemetry log (.tlog).")
     last, damaged = first, first.bytes_skipped > 0
     if tail_offset:
         last = parse(tail, Cursor(tail_offset, first.records[-1].time_us, 0), is_last=True)
@@ -138,7 +138,7 @@ def look(path: Path, size: int) -> RecordingInfo:
         started_unix_s=begin_us / 1e6,
         duration_s=(end_us - begin_us) / 1e6,
         vehicles=tuple(sorted({system_id(r.key) for r in first.records if _is_autopilot(r)})),
-        problem="Parts of it are damaged; they are left out." if damaged else None,
+        problem="Some parts of the recording are damaged and left out." if damaged else None,
     )
 
 

@@ -32,11 +32,11 @@ MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
 CHANGES_TOLD, TEXTS_TOLD = 2000, 500
 """Told again after a jump, at most: what a feed of messages shows, and more."""
 KINDS_AT_MOST = 10_000
-"""Of (system, component, message) told apart: those of a hundred vehicles, and more."""
+"""Most combinations of (system, component, message) that are indexed: enough for a hundred vehicles."""
 STORY_AT_MOST = 50_000
 """Changes of state, and as many texts: a day of one each second, and more."""
 CHECKPOINT_NUMBERS_AT_MOST = 2_000_000
-"""In all checkpoints together (16 MB); beyond it, every second checkpoint goes."""
+"""Most numbers in all checkpoints together (16 MB); beyond it, every second checkpoint is dropped."""
 DAMAGED_FROM = 0.5
 """Share of bytes that belong to no record from which a file is no telemetry log at all."""
 
@@ -56,7 +56,7 @@ class Checkpoint:
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """Of one recording, as it was when it was read."""
+    """The index of one recording, as it was when it was read."""
 
     begin_us: int
     end_us: int
@@ -190,7 +190,7 @@ def make_index(file: BinaryIO) -> Index:
     if not size:
         raise UnreadableRecording("The file is empty.")
     if not count or skipped > DAMAGED_FROM * size:
-        raise UnreadableRecording("It holds no MAVLink records: it is no telemetry log (.tlog).")
+        raise UnreadableRecording("No MAVLink records found: this is not a telemetry log (.tlog).")
     return Index(
         begin_us,
         end_us,

@@ -26,7 +26,7 @@ MEMORY_BYTES = 1_000_000_000
 COMPUTING_S = 900
 """Enough for about ten gigabytes of log."""
 
-_broken_off = "Reading it took more memory or time than a recording may take."
+_broken_off = "Reading the recording took more memory or time than allowed."
 
 
 class IndexProcess:
@@ -50,13 +50,13 @@ class IndexProcess:
                 process.kill()
             output, _ = process.communicate()
         if self._stopped:
-            raise UnreadableRecording("Reading it was broken off.")
+            raise UnreadableRecording("Reading the recording was interrupted.")
         if process.returncode or not output:
             raise UnreadableRecording(_broken_off)
         return from_bytes(output)
 
     def stop(self) -> None:
-        """Its result is not wanted any more."""
+        """Stops the process; its result is no longer needed."""
         self._stopped = True
         if self._process is not None:
             self._process.kill()

@@ -52,7 +52,7 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class VehicleMarks:
-    """Of one vehicle in a recording."""
+    """The marks of one vehicle in a recording."""
 
     system_id: int
     modes: tuple[ModeSpan, ...]

@@ -81,12 +81,12 @@ class Timeline:
         self._restart(now_s, self.position_us(now_s), False)
 
     def set_speed(self, now_s: float, speed: float) -> None:
-        """From now on."""
+        """Sets the replay speed."""
         self._restart(now_s, self.position_us(now_s), self._playing)
         self._speed = speed
 
     def jump(self, now_s: float, time_us: int) -> int:
-        """To the nearest moment there is, which it returns."""
+        """Jumps to the nearest recorded time, and returns it."""
         self._restart(now_s, min(self.end_us, max(self.begin_us, time_us)), self._playing)
         return self._from_us
 
@@ -96,10 +96,10 @@ class Timeline:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What makes a vehicle's state that of one moment, and how it goes on from there."""
+    """The records that restore the state at one time, and the position to read on from."""
 
     records: list[Record]
-    """In their order: the newest of each message until then, and the story so far."""
+    """In recorded order: the newest of each message until then, and the events so far."""
     following: list[Record]
     """Read already, but later."""
     after: Cursor

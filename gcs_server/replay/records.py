@@ -30,7 +30,7 @@ JITTER_US = 2_000_000
 """Times step back a little where two threads write; more is a clock that was set."""
 MAX_UNPACKED_BYTES = 4_000_000_000
 KEEP_FREE_BYTES = 500_000_000
-"""What unpacking leaves free on the disk, where the flight that is going on may be recorded, too."""
+"""Disk space that unpacking leaves free, because a flight may be recorded at the same time."""
 
 _time = struct.Struct(">Q")
 
@@ -47,18 +47,18 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cursor:
-    """From where to read on."""
+    """The position to read on from."""
 
     offset: int = 0
     time_us: int = 0
-    """Of the newest record before; 0 where there is none."""
+    """Time of the newest record before; 0 if there is none."""
     shift_us: int = 0
-    """What is added to the times as written, since their clock was set."""
+    """Added to the recorded times, because the recording clock was set."""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What one piece of the file held."""
+    """The records of one piece of the file."""
 
     records: list[Record]
     after: Cursor

@@ -35,7 +35,7 @@ class Replay:
     """A recording that is being played."""
 
     name: str
-    """How the API calls it: its link's name."""
+    """Its name in the API: that of its link."""
     recording: str
     """The file's name."""
     vehicles: tuple[str, ...]
@@ -55,14 +55,14 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class RecordingIndex:
-    """What a time bar shows of a recording."""
+    """The data of a recording that a time bar shows."""
 
     recording: str
     begin_unix_s: float
     end_unix_s: float
     records: int
     bytes_skipped: int
-    """What belongs to no record: damage."""
+    """Damaged bytes, which belong to no record."""
     left_out: int
     """Records that the index leaves out: it has more senders, changes or messages than are kept."""
     vehicles: tuple[VehicleMarks, ...]
@@ -261,7 +261,7 @@ class Replays:
         path: Path,
         make: Callable[[], T],
     ) -> T:
-        """What was made of the very same file already, or is being made."""
+        """The result already made from the same file, or being made."""
         key = None
         try:
             key = path, stamp_of(path)

@@ -1,4 +1,4 @@
-"""What the scene needs of the rest of the server, and nothing more: so it can be tested with fakes."""
+"""The interfaces that the scene needs from the rest of the server, so that tests can use fakes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class IdentityFacts(Protocol):
-    """The two facts of an identity that must be seen wherever the vehicle is."""
+    """The identity fields that must be shown wherever the vehicle is drawn."""
 
     @property
     def simulated(self) -> bool | None: ...
@@ -26,7 +26,7 @@ class SceneVehicle(Protocol):
 
     id: str
     clock: Clock
-    """Of its samples: the recording's own where it is replayed."""
+    """The clock of its samples; a replayed vehicle has the recording's clock."""
 
     @property
     def identity(self) -> IdentityFacts: ...
@@ -42,7 +42,7 @@ class SceneFleet(Protocol):
 
 
 class OffboardTarget(NamedTuple):
-    """What our own stream asks of a vehicle now; the vehicle's local NED frame."""
+    """The setpoint that this server streams to a vehicle now, in the vehicle's local NED frame."""
 
     position_ned_m: Vector3 | None = None
     velocity_ned_m_s: Vector3 | None = None
@@ -50,10 +50,10 @@ class OffboardTarget(NamedTuple):
 
 
 OffboardTargets = Callable[[str], tuple[Vector3 | None, Vector3 | None, float | None] | None]
-"""From a vehicle's id to what we stream to it (an OffboardTarget); None while we stream nothing."""
+"""Returns the OffboardTarget of a vehicle id; None while this server streams nothing to it."""
 
 
 def value_of(vehicle: SceneVehicle, topic: str, kind: type[T]) -> T | None:
-    """The newest value of a topic; None where there is none (or it is no such thing)."""
+    """The newest value of a topic; None if there is none, or if it has another type."""
     sample = vehicle.topic(topic)
     return sample.value if sample is not None and isinstance(sample.value, kind) else None

@@ -129,14 +129,14 @@ class Tracks:
         shown = self.shown(vehicle_id)
         pose = shown[1].smoother.pose if shown is not None else None
         if shown is None or pose is None:
-            raise Refused("There is no vehicle yet, so nobody knows where on earth this ground is.")
+            raise Refused("There is no vehicle yet, so the 3D ground has no geographic position.")
         point = ground_point(eye_enu_m, ray_enu, pose.ground_z_m)
         if point is None:
             return None
         geodetic = self._placement.geodetic(point)
         if geodetic is None:
             raise Refused(
-                "No vehicle has told its position yet, so nobody knows where on earth this ground is.",
+                "No vehicle has reported its position yet, so the 3D ground has no geographic position.",
                 remedy="Wait for a position fix.",
             )
         return (shown[0], *geodetic)

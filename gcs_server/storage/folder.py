@@ -9,7 +9,8 @@ from pathlib import Path
 from gcs_server.errors import GcsError
 
 MAX_FILE_NAME_BYTES = 255
-"""What file systems take (Linux: NAME_MAX); longer names are an error of the system, not merely unknown."""
+"""Longest file name of file systems (Linux: NAME_MAX); for longer ones the system reports an error instead of
+"not found"."""
 
 
 class StorageError(GcsError):
@@ -43,7 +44,7 @@ class DataFolder:
 
     @property
     def token(self) -> Path:
-        """What lets people in from other machines; its owner's alone to read."""
+        """File of the access token for other machines; readable by its owner only."""
         return self.path / "token"
 
     @property
@@ -58,7 +59,7 @@ class DataFolder:
 
     @property
     def cache(self) -> Path:
-        """What vehicles told of themselves and would tell again; may be deleted at any time."""
+        """Folder of data that vehicles would send again; may be deleted at any time."""
         return self.path / "cache"
 
     @property
@@ -73,12 +74,12 @@ class DataFolder:
 
     @property
     def simulator_log(self) -> Path:
-        """What the simulator says; that of the one before it ends in `.1`."""
+        """The simulator's log; the one of the run before ends in `.1`."""
         return self.path / "simulator.log"
 
     @property
     def simulator_pid(self) -> Path:
-        """Who the simulator is, for a restarted server."""
+        """File with the simulator's process id, for a restarted server."""
         return self.path / "simulator.json"
 
     def prepare(self) -> None:

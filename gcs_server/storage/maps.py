@@ -1,4 +1,4 @@
-"""The operator's own offline maps: PMTiles and MBTiles files in one folder, and what each says of itself."""
+"""The operator's own offline maps: PMTiles and MBTiles files in one folder, and their metadata."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class MapError(GcsError):
 
 @dataclass(frozen=True, slots=True)
 class MapInfo:
-    """What a map file says of itself."""
+    """Metadata of a map file."""
 
     name: str
     format: Literal["pmtiles", "mbtiles"]
@@ -54,23 +54,23 @@ class MapInfo:
 
 
 def is_map_name(name: str) -> bool:
-    """Whether a request may name this file: one in the folder itself, of the two kinds."""
+    """Whether a request may use this file name: a PMTiles or MBTiles file directly in the folder."""
     too_long = len(name.encode(errors="replace")) > MAX_FILE_NAME_BYTES
     return NAME.fullmatch(name) is not None and not name.startswith(".") and not too_long
 
 
 def read_map(path: Path) -> MapInfo:
-    """Looks into a file.
+    """Reads the metadata of a map file.
 
     Raises:
-        MapError: it is no map of its kind, or damaged; says why.
+        MapError: it is not a valid map file; the message says why.
     """
     try:
         return _pmtiles(path) if path.suffix == ".pmtiles" else _mbtiles(path)
     except (OSError, sqlite3.Error, struct.error, ValueError, EOFError) as error:
         raise MapError(
             f"The map {path.name} cannot be read: {error}.",
-            remedy="Put a PMTiles (version 3) or MBTiles file there, completely copied.",
+            remedy="Copy a complete PMTiles (version 3) or MBTiles file there.",
         ) from error
 
 
@@ -157,7 +157,7 @@ def _pmtiles(path: Path) -> MapInfo:
 
 
 def _bounds(corners: list[float]) -> Bounds | None:
-    """Only such as lie on the earth and enclose something."""
+    """The bounds if they are valid degrees and not empty, else None."""
     if len(corners) != 4:
         return None
     west, south, east, north = corners

@@ -13,7 +13,7 @@ from pathlib import Path
 
 MOST_RECORDS = 2000
 MOST_BYTES = 64_000
-"""Of one record; a longer file is not read."""
+"""Most bytes of one record; a longer file is not read."""
 _SUFFIX = ".json"
 _name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 

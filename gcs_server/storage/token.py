@@ -10,7 +10,7 @@ from pathlib import Path
 from gcs_server.storage.folder import StorageError
 
 FORM = re.compile(r"[A-Za-z0-9._~-]{16,256}")
-"""What fits into an address and a header as it is. Shorter ones can be guessed."""
+"""Characters that fit into a URL and a header unescaped; shorter tokens could be guessed."""
 FORM_IN_WORDS = "16 to 256 letters, digits or . _ ~ -"
 _LONGEST_FILE = 4096
 

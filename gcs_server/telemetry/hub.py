@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 
 EVENT_QUEUE_LENGTH = 500
 EVENT_QUEUE_CHARACTERS = 1 << 20
-"""Of the events that wait for one client, together."""
+"""Most characters of the events that wait for one client."""
 ERRORS_KEPT = 10
 """Answers to bad requests that wait for one client; more are left out."""
 OFFBOARD_PERIOD_S = 0.1
@@ -72,9 +72,9 @@ class Encoded:
         self._fleet = fleet
         self._bytes: dict[tuple[str, str], tuple[float, bytes]] = {}
         self._looked: dict[tuple[str, str], tuple[float, object]] = {}
-        """Of the server's own topics: when each was last looked at, and its value then."""
+        """The server's own topics: the time of the last reading, and its value."""
         self.replays: Callable[[], Sequence[object]] = tuple
-        """What is played now; whoever plays sets it."""
+        """Returns the open replays; set by the replay service."""
 
     def replays_text(self) -> str | None:
         """A frame that says what is played; None while nothing is."""
@@ -86,7 +86,7 @@ class Encoded:
         return self._fleet.all()
 
     def forget(self, vehicle_id: str) -> None:
-        """Of a vehicle that has gone."""
+        """Drops everything about a vehicle that was removed."""
         for held in (self._bytes, self._looked):
             for key in [key for key in held if key[0] == vehicle_id]:
                 del held[key]
@@ -249,7 +249,7 @@ class Hub:
         self._end: Callable[[], None] = fleet.subscribe(self.tell)
 
     def watch_replays(self, replays: Callable[[], Sequence[object]]) -> None:
-        """From whom to ask what is played."""
+        """Sets the function that returns the open replays."""
         self._encoded.replays = replays
 
     def tell(self, event: Event) -> None:

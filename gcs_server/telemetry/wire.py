@@ -30,7 +30,7 @@ class WireSample:
 
 
 class Subscribe(msgspec.Struct, tag="subscribe", forbid_unknown_fields=True):
-    """What a client may send."""
+    """The subscription that a client sends."""
 
     vehicles: list[str] | str = "*"
     topics: list[str] | str = "*"
@@ -80,7 +80,7 @@ def replays_frame(replays: object) -> str:
 
 
 def error_frame(text: str) -> str:
-    """What a client did wrong; the socket stays open."""
+    """An error message to a client; the socket stays open."""
     short = text if len(text) <= LONGEST_ERROR else f"{text[:LONGEST_ERROR]}…"
     return encode({"type": "error", "detail": short}).decode()
 

@@ -1,6 +1,6 @@
-"""What `streamer/` and `control/` attach to each vehicle, as far as this package and its readers need it.
+"""Interfaces of the objects that `streamer/` and `control/` attach to each vehicle.
 
-Whoever needs more of it asks those packages: `Streamer.offboard`, `Authority.control`.
+Code that needs more uses those packages: `Streamer.offboard`, `Authority.control`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Protocol
 
 
 class StreamStatus(Protocol):
-    """How the setpoint stream to a vehicle stands."""
+    """State of the setpoint stream to a vehicle."""
 
     @property
     def streaming(self) -> bool:
@@ -38,7 +38,7 @@ class AttachedMission(Protocol):
 
 
 class HolderStatus(Protocol):
-    """Who may command a vehicle."""
+    """State of control of a vehicle."""
 
     @property
     def holder(self) -> str | None:

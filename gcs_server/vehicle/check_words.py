@@ -13,7 +13,7 @@ class Check(NamedTuple):
     """One check."""
 
     name: str
-    """As PX4's metadata calls it, for programs."""
+    """Name in PX4's metadata, for programs."""
     cause: str
     """Why, as part of a sentence."""
     remedy: str | None = None
@@ -21,7 +21,7 @@ class Check(NamedTuple):
 
 
 STILL = "Keep the vehicle still and wait; if it stays, look at the sensor."
-SKY = "Wait where the vehicle sees the sky well."
+SKY = "Wait at a place with a clear view of the sky."
 CALIBRATE_RC = "Calibrate the transmitter again."
 CALIBRATE = "Calibrate it."
 WIRING = "Check that it is connected, and restart the vehicle."
@@ -39,14 +39,14 @@ MODE_NEEDS: dict[int, Check] = {
         "check_modes_offboard_signal", "no offboard setpoints are coming in",
         "Start an offboard stream here: it sends setpoints before it asks for the mode.",
     ),
-    30612409: Check("check_modes_local_pos", "there is no position estimate", SKY),
-    26788467: Check("check_modes_global_pos", "there is no global position", SKY),
+    30612409: Check("check_modes_local_pos", "no valid position estimate", SKY),
+    26788467: Check("check_modes_global_pos", "no valid global position", SKY),
     29467116: Check(
-        "check_modes_local_alt", "there is no height estimate", "Wait; look at the barometer."
+        "check_modes_local_alt", "no valid altitude estimate", "Wait; look at the barometer."
     ),
     16856624: Check("check_modes_home_position", "there is no home position", SKY),
-    27227279: Check("check_modes_attitude", "there is no attitude estimate", STILL),
-    26420585: Check("check_modes_angular_velocity", "the gyros give no turning rates", WIRING),
+    27227279: Check("check_modes_attitude", "no valid attitude estimate", STILL),
+    26420585: Check("check_modes_angular_velocity", "no valid angular velocity", WIRING),
     31525953: Check(
         "check_external_modes_unavailable", "the external mode is not registered", "Start its program."
     ),
@@ -54,7 +54,7 @@ MODE_NEEDS: dict[int, Check] = {
         "check_external_modes_unresponsive", "the external mode's program is silent", "Restart its program."
     ),
 }  # fmt: skip
-"""What modes need to run at all; the others only keep the vehicle from arming."""
+"""Checks that modes need to run at all; the others only prevent arming."""
 
 CHECKS: dict[int, Check] = MODE_NEEDS | {
     18648929: Check(
@@ -62,12 +62,16 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
         "Arm in Hold or Take off, then switch.",
     ),
     25316113: Check(
-        "check_failure_detector_roll", "the vehicle is tilted too far", "Put it upright, then restart it."
+        "check_failure_detector_roll", "the vehicle is tilted too far",
+        "Place the vehicle upright, then restart it."
     ),
     33522684: Check(
-        "check_failure_detector_pitch", "the vehicle is tilted too far", "Put it upright, then restart it."
+        "check_failure_detector_pitch", "the vehicle is tilted too far",
+        "Place the vehicle upright, then restart it."
     ),
-    21326245: Check("check_failure_detector_alt", "it lost height without cause", "Find out why first."),
+    21326245: Check(
+        "check_failure_detector_alt", "the vehicle lost altitude unexpectedly", "Find out why first."
+    ),
     21039037: Check("check_failure_detector_ext", "an external system reports a failure"),
     17443695: Check("check_failure_detector_motor", "a motor failed", "Repair it before the next flight."),
     32570390: Check("check_failure_detector_arm_esc", "a motor controller did not arm", WIRING),
@@ -77,7 +81,7 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     21826980: Check("check_battery_low", "the battery is low", CHARGE),
     19404811: Check("check_battery_critical", "the battery is nearly empty", CHARGE),
     28121863: Check("check_battery_emergency", "the battery is empty", CHARGE),
-    19005802: Check("check_battery_rem_flight_time_low", "the battery lasts for too short a flight", CHARGE),
+    19005802: Check("check_battery_rem_flight_time_low", "the remaining flight time is too short", CHARGE),
     27095490: Check("check_battery_missing", "a battery is missing", "Connect all batteries."),
     25576769: Check("check_battery_disconnected", "a battery is disconnected", "Connect all batteries."),
     30121562: Check("check_battery_unhealthy", "a battery is not healthy", CHARGE),
@@ -89,22 +93,26 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     21752443: Check("check_estimator_gps_hor_speed_drift_too_high", "the GPS speed still drifts", SKY),
     23335473: Check("check_estimator_gps_vert_speed_drift_too_high", "the GPS climb rate still drifts", SKY),
     27455887: Check("check_estimator_gps_speed_acc_too_low", "the GPS speed is too uncertain", SKY),
-    26976193: Check("check_estimator_gps_pdop_too_high", "the GPS satellites stand badly", SKY),
+    26976193: Check("check_estimator_gps_pdop_too_high", "poor GPS satellite geometry (PDOP too high)", SKY),
     29871674: Check("check_estimator_gps_num_sats_too_low", "there are too few GPS satellites", SKY),
     29146769: Check("check_estimator_gps_fix_too_low", "GPS has no 3D fix", SKY),
     18865335: Check("check_estimator_gps_generic", "GPS is not good enough", SKY),
     26385442: Check("check_estimator_gps_not_fusing", "the estimator does not use GPS", SKY),
-    25491158: Check("check_estimator_gps_spoofed", "the GPS signal is forged", "Do not fly by GPS here."),
-    29557505: Check("check_estimator_gps_jamming_critical", "the GPS is jammed", "Do not fly by GPS here."),
+    25491158: Check("check_estimator_gps_spoofed", "GPS spoofing detected", "Do not fly by GPS here."),
+    29557505: Check(
+        "check_estimator_gps_jamming_critical", "GPS jamming detected", "Do not fly by GPS here."
+    ),
     22831554: Check("check_estimator_missing_data", "the estimator has not started yet", STILL),
     33420013: Check("check_estimator_heading_not_stable", "the heading estimate is not stable yet", STILL),
-    26412014: Check("check_estimator_hgt_not_stable", "the height estimate is not stable yet", STILL),
+    26412014: Check("check_estimator_hgt_not_stable", "the altitude estimate is not stable yet", STILL),
     26475035: Check("check_estimator_hor_pos_not_stable", "the position estimate is not stable yet", STILL),
     25679424: Check("check_estimator_hor_vel_not_stable", "the speed estimate is not stable yet", STILL),
     25948424: Check("check_estimator_vert_vel_not_stable", "the climb rate is not stable yet", STILL),
     27737349: Check("check_estimator_low_position_accuracy", "the position estimate is inaccurate", SKY),
-    20390844: Check("check_estimator_high_accel_bias", "an accelerometer is far off", "Calibrate it again."),
-    26084437: Check("check_estimator_high_gyro_bias", "a gyro is far off", "Calibrate it again."),
+    20390844: Check(
+        "check_estimator_high_accel_bias", "an accelerometer bias is too high", "Calibrate it again."
+    ),
+    26084437: Check("check_estimator_high_gyro_bias", "a gyro bias is too high", "Calibrate it again."),
     32490591: Check(
         "check_estimator_mag_interference", "the magnetic field here is disturbed", "Move away from metal."
     ),
@@ -143,7 +151,7 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     20842799: Check(
         "check_gf_violation_max_hor_dist", "the vehicle is farther from home than the fence", BACK_INSIDE
     ),
-    16901501: Check("check_gf_no_home", "a fence that returns needs a home position", SKY),
+    16901501: Check("check_gf_no_home", "a geofence with the action Return needs a home position", SKY),
     29582859: Check("check_mission_failure", "the mission cannot be flown", "Correct it; upload it again."),
     26938432: Check(
         "check_open_drone_id_missing", "the Open Drone ID system is missing", "Connect it (COM_ARM_ODID)."
@@ -152,21 +160,26 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     32742900: Check("check_parachute_missing", "the parachute system is missing", WIRING),
     30149368: Check("check_parachute_unhealthy", "the parachute system is not ready", WIRING),
     23579003: Check(
-        "check_rc_dl_no_dllink", "the vehicle hears no ground station", "Check the link in both directions."
+        "check_rc_dl_no_dllink", "the vehicle has no connection to a ground station",
+        "Check the link in both directions."
     ),
     29532170: Check("check_system_flight_term_active", "the flight was terminated", "Restart the vehicle."),
     17054001: Check("check_system_safety_button", "the safety button is not pressed", "Press it."),
     24439368: Check("check_system_usb_connected", "a USB cable is connected", "Pull it out."),
-    29053220: Check("check_system_no_global_pos", "there is no global position", SKY),
+    29053220: Check("check_system_no_global_pos", "no valid global position", SKY),
     23268580: Check("check_system_no_home_pos", "there is no home position", SKY),
-    22481569: Check("check_system_arm_auth_failed", "the one who must permit arming said no"),
+    22481569: Check("check_system_arm_auth_failed", "arming authorization denied"),
     25855193: Check("check_man_control_kill_engaged", "the kill switch is on", "Switch it off."),
     24661593: Check("check_man_control_rtl_engaged", "the return switch is on", "Switch it off."),
-    24736883: Check("check_armable_configuration", "it is configured to stay safe", "Set it up first."),
+    24736883: Check(
+        "check_armable_configuration", "the vehicle is configured not to arm", "Set it up first."
+    ),
     28190816: Check("check_wind_too_high", "the wind is above the limit", "Wait, or land."),
-    31421834: Check("check_flight_time_limit", "the longest flight time is over", "Land."),
+    31421834: Check("check_flight_time_limit", "the maximum flight time has been reached", "Land."),
     27773549: Check("check_missing_fmu_sdcard", "there is no SD card", "Put one in."),
-    21225307: Check("check_hardfault_present", "a crash of the software is on the SD card", "Read it out."),
+    21225307: Check(
+        "check_hardfault_present", "the SD card holds a crash log of the flight software", "Read it out."
+    ),
     17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Switch off extras."),
     31198698: Check("check_ram_usage_too_high", "the flight computer's memory is nearly full"),
     23756917: Check("check_rc_min_too_small", "a transmitter channel's calibration is wrong", CALIBRATE_RC),

@@ -99,7 +99,7 @@ def parse(content: bytes | str) -> Document[int, Definition]:
     """
     document = _document.decode(content)
     if document.version != 2:
-        raise ValueError(f"an events document of version {document.version}; version 2 is known")
+        raise ValueError(f"events document version {document.version} is not supported, only version 2")
     return _Reader().read(document)
 
 

@@ -1,7 +1,8 @@
-"""One vehicle's EVENT messages in order, none twice, and which of them to ask for again; pure.
+"""Puts one vehicle's EVENT messages in order, drops repeats and finds those to request again; pure.
 
-The MAVLink guide's events interface: numbers of 16 bits that wrap; a gap is asked for with REQUEST_EVENT;
-what the vehicle has no more it tells by RESPONSE_EVENT_ERROR; CURRENT_EVENT_SEQUENCE shows what came last.
+The MAVLink guide's events interface: 16-bit sequence numbers that wrap. A gap is requested by REQUEST_EVENT;
+for an event that the vehicle no longer has it answers RESPONSE_EVENT_ERROR; CURRENT_EVENT_SEQUENCE has the
+newest number.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from typing import Generic, TypeVar
 Item = TypeVar("Item")
 
 LONGEST_GAP = 64
-"""A larger one is a restart of the vehicle's, or a link that was away: its middle is gone anyway."""
+"""A larger gap means that the vehicle restarted or the link was lost: the events in it cannot be had any
+more."""
 ASK_EVERY_S = 0.25
 ASK_TIMES = 12
 RESET_FLAG = 1
@@ -21,12 +23,12 @@ RESET_FLAG = 1
 
 @dataclass(slots=True)
 class EventStream(Generic[Item]):
-    """Put in as they come; taken out in order."""
+    """Takes events as they arrive and returns them in order."""
 
     expected: int | None = None
     """The next number; None before the first."""
     lost: int = 0
-    """How many could not be had."""
+    """Number of events that were never received."""
     _held: dict[int, Item] = field(default_factory=dict[int, Item])
     _newest: int = 0
     """The last number that is known to have been used."""
@@ -34,7 +36,8 @@ class EventStream(Generic[Item]):
     _next_ask_s: float = float("-inf")
 
     def take(self, sequence: int, item: Item) -> list[Item]:
-        """What is in order now that this one has come; empty where it came before or something is missing."""
+        """Takes an event; returns those now in order. Empty if it is a repeat or an earlier one is
+        missing."""
         if self.expected is None:
             self.expected, self._newest = sequence, (sequence - 1) & 0xFFFF
         ahead = _ahead(sequence, self.expected)
@@ -62,7 +65,7 @@ class EventStream(Generic[Item]):
             self._note(sequence)
 
     def gone(self, sequence: int, oldest: int) -> list[Item]:
-        """RESPONSE_EVENT_ERROR: the vehicle has not got it any more, only from `oldest` on."""
+        """RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest is `oldest`."""
         if self.expected is None or _ahead(sequence, self.expected) != 0:
             return []
         return self._skip_to(oldest if 0 < _ahead(oldest, self.expected) <= LONGEST_GAP else sequence + 1)
@@ -85,14 +88,14 @@ class EventStream(Generic[Item]):
         return missing
 
     def give_up(self, now_s: float) -> list[Item]:
-        """What is in order once a gap that nobody fills is left behind."""
+        """Skips a gap once all requests for it failed; returns the events that are then in order."""
         missing = self.missing
         if missing is None or self._asked < ASK_TIMES or now_s < self._next_ask_s:
             return []
         return self._skip_to(missing[1] + 1)
 
     def reset(self) -> None:
-        """The vehicle counts from anew, or it is another one."""
+        """Starts over: the vehicle restarted, or it is another vehicle."""
         self.expected = None
         self._held.clear()
         self._asked = 0

@@ -27,7 +27,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 TICK_S = 0.25
 LOOK_AGAIN_S = 0.25
-"""How seldom a full link is searched for somebody who makes room."""
+"""Interval at which a full link is searched for a vehicle to remove."""
 OTHER_MARK = "~"
 VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
@@ -53,16 +53,16 @@ class Fleet(FrameSink):
 
     def __init__(self, clock: Clock, supervisor: Supervisor, router: Router) -> None:
         self.events = EventFeed()
-        """Of the whole server: vehicles and links come and gone, warnings."""
+        """Events of the whole server: vehicles and links added or removed, warnings."""
         self._clock = clock
         self._supervisor = supervisor
         self._router = router
         self._own_ids = (router.settings.system_id, router.settings.component_id)
         self._vehicles: dict[str, Vehicle] = {}
         self._full_until_s: dict[str, float] = {}
-        """By link: newcomers are not looked at before, since there is no room for them."""
+        """By link: time until which new vehicles are ignored because there is no room for them."""
         self._ordered: list[Vehicle] | None = None
-        """Of `all`, until one comes or goes: strangers ask for it with every frame."""
+        """Cached result of `all`, until a vehicle is added or removed."""
         self._endpoints: dict[tuple[Connection, str, int], Endpoint] = {}
         self._subscribers: list[Callable[[Event], None]] = []
         self._on_added: list[Callable[[Vehicle], None]] = []
@@ -120,7 +120,7 @@ class Fleet(FrameSink):
             )
         if self._clock.monotonic_s() - last_heard_s(vehicle) <= SILENT_AFTER_S:
             raise Refused(
-                f"Vehicle {vehicle_id} is heard on {', '.join(vehicle.links)}: it would be back at once.",
+                f"Vehicle {vehicle_id} is heard on {', '.join(vehicle.links)}: it would reappear at once.",
                 remedy="Switch it off, or close the link; a vehicle can be removed once it is silent.",
             )
         if vehicle.streaming:
@@ -172,7 +172,7 @@ class Fleet(FrameSink):
         vehicle.receive(frame, endpoint)
 
     def on_peer_gone(self, connection: Connection, peer: Peer) -> None:
-        """Its endpoints are no more; a vehicle stays listed, a recording goes with its link."""
+        """Removes the peer's endpoints; a vehicle stays listed, a replayed one is removed with its link."""
         for key, endpoint in list(self._endpoints.items()):
             if key[0] is connection and key[1] == peer.name:
                 self._forget(endpoint)
@@ -234,7 +234,7 @@ class Fleet(FrameSink):
         why, others = found
         leaves = forgettable(others, now_s)
         if leaves is not None:
-            self._drop(leaves, "it had long been silent, and another needed its place")
+            self._drop(leaves, "it had been silent for a long time, and its slot was needed")
             return True
         text = self._refusals.refuse(endpoint, why, now_s)
         if text is not None:
@@ -343,7 +343,7 @@ class Fleet(FrameSink):
         self._warn_of_twins(into.identity.system_id)
 
     def _drop(self, vehicle: Vehicle, why: str) -> None:
-        """With all places where it was heard."""
+        """Removes a vehicle with all its endpoints."""
         for endpoint in vehicle.endpoints:
             self._forget(endpoint)
             vehicle.detach(endpoint)

@@ -22,7 +22,7 @@ _Kept = tuple[float, int, float, int, int, int, bytes]
 
 
 class History:
-    """Of each message the frames that were newest at one of the `keep` calls.
+    """Keeps, for each message, the frame that was newest at each `keep` call.
 
     Args:
         msg_ids: what to keep.

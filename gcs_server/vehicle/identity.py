@@ -13,7 +13,7 @@ from gcs_server.mavlink import dialect as d
 
 PX4_SITL_UID = 0x4954414C44494E4F
 SITL_BOARD_VERSION = 1
-"""With no USB vendor and product: what PX4's simulator reports, and no flight controller does."""
+"""Board version that PX4's simulator reports without USB vendor and product; no flight controller does."""
 COMMANDABLE_TYPES = frozenset(
     {
         d.MAV_TYPE_QUADROTOR,
@@ -31,7 +31,7 @@ _version = struct.Struct("<QQIIIIHH24s18s")
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What does not change in flight, as far as it is known yet."""
+    """Data of a vehicle that do not change in flight, as far as known."""
 
     system_id: int
     component_id: int

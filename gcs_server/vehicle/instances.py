@@ -24,7 +24,7 @@ DEVICE_AT = {d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 48, d.MAVLINK_MSG_I
 ANY_COMPONENT = frozenset(gimbal_decoder.IDS)
 """Messages that a gimbal of its own may send in the vehicle's stead."""
 MOST_INSTANCES = 8
-"""Of one message; PX4 has four batteries at most. More are not kept."""
+"""Most instances of one message; PX4 has four batteries at most. More are not kept."""
 SILENT_AFTER_S = 10.0
 """An instance not heard for so long, while another is, has gone."""
 OTHER_GIMBAL_AFTER_S = 3.0
@@ -43,7 +43,7 @@ def instance_of(key: int) -> int:
 
 
 class Instances:
-    """Of one vehicle: which keys there are, and which gimbal is the one to show."""
+    """The message instances of one vehicle, and the gimbal to show."""
 
     def __init__(self) -> None:
         self._keys: dict[int, tuple[int, ...]] = {}

@@ -111,7 +111,7 @@ def unpacked(packed: bytes, crc: int, most_bytes: int = MOST_BYTES) -> bytes:
     if len(content) > most_bytes:
         raise ValueError(f"unpacked it has more than {most_bytes:,} bytes")
     if crc and crc not in (crc32(packed), crc32(content)):
-        raise Damaged("it is not what its checksum says")
+        raise Damaged("its checksum does not match")
     return content
 
 

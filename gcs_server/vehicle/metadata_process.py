@@ -23,9 +23,9 @@ NICENESS = 10
 MEMORY_BYTES = 256_000_000
 COMPUTING_S = 5
 WITHIN_S = 20.0
-"""In all, on a busy machine."""
+"""Time limit for one document, on a busy machine."""
 MOST_HELD_BYTES = 24_000_000
-"""Of all vehicles' documents together, encoded; ten different firmwares have 8 MB."""
+"""Limit of all vehicles' encoded documents together; ten different firmwares have 8 MB."""
 BROKEN_OFF = "reading it took more memory or time than a vehicle's file may take"
 
 

@@ -47,8 +47,8 @@ class ModeCause:
     """Why the vehicle flies its present mode, as far as can be known."""
 
     source: Source
-    """command (this server's), vehicle (its own course), failsafe, pilot (its transmitter), station (another
-    one), unknown."""
+    """command (this server's), vehicle (the vehicle itself), failsafe, pilot (its transmitter), station
+    (another one), unknown."""
     who: str | None
     """The client, or the other station."""
     text: str
@@ -95,12 +95,14 @@ def cause_of(
         d.MAV_STATE_CRITICAL,
         d.MAV_STATE_EMERGENCY,
     ):
-        return ModeCause("failsafe", None, "its own failsafe", unix_s)
+        return ModeCause("failsafe", None, "the failsafe", unix_s)
     if not after.armed or (new == "hold" and old in ENDS_IN_HOLD):
-        return ModeCause("vehicle", None, "its own course", unix_s)
+        return ModeCause("vehicle", None, "the vehicle itself", unix_s)
     if new in BY_HAND and hears_transmitter:
-        return ModeCause("pilot", None, "its transmitter", unix_s)
-    return ModeCause("unknown", None, "not this server: its pilot, another station or itself", unix_s)
+        return ModeCause("pilot", None, "the RC pilot", unix_s)
+    return ModeCause(
+        "unknown", None, "not this server (RC pilot, another station or the vehicle itself)", unix_s
+    )
 
 
 def is_overruled(facts: Facts) -> bool:

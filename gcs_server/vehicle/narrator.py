@@ -73,7 +73,7 @@ class Narrator:
         self._line("event", event.level, held or event.text, event)
 
     def facts(self, before: Facts, after: Facts, cause: ModeCause | None = None) -> None:
-        """What changed between two states; `cause` of a changed mode."""
+        """Publishes events for the changes between two states; `cause` is that of a changed mode."""
         known = before.heartbeat_s > float("-inf")
         if known and after.armed != before.armed:
             self._line("armed" if after.armed else "disarmed", NOTICE, "Armed" if after.armed else "Disarmed")

@@ -1,4 +1,4 @@
-"""What a vehicle's numbers must be before anything here counts with them: finite, and of a size that can be.
+"""Checks of a vehicle's numbers before they are used: finite, and of a plausible size.
 
 MAVLink's floats may be not a number ("not set"), infinite, or of any size. Each is judged once, where it is
 decoded. `LARGEST` keeps every later square, sum and conversion to a whole number far from overflow.
@@ -22,12 +22,12 @@ class Unusable(Exception):
 
 
 def number(value: float) -> float | None:
-    """The value; None where it is not finite or larger than can be."""
+    """The value; None if it is not finite or implausibly large."""
     return value if -LARGEST <= value <= LARGEST else None
 
 
 def required(what: str, *values: float) -> None:
-    """Raises Unusable where one of the values is none; `what` names the message and its fields."""
+    """Raises Unusable if one of the values is not usable; `what` names the message and its fields."""
     for value in values:
         if not -LARGEST <= value <= LARGEST:
             said = (
@@ -37,7 +37,7 @@ def required(what: str, *values: float) -> None:
 
 
 def vector(values: Sequence[float]) -> Vector3 | None:
-    """Three values; None where one of them is none."""
+    """Three values; None if one of them is not usable."""
     x, y, z = values
     return (x, y, z) if all(-LARGEST <= v <= LARGEST for v in (x, y, z)) else None
 
@@ -52,6 +52,6 @@ def rotation(values: Sequence[float]) -> Quaternion | None:
 
 
 def on_earth(what: str, lat_deg: float, lon_deg: float) -> None:
-    """Raises Unusable where there is no such place."""
+    """Raises Unusable if there is no such position on the earth."""
     if not (-90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0):
         raise Unusable(f"{what} names no place on earth ({lat_deg:.7g}°, {lon_deg:.7g}°)")

@@ -28,7 +28,7 @@ _ack = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_ACK]
 
 
 class Outsiders:
-    """Of one vehicle.
+    """External control of one vehicle.
 
     Args:
         vehicle: whose messages are heard.
@@ -45,10 +45,10 @@ class Outsiders:
         self._foreign_ack: ForeignAck | None = None
         self._gimbal_control: tuple[int, int] | None = None
         self.mode_cause: ModeCause | None = None
-        """Who makes it fly its mode; None before the mode has changed since it was first heard."""
+        """The cause of its present mode; None until the mode has changed for the first time."""
 
     def mode(self, before: Facts, after: Facts) -> ModeCause | None:
-        """Who changed the mode; None where it did not change, or is heard for the first time."""
+        """The cause of a mode change; None if the mode did not change, or is the first one reported."""
         vehicle = self._vehicle
         self._second_thoughts(before, after)
         if after.custom_mode == before.custom_mode or before.heartbeat_s == float("-inf"):
@@ -83,7 +83,7 @@ class Outsiders:
             and after.custom_mode == before.custom_mode
             and is_overruled(after)
         ):
-            self.mode_cause = ModeCause("failsafe", None, "its own failsafe", cause.since_unix_s)
+            self.mode_cause = ModeCause("failsafe", None, "the failsafe", cause.since_unix_s)
 
     def ack(self, payload: bytes) -> None:
         """COMMAND_ACK: what the vehicle answers to others tells that they command it."""

@@ -70,14 +70,14 @@ _name = msgspec.json.Decoder(_Name)
 
 
 def parse(content: bytes) -> Document[str, ParamFacts]:
-    """Reads the metadata document; by name.
+    """Reads the metadata document; returns the parameters by name.
 
     Raises:
-        ValueError: not a document of a version that we know.
+        ValueError: not a document of a known version.
     """
     document = _document.decode(content)  # msgspec's errors are ValueErrors
     if document.version != 1:
-        raise ValueError(f"a parameter document of version {document.version}; version 1 is known")
+        raise ValueError(f"parameter document version {document.version} is not supported, only version 1")
     left_out = LeftOut("parameter", "parameters")
     found: dict[str, ParamFacts] = {}
     for raw in document.parameters[:MOST_PARAMETERS]:

@@ -11,7 +11,7 @@ from gcs_server.vehicle.foreign import Document, cut
 
 MOST_NAMED, LONGEST_NAMED = 20, 60
 """Choices that a refusal names, and characters of each."""
-FORCE = 'Send "force": true to set it all the same.'
+FORCE = 'Send "force": true to set it anyway.'
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Choice:
     value: int | float
     """The value; of a bit mask, the bit's number."""
     label: str
-    """As the metadata calls it."""
+    """Label in the metadata."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,13 @@ class ParamFacts:
     is_integer: bool
     """Whole number of 32 bits, else a 32-bit float."""
     group: str
-    """What it belongs to."""
+    """Group in the metadata."""
     category: str
     """Standard, Developer or System."""
     title: str | None = None
-    """What it is, in short."""
+    """Short description."""
     details: str | None = None
-    """What it is, at length."""
+    """Long description."""
     default: int | float | None = None
     """The firmware's; null: none is told."""
     min: int | float | None = None
@@ -49,13 +49,13 @@ class ParamFacts:
     unit: str | None = None
     """As the metadata writes it."""
     decimals: int | None = None
-    """How many are worth showing."""
+    """Number of decimals to show."""
     increment: float | None = None
     """A sensible step."""
     choices: tuple[Choice, ...] = ()
-    """Where only these are meant."""
+    """The documented values, if only these are valid."""
     bits: tuple[Choice, ...] = ()
-    """Where it is a bit mask."""
+    """The documented bits, if it is a bit mask."""
     reboot_required: bool = False
     """Whether a change takes effect only after a restart."""
     volatile: bool = False

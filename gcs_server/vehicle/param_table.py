@@ -39,9 +39,9 @@ class ParamReport:
 
     param: Param
     index: int
-    """In the vehicle's list; 65535 where it has none."""
+    """Index in the vehicle's list; 65535 if it has none."""
     count: int
-    """Of the list."""
+    """Length of the list."""
 
 
 def read_report(payload: bytes) -> ParamReport | None:
@@ -71,11 +71,11 @@ class ParamTable:
         self._values: dict[str, Param] = {}
         self._filled: set[int] = set()
         self.count: int | None = None
-        """Of the vehicle's list; None before it said."""
+        """Length of the vehicle's list; None until it is known."""
         self.hash: int | None = None
         """The vehicle's own checksum over names and values."""
         self.left_out = 0
-        """How many places hold what cannot be kept."""
+        """Number of entries that cannot be kept."""
 
     def __len__(self) -> int:
         return len(self._values)
@@ -135,7 +135,7 @@ class ParamTable:
 
     @classmethod
     def load(cls, content: bytes, wanted_hash: int, count: int) -> ParamTable | None:
-        """From the cache; None where it is of another state of the vehicle, or damaged."""
+        """The table from the cache; None if it does not match the vehicle's state or is damaged."""
         try:
             kept = json.loads(content)
             if not isinstance(kept, dict):

@@ -1,4 +1,4 @@
-"""PX4's EVENT messages in words: the vehicle's own where its metadata is at hand, else ours.
+"""Texts of PX4's EVENT messages: the vehicle's own if its metadata is available, else this server's.
 
 The ids are PX4 v1.16's (component 1 of the event's namespace included in the top byte). Arming checks
 carry the modes they concern as a bit mask and the health component as their first arguments.
@@ -31,13 +31,13 @@ TEXTS: dict[int, str] = {
     21054825: "Take-off detected",
     20656071: "Climbing to the default take-off altitude",
     19098816: "Already above the take-off altitude",
-    20099806: "Landing where it is",
+    20099806: "Landing at the current position",
     25087420: "Landing precisely",
     20262116: "Returning to launch",
     22161044: "Return has begun",
     16962474: "Landing at the destination",
     22400324: "Transmitter lost",
-    27900317: "The onboard computer fell silent",
+    27900317: "Connection to the onboard computer lost",
     31382480: "Failsafe active",
     30481910: "Failsafe: holding first",
     26528394: "Failsafe active",
@@ -60,7 +60,7 @@ COMPONENTS = {
     0: "common events", 1: "autopilot", 25: "user", 100: "camera", 154: "gimbal", 161: "parachute",
     169: "payload", 191: "onboard computer", 220: "GPS",
 }  # fmt: skip
-"""What MAVLink's component ids (MAV_COMPONENT) stand for."""
+"""Names of MAVLink's component ids (MAV_COMPONENT)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +73,9 @@ class VehicleEvent:
     """MAV_SEVERITY, or 8 and more for what is not for people."""
     text: str
     name: str
-    """PX4's name for it; `event_…` where nobody told."""
+    """PX4's name for it; `event_…` if it is not known."""
     remedy: str | None
-    """What to do about it, where somebody told."""
+    """What to do about it, if known."""
     boot_ms: int
     """When it happened, on the vehicle's boot clock."""
     arguments: bytes

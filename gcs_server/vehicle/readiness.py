@@ -22,7 +22,7 @@ STICK_MODES = sum(1 << state for state in (0, 1, 2, 6, 10, 15))
 """Manual, Altitude, Position, Position slow, Acro, Stabilized: those that a missing transmitter stops (as the
 recorded reports show; the finding itself names all modes)."""
 MOST_FINDINGS = 64
-"""Of one report."""
+"""Most findings of one report."""
 MOST_CAUSES = 6
 """That are told for one mode."""
 LONGEST_CAUSE, LONGEST_REMEDY = 240, 480
@@ -50,7 +50,7 @@ class Finding:
     modes_mask: int
     """Bit mask over nav states: which modes it concerns."""
     component: str | None
-    """What part of the vehicle it is about."""
+    """The part of the vehicle that it concerns."""
     cause: str
     """What is wrong, in words."""
     remedy: str | None
@@ -241,9 +241,9 @@ class Readiness:
     components_with_warnings: tuple[str, ...]
     """Parts of the vehicle that report warnings."""
     left_out: str | None = None
-    """What the vehicle said beyond the limits of a report, in words; null: nothing."""
+    """Text about findings beyond the limit of a report; null: none."""
     offers: tuple[Offer, ...] = ()
-    """What can be done now; empty where nothing is needed, or nothing here helps."""
+    """Actions that help now; empty if none is needed or none helps."""
 
 
 NOTHING_KNOWN = Readiness(False, None, "own", (), (), (), ())

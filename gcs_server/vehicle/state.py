@@ -58,7 +58,7 @@ class VehicleState:
         self._cache: dict[str, tuple[Frames, Sample | None]] = {}
         self._history = History({msg_id for ids in READS.values() for msg_id in ids})
         self._heard_s = float("-inf")
-        """Its last heartbeat, or what has been heard since without a gap."""
+        """Time of the last heartbeat, or of later messages without a gap."""
         self._statuses: deque[tuple[float, Facts, bool, Sample]] = deque()
         """(when kept, what it was made of, sample), of the last minutes."""
 
@@ -98,7 +98,7 @@ class VehicleState:
         return min(self._heard_s + LINK_LOST_AFTER_S, self.facts.heartbeat_s + HEARTBEAT_OVERDUE_AFTER_S)
 
     def silence(self) -> str:
-        """How long what makes it lost has lasted, for a sentence."""
+        """Text about how long the connection has been lost."""
         now_s = self._clock.monotonic_s()
         if self._heard_s == float("-inf"):
             return "it has not been heard"

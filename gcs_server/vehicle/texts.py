@@ -10,7 +10,7 @@ WAIT_FOR_CHUNKS_S = 1.0
 MOST_PENDING = 8
 """Texts whose chunks are awaited at the same time; the oldest is finished for a further one."""
 MOST_CHUNKS = 20
-"""Of 50 bytes; those beyond are not taken."""
+"""Most chunks of 50 bytes in one text; further ones are ignored."""
 LINES_AT_ONCE, LINES_PER_S = 200.0, 20.0
 """Of one vehicle. A PX4 says about 60 when it starts."""
 
@@ -55,7 +55,7 @@ class TextJoiner:
         return out
 
     def expire(self, now_s: float) -> list[tuple[int, str]]:
-        """What has waited long enough for its missing chunks."""
+        """Texts whose missing chunks have not arrived in time."""
         late = [i for i, p in self._pending.items() if now_s - p.began_s > WAIT_FOR_CHUNKS_S]
         return [self._finish(text_id) for text_id in late]
 
@@ -71,7 +71,7 @@ class TextJoiner:
 
 
 class LineBudget:
-    """How many lines a vehicle may still say; what is more is counted."""
+    """Limits the lines of a vehicle; further ones are counted."""
 
     def __init__(self) -> None:
         self._left = LINES_AT_ONCE

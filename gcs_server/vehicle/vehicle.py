@@ -74,7 +74,7 @@ class Vehicle:
         self.offboard_mission: AttachedMission | None = None
         """The mission that the server flies with it, set by `OffboardMissions`; None before."""
         self.control: AttachedControl | None = None
-        """Who may command it, set by `Authority`; None before."""
+        """Its control, set by `Authority`; None before."""
         self._identity = identity
         self._state = VehicleState(identity.component_id, clock)
         self._narrator = Narrator(self.events, clock)
@@ -110,7 +110,7 @@ class Vehicle:
 
     @property
     def identity(self) -> Identity:
-        """Who it is."""
+        """Its identity."""
         return self._identity
 
     @property
@@ -120,12 +120,12 @@ class Vehicle:
 
     @property
     def facts(self) -> Facts:
-        """As `status`, with the times at which the vehicle said it."""
+        """As `status`, with the times of the messages."""
         return self._state.facts
 
     @property
     def mode_cause(self) -> ModeCause | None:
-        """Who makes it fly its mode; None before the mode has changed since it was first heard."""
+        """The cause of its present mode; None until the mode has changed for the first time."""
         return self._outsiders.mode_cause
 
     @property
@@ -146,7 +146,7 @@ class Vehicle:
 
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """Where it is heard."""
+        """The endpoints on which it is heard."""
         return self._endpoints
 
     @property

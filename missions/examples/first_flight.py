@@ -1,7 +1,8 @@
 """Take off by offboard setpoints, 5 m up facing east, and land.
 
-`python -m missions.examples.first_flight`. The position is sent ten times a second and counts for half a
-second: if this program dies, the server holds the vehicle where it is, then hands it to PX4's Hold mode.
+`python -m missions.examples.first_flight`. The position is sent ten times a second, each valid for half a
+second: if this program dies, the server holds the vehicle at its position, then switches it to PX4's Hold
+mode.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ async def fly(server: str, vehicle: str | None) -> None:
 
 
 async def climb(drone: Vehicle, offboard: Offboard) -> None:
-    """Keeps the setpoint alive until the vehicle is there."""
+    """Renews the setpoint until the vehicle has reached it."""
     while (await drone.position_ned_m())[2] > UP_5_M[2] + ARRIVED_M:
         await offboard.position_ned(*UP_5_M, yaw_ned_rad=EAST_RAD)
         await asyncio.sleep(0.1)

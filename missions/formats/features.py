@@ -71,7 +71,7 @@ def of_plan(plan: Plan) -> list[Feature]:
 
 
 def written(data: bytes, plan: Plan, name: str) -> Written:
-    """The file, with what it does not hold."""
+    """The file, with notes about what it cannot hold."""
     return Written(data, lost(plan, name, fence=True, rally=True, home=True))
 
 

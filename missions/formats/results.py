@@ -1,4 +1,4 @@
-"""What reading and writing a format gives, besides the plan or the bytes: what did not fit."""
+"""Results of reading and writing a format: the plan or the bytes, and notes about what did not fit."""
 
 from __future__ import annotations
 

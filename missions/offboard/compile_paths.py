@@ -1,4 +1,4 @@
-"""Steps along a path as segments: the way to its beginning, the turn, the path itself, its pictures."""
+"""Compiles steps along a path to segments: the way to its start, the turn, the path itself, its pictures."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _fly_part(
 
 
 def heading_of(state: State, step: PathStep) -> Heading:
-    """Where the nose points on the step."""
+    """The heading during the step."""
     if step.heading == "along_path":
         return AlongPath(state.yaw_ned_rad)
     if step.look_at is not None:
@@ -152,7 +152,7 @@ def _turned(state: State, curve: TimedCurve, step: PathStep) -> None:
 
 
 def shape(state: State, step: Orbit | FigureEight) -> None:
-    """To where the shape begins, then along it."""
+    """A segment to the start of the shape, then along it."""
     limits = state.limits_for(step)
     center = state.locate(step.center)
     if isinstance(step, FigureEight):
@@ -197,7 +197,7 @@ def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: M
 
 
 def table(state: State, step: Table) -> None:
-    """To where the table begins, then at its own times."""
+    """A segment to the start of the table, then the table at its own times."""
     data = state.work.table(step.file)
     offset = state.work.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
     path = tables.read(data, offset, state.yaw_ned_rad)
@@ -266,7 +266,7 @@ def velocity(state: State, step: VelocityStep) -> None:
 
 
 def attitude(state: State, step: AttitudeStep) -> None:
-    """An attitude for a time; where it leads is not known, so the plan goes on from the same place."""
+    """An attitude for a time; its end position is not known, so the plan continues from the same position."""
     yaw_rad = state.yaw_ned_rad if step.yaw_ned_rad is None else step.yaw_ned_rad
     turn_to(state, yaw_rad)
     tilt_rad = math.acos(math.cos(step.roll_rad) * math.cos(step.pitch_rad))

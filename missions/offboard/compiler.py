@@ -1,4 +1,4 @@
-"""From the document of a mission to its timeline. Pure; a step that cannot be flown becomes a finding."""
+"""Compiles a mission document to its timeline. Pure; a step that cannot be flown becomes a finding."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from missions.offboard.steps import (
 from missions.offboard.timeline import FlightActions, Timeline
 
 MAX_DECISIONS = 12
-"""Branches on one way: each doubles the ways."""
+"""Most branches in a row: each doubles the number of paths through the mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ def compile_mission(
 
 
 def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
-    """Steps that have been flown: of them only the gimbal's track lasts."""
+    """Skips steps that have been flown; of their effects only the gimbal's track lasts."""
     for index, step in enumerate(steps, 1):
         if isinstance(step, Gimbal):
             state.place, state.title = f"step {index}", "Gimbal"
@@ -162,7 +162,7 @@ def _timeline(state: State) -> Timeline:
 
 
 def _carry_out(state: State, step: Any) -> None:
-    """One step; what is wrong with it is a finding, and the mission goes on without it."""
+    """Compiles one step; a step that cannot be flown becomes a finding and is left out."""
     flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait)
     if flies and not state.in_air:
         state.report(

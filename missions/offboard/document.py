@@ -1,4 +1,4 @@
-"""The document of an offboard mission, its JSON Schema, and what must hold between its parts."""
+"""The document of an offboard mission, its JSON Schema, and the checks between its parts."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Actions(Model):
     link_loss: Action = "hold"
     """The server loses the link to the vehicle and finds it again."""
     control_lost: Action = "hold"
-    """Nobody has control of the vehicle any more: the browser or program that had it has gone."""
+    """Control of the vehicle has expired: the browser or program that had it has disconnected."""
 
 
 class Bounds(Model):
-    """Lower limits for this mission than the vehicle's own."""
+    """Limits of this mission, lower than the vehicle's own."""
 
     speed_m_s: Speed | None = None
     climb_m_s: Speed | None = None
@@ -74,7 +74,7 @@ def write(mission: OffboardMission) -> bytes:
 
 
 def check_calls(mission: OffboardMission) -> None:
-    """Refuses calls of missions that there are not, calls in a circle and calls nested too deeply.
+    """Refuses calls of unknown missions, circular calls and calls nested too deeply.
 
     Raises:
         PlanError: There is one; names the call.
@@ -93,7 +93,7 @@ def _known(mission: OffboardMission, place: str, name: str) -> None:
 
 
 def _depth(mission: OffboardMission, name: str, depths: dict[str, int], above: tuple[str, ...]) -> int:
-    """How many missions call each other from this one downwards."""
+    """Depth of nested calls from this mission downwards."""
     if name in above:
         circle = " → ".join((*above[above.index(name) :], name))
         raise PlanError(f"mission {name!r}", f"the calls run in a circle ({circle})", "Remove one of them.")

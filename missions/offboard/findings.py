@@ -1,4 +1,4 @@
-"""What is wrong with an offboard mission: step, plain sentence, stable code, and a fix where there is one."""
+"""Findings about an offboard mission: step, sentence, stable code, and a fix if there is one."""
 
 from __future__ import annotations
 

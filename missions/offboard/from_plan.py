@@ -1,4 +1,4 @@
-"""A waypoint plan as an offboard mission: the same places, flown as a trajectory by setpoints."""
+"""Converts a waypoint plan to an offboard mission: the same positions, flown as a trajectory by setpoints."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Converted:
 
     mission: OffboardMission
     notes: tuple[str, ...]
-    """What the plan had and the mission has not."""
+    """Notes about parts of the plan that the mission does not have."""
 
 
 @dataclass(slots=True)

@@ -1,4 +1,4 @@
-"""Where the gimbal points while a segment is flown."""
+"""The gimbal's direction while a segment is flown."""
 
 from __future__ import annotations
 

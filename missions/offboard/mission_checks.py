@@ -1,4 +1,4 @@
-"""Checks of a compiled mission: where it leads, how fast its tables are, and how long all of it takes."""
+"""Checks of a compiled mission: its positions, the speed of its tables, and its duration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places of an offboard mission, and where they are in the vehicle's local frame."""
+"""Places of an offboard mission, and their conversion to the vehicle's local frame."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ class Start:
 
     @property
     def reference_ned_m(self) -> Vector3:
-        """What offsets count from; the ground below it is that of the landing."""
+        """The reference of offsets; the ground below it is that of the landing."""
         return self.position_ned_m if self.mission_start_ned_m is None else self.mission_start_ned_m
 
 
 class Unplaceable(Exception):
-    """A place needs something that is not known.
+    """A place cannot be converted because a value is not known.
 
     Attributes:
         missing: "global_position" or "home".
@@ -84,7 +84,7 @@ def to_local(place: Place, start: Start) -> Vector3:
 
     Args:
         place: as the document has it.
-        start: what the vehicle knows, and where the mission started.
+        start: the vehicle's position and origin, and the mission's start.
 
     Raises:
         Unplaceable: The origin or the altitude of home is not known.

@@ -1,4 +1,4 @@
-"""Reads an offboard mission from YAML or JSON that people write by hand; every complaint has its line.
+"""Reads an offboard mission from YAML or JSON that people write by hand; every error names its line.
 
 Of YAML it reads mappings, lists, texts and numbers. Anchors, tags and repeated keys are refused.
 """
@@ -46,7 +46,7 @@ def read(data: str | bytes) -> OffboardMission:
 
 
 def read_json(data: str | bytes) -> OffboardMission:
-    """The mission that a program sends as JSON, within the same bounds; its complaints have no lines.
+    """The mission that a program sends as JSON, within the same bounds; its errors have no line numbers.
 
     Raises:
         PlanError: It is out of bounds, no JSON, or not a mission; says step, field and what to do.
@@ -174,7 +174,7 @@ _FIXES = {
 
 
 def _complaint(error: ValidationError, value: Any, lines: dict[Path, int]) -> PlanError:
-    """The first complaint with its line, its step and its field."""
+    """The first validation error with its line, step and field."""
     first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
     path = _without_tags(first["loc"], value)
     known = path

@@ -1,4 +1,5 @@
-"""A compiled mission as it is drawn before the flight: where its segments lead, how long its steps take."""
+"""A compiled mission sampled for drawing before the flight: its segments as lines, and the duration of its
+steps."""
 
 from __future__ import annotations
 
@@ -38,7 +39,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class StepTime:
-    """What one step takes on the way that takes longest, its repeats together."""
+    """The duration of one step on the longest path through the mission, all repeats together."""
 
     place: str
     start_s: float

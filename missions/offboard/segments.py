@@ -1,4 +1,4 @@
-"""The parts of a compiled mission: what is sent at each moment, or what is waited for.
+"""The segments of a compiled mission: the setpoint at each moment, or the condition to wait for.
 
 Plain frozen values without state, so that a timeline can be handed to another process and sampled there.
 A segment's `at(t_s)` gives the setpoint `t_s` after the segment began, and its last one for any later time.
@@ -18,7 +18,7 @@ from missions.trajectory.curve import TimedCurve
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something to be done at a moment of a segment."""
+    """An action at a time of a segment."""
 
     t_s: float
     """Since the segment began."""

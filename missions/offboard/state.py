@@ -1,4 +1,4 @@
-"""Where a compilation stands: what has been made so far, and where the vehicle is by then."""
+"""The state of a compilation: the segments made so far, and the planned state of the vehicle after them."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from missions.vehicle import VehicleModel
 
 MAX_SEGMENTS = 2000
 MAX_STEPS = 10_000
-"""Carried out, repeats counted each time, on all ways together."""
+"""Most steps to compile, over all branches; repeats count each time."""
 MAX_POINTS = 50_000
-"""Solved, on all ways together."""
+"""Most path points to solve, over all branches."""
 
 
 @dataclass(frozen=True, slots=True)
 class MissionVehicle:
-    """What a mission is compiled for: what the vehicle can do, and what the operator allows."""
+    """The limits that a mission is compiled for: the vehicle's and the operator's."""
 
     motion: MotionLimits = field(default_factory=MotionLimits)
     limits: Limits = field(default_factory=Limits)
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, float], limits: Limits | None = None) -> MissionVehicle:
-        """With the vehicle's own values; `limits` are the operator's."""
+        """From the vehicle's parameters; `limits` are the operator's."""
         model = VehicleModel.from_parameters(parameters)
         return cls(MotionLimits.from_parameters(parameters), replace(limits or Limits(), vehicle=model))
 
@@ -51,7 +51,7 @@ class MissionVehicle:
 
 @dataclass(slots=True)
 class Work:
-    """What all ways of one compilation share."""
+    """Data that all branches of one compilation share."""
 
     mission: OffboardMission
     vehicle: MissionVehicle
@@ -65,17 +65,21 @@ class Work:
     points: int = 0
 
     def count(self, *, segments: int = 0, steps: int = 0, points: int = 0) -> None:
-        """Bounds the work.
+        """Counts work against the limits of a mission's size.
 
         Raises:
-            PlanError: There is too much of it.
+            PlanError: The mission is too large.
         """
         self.segments += segments
         self.steps += steps
         self.points += points
         if self.segments > MAX_SEGMENTS or self.steps > MAX_STEPS or self.points > MAX_POINTS:
             reason = f"more than {MAX_SEGMENTS} segments, {MAX_STEPS} steps or {MAX_POINTS} points"
-            raise PlanError("the mission", reason, "Split it: repeats and branches multiply what is in them.")
+            raise PlanError(
+                "the mission",
+                reason,
+                "Split the mission: repeats and branches multiply the steps inside them.",
+            )
 
     def table(self, name: str) -> bytes:
         """The trajectory that a step names: a file, else one of the document.
@@ -92,7 +96,7 @@ class Work:
 
 @dataclass(slots=True)
 class State:
-    """Where the vehicle is by plan on one way through the mission."""
+    """The planned state of the vehicle on one path through the mission's branches."""
 
     work: Work
     position_ned_m: Vector3
@@ -106,11 +110,11 @@ class State:
     segments: list[Segment] = field(default_factory=list)
 
     def fork(self) -> State:
-        """The same state for another way; segments made so far stay with this one."""
+        """A copy of the state for another branch; the segments made so far stay with this one."""
         return replace(self, needs=set(), segments=[])
 
     def add(self, segment: Segment) -> None:
-        """The vehicle has flown a segment."""
+        """Adds a segment and moves the planned position to its end."""
         self.work.count(segments=1)
         self.segments.append(replace(segment, avoidance=True) if self.avoidance else segment)
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
@@ -123,7 +127,7 @@ class State:
         """A place in the local frame.
 
         Raises:
-            Unplaceable: Something for it is not known.
+            Unplaceable: A value for the conversion is not known.
         """
         if place.lat_deg is not None:
             self.needs.add("global_position")

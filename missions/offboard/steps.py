@@ -23,17 +23,17 @@ Rounds = Annotated[float, Field(ge=0.01, le=200.0, allow_inf_nan=False)]
 Text = Annotated[str, Field(max_length=200)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 MAX_STEPS = 1000
-"""Of one list."""
+"""Most steps in one list."""
 
 Action = Literal["continue", "hold", "return", "land"]
-"""What the runner does: go on, hold here, return to launch, land here."""
+"""The runner's action: continue, hold here, return to launch, land here."""
 
 
 class Step(Model):
-    """What all steps share."""
+    """Fields of all steps."""
 
     name: Text | None = None
-    """For people."""
+    """Shown to people."""
 
 
 class TakeOff(Step):
@@ -41,7 +41,7 @@ class TakeOff(Step):
 
     step: Literal["take_off"] = "take_off"
     height_m: Annotated[float, Field(ge=0.5, le=500.0, allow_inf_nan=False)]
-    """Above where the vehicle stands."""
+    """Above the take-off position."""
     timeout_s: Timeout = 60.0
 
 
@@ -58,17 +58,17 @@ class Hold(Step):
     step: Literal["hold"] = "hold"
     duration_s: Seconds
     yaw_ned_rad: Angle | None = None
-    """Turn to it first; None keeps the heading."""
+    """Heading to turn to first; None keeps the present one."""
 
 
 class PathStep(Step):
-    """What all steps along a path share: speed, heading, pictures on the way.
+    """Fields of all steps along a path: speed, heading, pictures on the way.
 
     The heading is a yaw, along the path, towards a place, or else the one before the step.
     """
 
     speed_m_s: Speed | None = None
-    """Over the ground and at most; None: MPC_XY_CRUISE."""
+    """Highest speed over the ground; None: MPC_XY_CRUISE."""
     heading: Literal["keep", "along_path"] = "keep"
     yaw_ned_rad: Angle | None = None
     look_at: Place | None = None
@@ -88,12 +88,12 @@ class FlyPoint(Place):
     """A point to fly through."""
 
     yaw_ned_rad: Angle | None = None
-    """The heading there; between points with one it turns evenly."""
+    """Heading at the point; between two such points the vehicle turns evenly."""
     stop: bool = False
     hold_s: Seconds = 0.0
-    """Wait there; it stops for that."""
+    """Time to wait at the point; the vehicle stops there."""
     corner_m: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 1.0
-    """How far from the point a bend between straight legs may pass."""
+    """Greatest distance from the point at which a bend between straight legs may pass."""
 
 
 class Fly(PathStep):
@@ -144,9 +144,9 @@ class FigureEight(PathStep):
     step: Literal["figure_eight"] = "figure_eight"
     center: Place
     length_m: Metres
-    """From tip to tip."""
+    """Length of the figure from tip to tip."""
     width_m: Metres
-    """Of each loop."""
+    """Width of each loop."""
     rounds: Rounds = 1.0
     axis_ned_rad: Angle = 0.0
     """Direction of its length, clockwise from north."""
@@ -170,12 +170,12 @@ class VelocityStep(Step):
     step: Literal["velocity"] = "velocity"
     velocity_ned_m_s: tuple[Finite, Finite, Finite]
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0, allow_inf_nan=False)]
-    """Changes of speed included."""
+    """Duration, changes of speed included."""
     yaw_ned_rad: Angle | None = None
 
 
 class AttitudeStep(Step):
-    """An attitude with thrust for a short time: nothing holds position or height meanwhile."""
+    """An attitude with thrust for a short time: position and altitude are not held meanwhile."""
 
     step: Literal["attitude"] = "attitude"
     roll_rad: Annotated[float, Field(ge=-1.5, le=1.5, allow_inf_nan=False)] = 0.0
@@ -191,13 +191,13 @@ class Gimbal(Step):
     step: Literal["gimbal"] = "gimbal"
     track: Literal["fixed", "look_at", "along_path", "sweep", "release"]
     pitch_rad: Annotated[float, Field(ge=-3.15, le=3.15, allow_inf_nan=False)] = 0.0
-    """Up is positive; of fixed, along_path and the middle of a sweep."""
+    """For fixed, along_path and the middle of a sweep; up is positive."""
     yaw_rad: Angle = 0.0
-    """From the vehicle's nose; of fixed and the middle of a sweep."""
+    """For fixed and the middle of a sweep, relative to the vehicle's nose."""
     place: Place | None = None
-    """Of look_at."""
+    """The place to look at, for look_at."""
     sweep_pitch_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
-    """To both sides of the middle."""
+    """Half width of a sweep, to both sides of its middle."""
     sweep_yaw_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
     period_s: Annotated[float, Field(ge=0.5, le=3600.0, allow_inf_nan=False)] = 10.0
 
@@ -245,7 +245,7 @@ class Wait(Step):
     step: Literal["wait"] = "wait"
     until: Condition | Literal["person"]
     message: Text | None = None
-    """What the person is asked."""
+    """The question shown to the person."""
     timeout_s: Timeout
     on_timeout: Action = "hold"
 

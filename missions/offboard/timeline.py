@@ -1,4 +1,4 @@
-"""A compiled mission: segments in order, and what is known about the whole of it before it is flown.
+"""A compiled mission: segments in order, and totals that are known before the flight.
 
 Plain frozen values: a timeline can be sent to another process, which needs NumPy at most.
 """
@@ -15,7 +15,7 @@ from missions.setpoints import Estimate, Setpoint
 
 @dataclass(frozen=True, slots=True)
 class FlightActions:
-    """What the runner does when something goes wrong: continue, hold, return or land."""
+    """The runner's action when something goes wrong: continue, hold, return or land."""
 
     failure: str
     low_battery: str

@@ -11,7 +11,7 @@ from missions.offboard.reader import is_text
 from missions.values import Model
 
 FIRST = ("format", "version", "step", "shape", "inclusion")
-"""Written first, and though they have defaults: they say what something is."""
+"""Fields that are written first and always, because they name the kind of an object."""
 
 
 def write_yaml(mission: OffboardMission) -> bytes:
@@ -37,7 +37,7 @@ def _plain(value: Any) -> Any:
             if each is not None
             and (
                 name in (*FIRST, "actions")
-                or isinstance(value, Actions)  # what happens when something goes wrong is always to be read
+                or isinstance(value, Actions)  # actions on failures are always written
                 or each != fields[name].get_default(call_default_factory=True)
             )
         }

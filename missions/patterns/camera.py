@@ -1,4 +1,4 @@
-"""How much ground a picture shows: a pinhole camera that looks straight at a flat surface."""
+"""Footprint of a picture: a pinhole camera that looks straight at a flat surface."""
 
 from __future__ import annotations
 

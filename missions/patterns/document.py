@@ -1,4 +1,4 @@
-"""Patterns as one document: what is drawn and chosen, by `kind`; `make` gives the items."""
+"""The document of a pattern: its geometry and settings, by `kind`; `make` returns the items."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every pattern gives: items for a plan, and the numbers it was made by."""
+"""The result of a pattern: items for a plan, and key figures."""
 
 from __future__ import annotations
 

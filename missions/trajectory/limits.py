@@ -1,4 +1,4 @@
-"""What a trajectory may ask of the vehicle."""
+"""Limits of a trajectory."""
 
 from __future__ import annotations
 

@@ -31,8 +31,8 @@ def through(
 
     Args:
         points: one or more; with one it is a hold without duration.
-        limits: what no moment passes.
-        exact: pass every point exactly, on a curve that swings; else straight legs with bends.
+        limits: limits that hold at every moment.
+        exact: pass every point exactly, on one smooth curve; else straight legs with bends.
         heading: where no point names a yaw; None and no yaw leaves it to the vehicle.
 
     Raises:
@@ -44,7 +44,9 @@ def through(
     has_yaws = any(yaw is not None for yaw in yaws)
     if has_yaws and heading is not None:
         where = f"point {next(n for n, point in enumerate(points, 1) if point.yaw_ned_rad is not None)}"
-        raise PlanError(where, "it has a yaw, and the trajectory a heading", "Remove one of the two.")
+        raise PlanError(
+            where, "it has a yaw, but the trajectory has a heading, too", "Remove one of the two."
+        )
     if len(kept) == 1:
         yaw = yaws[0] if has_yaws else heading if isinstance(heading, float) else None
         return _hold(kept[0], yaw, len(owner))
@@ -69,7 +71,7 @@ def along(
     Args:
         pieces: the path.
         limits: what no moment passes.
-        heading: where the nose points; not used where the path has its yaw already.
+        heading: direction of the nose; not used if the path already has a yaw.
         has_yaw: the path has a yaw.
     """
     if not has_yaw:

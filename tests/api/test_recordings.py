@@ -84,7 +84,7 @@ def test_recordings_are_listed_newest_first_with_what_is_wrong_with_them(client,
     problems = {name: r["problem"] for name, r in found.items() if r["problem"]}
     assert set(problems) == {"empty.tlog", "letter.tlog", "damaged.tlog", "torn.tlog", "unpacked.tlog.gz"}
     assert "empty" in problems["empty.tlog"]
-    assert "no telemetry log" in problems["letter.tlog"]
+    assert "not a telemetry log" in problems["letter.tlog"]
     assert "damaged" in problems["damaged.tlog"]
     assert "notes.txt" not in found
 
@@ -134,7 +134,7 @@ def test_a_recording_is_fetched_as_it_is(client, folder):
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"", "empty"), (b"\xfd\x09 nothing of the kind" * 30, "no telemetry log")],
+    [(b"", "empty"), (b"\xfd\x09 nothing of the kind" * 30, "not a telemetry log")],
 )
 def test_what_cannot_be_played_says_why(client, folder, content, words):
     (folder / "bad.tlog").write_bytes(content)

@@ -132,7 +132,7 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
         page.get_by_role("button", name="Recorded flights").click()
         flights = page.get_by_role("region", name="Recorded flights")
         letter = flights.get_by_role("listitem").filter(has_text="letter.tlog")
-        expect(letter).to_contain_text("no telemetry log")
+        expect(letter).to_contain_text("not a telemetry log")
         expect(letter.get_by_role("button", name="Replay")).to_be_disabled()
         assert serious_violations(page) == []
         flights.get_by_role("listitem").filter(has_text="vehicle 1").get_by_role(

@@ -114,7 +114,7 @@ def test_a_take_over_by_force_is_journaled_and_told_to_the_old_holder(jump):
     async def story(at):
         with at.station.authority.connected(ANNA):
             await control_routes.take("1", at.station, ANNA)
-            with pytest.raises(Refused, match="was not asked"):
+            with pytest.raises(Refused, match="has not been asked"):
                 await control_routes.take("1", at.station, BOB, YES)
             await control_routes.request("1", at.station, BOB)
             await seconds(15.1)
@@ -219,9 +219,9 @@ def test_a_pilot_who_flips_to_position_is_told_to_all_respected_and_never_fought
         at.pilot.current_mode()
         await silent(at.pilot, None, seconds_=40.0, settle_s=0.1)
         assert at.pilot.mode == POSITION
-        assert mode_lines(at.vehicle)[-1] == ("Mode Position: its transmitter", 4, "pilot")
+        assert mode_lines(at.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
         cause = view(await control_routes.show("1", at.station, BOB))["mode_cause"]
-        assert (cause["source"], cause["text"]) == ("pilot", "its transmitter")
+        assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
 
     desk(jump, story)
 
@@ -263,7 +263,7 @@ def test_a_failsafe_is_called_one(jump):
         at.pilot.mode = RTL
         at.pilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
-        assert mode_lines(at.vehicle)[-1] == ("Mode Return: its own failsafe", 4, "failsafe")
+        assert mode_lines(at.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
     desk(jump, story)
 

@@ -76,7 +76,7 @@ def test_a_list_that_claims_65535_parameters_is_not_read(kit, jump):
         assert vehicle.params.list.state == "failed"
         assert hostile.requests == 1
 
-    refreshed(kit, jump, lambda: [(b"A", 0, 65535)], check, raises="claims to have 65,535")
+    refreshed(kit, jump, lambda: [(b"A", 0, 65535)], check, raises="reports 65,535")
 
 
 def test_one_parameter_that_is_repeated_without_end_is_given_up(kit, jump):
@@ -88,7 +88,7 @@ def test_a_list_that_never_completes_is_given_up(kit, jump):
 
 
 def test_a_list_whose_length_jumps_is_given_up(kit, jump):
-    refreshed(kit, jump, lambda: [(b"A", n, 5 + n) for n in range(5)], nothing, raises="change their number")
+    refreshed(kit, jump, lambda: [(b"A", n, 5 + n) for n in range(5)], nothing, raises="changed in number")
 
 
 def test_values_and_names_of_any_bits_are_valid_json(kit, jump):

@@ -50,7 +50,7 @@ def test_the_last_link_of_a_vehicle_in_flight_is_closed_only_by_words_that_name_
         for said in (None, "", "yes", WORDS.replace("1", "2"), WORDS.upper()):
             with pytest.raises(Refused, match="Vehicle 1 is armed or flown by setpoints") as refused:
                 await close(at, ANNA, said)
-            assert refused.value.remedy == f"To close it all the same, send confirm={WORDS!r}."
+            assert refused.value.remedy == f"To close it anyway, send confirm={WORDS!r}."
         assert names(at) == ["memory"]
         assert lines(at.station)[-1] == ("anna", "links/remove", None, "refused")
         await close(at, ANNA, WORDS)

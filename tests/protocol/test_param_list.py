@@ -149,7 +149,7 @@ def test_a_vehicle_without_any_of_it_is_told_as_such(kit, jump):
             with pytest.raises(NoReply, match="did not send its parameters"):
                 await vehicle.params.refresh()
             await vehicle.params.describe()
-            assert "does not describe itself" in vehicle.params.list.facts_problem
+            assert "provides no component metadata" in vehicle.params.list.facts_problem
             assert (await vehicle.params.set("MPC_XY_VEL_MAX", 500)).value == 500
             assert pilot.params["MPC_XY_VEL_MAX"][1] == 500
         finally:

@@ -1,4 +1,4 @@
-"""The commander's commands: what each makes the vehicle do, and what it answers."""
+"""Commands of PX4's commander and navigator: their effects and results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NO_ANSWER = frozenset(
     {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
      30002, 42600}
 )  # fmt: skip
-"""PX4 acknowledges none of these here: nobody handles them, or who does stays silent."""
+"""PX4 sends no acknowledgement for these: no module handles them, or the one that does sends none."""
 ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
 """Of these without an effect here: no actuator sets, no fixed-wing landing to break off, no log stream."""
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262

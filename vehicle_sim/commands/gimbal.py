@@ -13,7 +13,7 @@ MOUNT_RETRACT, MOUNT_NEUTRAL, MOUNT_MAVLINK, MOUNT_RC, MOUNT_GPS = 0, 1, 2, 3, 4
 
 
 class GimbalCommands:
-    """Who controls the gimbal, and where it points."""
+    """Gimbal manager commands: control of the gimbal, and its target."""
 
     def __init__(self, host: CommandHost) -> None:
         self._host = host
@@ -51,12 +51,12 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi_location(self, command: Command) -> int:
-        """Look at a place; needs no control."""
+        """Points at a location (ROI); needs no control."""
         self._gimbal.look_at(command.p5, command.p6, command.p7)
         return ACCEPTED
 
     def roi_none_or_next(self, command: Command) -> int:
-        """Look ahead again, or at the next waypoint."""
+        """Clears the ROI, or points at the next waypoint."""
         if command.number == ROI_NONE:
             self._gimbal.look_nowhere()
         else:

@@ -133,7 +133,7 @@ class Cascade:
             self.motor_signal[~setpoints.armed] = 0.0
 
     def _drive_motors(self, setpoints: Setpoints) -> None:
-        """Motor signals past all controllers: what is no number or negative stands still."""
+        """Motor signals that bypass all controllers; a motor with NaN or a negative signal stands still."""
         wanted = np.minimum(setpoints.motors, 1.0)
         turning = wanted >= 0.0
         rows = self._split.by_motors[:, None]
@@ -192,7 +192,8 @@ class Cascade:
             self._learn_hover(split.airborne, estimate)
 
     def _split_now(self, setpoints: Setpoints) -> _Split:
-        """Who is flown how; worked out anew only when somebody's level, arming or take-off state changed."""
+        """Groups the vehicles by control level; computed again only when a level, arming or take-off state
+        changes."""
         armed, landed, ramp = setpoints.armed, setpoints.landed, setpoints.ramp_thrust
         split_of = setpoints.level.tobytes() + armed.tobytes() + landed.tobytes() + ramp.tobytes()
         if split_of != self._split_of:
@@ -234,7 +235,7 @@ class Cascade:
 
 @dataclass(frozen=True, slots=True)
 class _Split:
-    """Masks (N,) of who is flown how, never written to, and whether any or all of them hold."""
+    """Masks (N,) of the vehicles by control level, read-only, and whether any or all of them are true."""
 
     powered: BoolArray
     any_powered: bool

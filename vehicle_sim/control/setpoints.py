@@ -1,4 +1,4 @@
-"""What the autopilot asks of the controllers: the one table between its modes and the cascade.
+"""Setpoints of the controllers: the only data passed from the flight modes to the control cascade.
 
 A mode writes rows of `Setpoints` between two steps; the controllers only read. NaN means "not
 controlled" everywhere.
@@ -89,7 +89,7 @@ class Setpoints:
 
     @classmethod
     def idle(cls, count: int) -> Setpoints:
-        """Disarmed vehicles that nobody commands."""
+        """The setpoints of disarmed vehicles without commands."""
         return cls(
             level=np.zeros(count, dtype=np.int64),
             armed=np.zeros(count, dtype=np.bool_),

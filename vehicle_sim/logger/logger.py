@@ -22,22 +22,22 @@ from vehicle_sim.topics.states import States
 
 FOLDER: Final = "log"
 BEGINS_US: Final = 488_000
-"""When a PX4 in simulation has started far enough to log."""
+"""Time after boot from which PX4 in simulation can log."""
 STOPS_AFTER_US: Final = 1_000_000
-"""A log goes on so long after disarming."""
+"""A log continues for this long after disarming."""
 TELLS_AFTER_US: Final = 45_000
-"""The file is named so long after its event."""
+"""Delay between the event that starts a log and the time in its file name."""
 TICK_US: Final = 20_000
-"""With the autopilot's, so that what it read in this step is read once."""
+"""In step with the autopilot, so that both share the values read in a step."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
 """SDLOG_MODE; AUX1 comes with a remote control only, which a simulated vehicle has not."""
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
 BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
 UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
 LEAST_FREE_BYTES: Final = 50 << 20
-"""With less room no log is begun, and one that runs ends."""
+"""With less free space no log is started, and a running one ends."""
 LARGEST_BYTES: Final = 1 << 30
-"""A log that has grown so large ends: a vehicle left running must not fill the machine it runs on."""
+"""A log of this size ends: a vehicle left running must not fill the disk."""
 LOOKS_EVERY_US: Final = 5_000_000
 DEFAULT_PROFILE: Final = 1
 
@@ -54,7 +54,7 @@ class Logger:
         autopilot: whose flight.
         states: its state topics.
         files: where the log goes.
-        recorders: who samples the array topics; None: this vehicle never logs.
+        recorders: sample the array topics; None if this vehicle never logs.
         room: free bytes of a folder's disk.
     """
 
@@ -68,7 +68,7 @@ class Logger:
     ) -> None:
         self.row = autopilot.view.row
         self.path: str | None = None
-        """Of the log being written, or of the last one."""
+        """Path of the log being written, or of the last one."""
         self.written_bytes = 0
         self.began_us = 0
         self._autopilot, self._states, self._files, self._room = autopilot, states, files, room

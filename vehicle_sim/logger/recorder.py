@@ -1,4 +1,4 @@
-"""Takes the array topics of all logging vehicles: a copy per column and step, whole blocks to bytes.
+"""Samples the array topics of all logging vehicles: one copy per column and step, encoded in whole blocks.
 
 A step costs one small copy an array; what is written is built by NumPy for forty samples of every vehicle at
 once, so that a log costs a percent of what flying does.
@@ -17,11 +17,11 @@ from vehicle_sim.simulation import Simulation
 from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, Pace, Source
 
 BLOCK_MS = 400
-"""What is gathered before it is written."""
+"""Samples that are gathered before they are written."""
 
 
 class Sink(Protocol):
-    """Somebody who writes one vehicle's log."""
+    """The writer of one vehicle's log."""
 
     row: int
 
@@ -31,7 +31,7 @@ class Sink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """Where a source's values lie in a group's buffer, and whose they are."""
+    """Position of a source's values in a group's buffer, and the vehicles that they belong to."""
 
     names: tuple[str, ...]
     """One field, or one a column of the array."""
@@ -47,7 +47,7 @@ class _Group:
         self._simulation = simulation
         self._pace = pace
         self.due_us = 0
-        """Before this there is nothing to take."""
+        """Time of the first sample."""
         self._seen = -1
         self._used = 0
         self._plans: list[tuple[ArrayTopic, NDArray[Any], list[_Column]]] = []
@@ -72,7 +72,8 @@ class _Group:
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
 
     def take(self, now_us: int) -> bool:
-        """Sample, at the pace of a sensor only if it has measured; whether the buffer is full now."""
+        """Takes a sample; a topic at a sensor's rate only if the sensor has measured. True if the buffer is
+        full."""
         pace = self._pace
         if isinstance(pace, str):
             count = getattr(self._simulation.sensors, pace)
@@ -139,7 +140,7 @@ class Recorder:
         self._sinks.append(sink)
 
     def remove(self, sink: Sink) -> None:
-        """It has what was gathered, and gets no more."""
+        """Writes what was gathered for this vehicle and stops logging it."""
         self.flush()
         self.discard(sink)
 

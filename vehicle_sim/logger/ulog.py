@@ -1,4 +1,4 @@
-"""PX4's log format ULog, version 1, as bytes: every message a file may hold and nothing about its contents.
+"""Encodes the messages of PX4's log format ULog, version 1; knows nothing of what is logged.
 
 Format: docs.px4.io, "ULog File Format". Little-endian, fields packed in the order they are declared.
 """
@@ -15,7 +15,7 @@ _HEAD = struct.Struct("<HB")
 INCOMPAT_NOTHING = bytes(8)
 HAS_DEFAULTS = b"\x01" + bytes(7)
 SYSTEM_DEFAULT, AIRFRAME_DEFAULT = 1, 2
-"""Bits of a default value: of the firmware, of this airframe."""
+"""Bits that say whose default a value is: the firmware's, the airframe's."""
 
 
 def message(kind: str, body: bytes) -> bytes:
@@ -24,12 +24,12 @@ def message(kind: str, body: bytes) -> bytes:
 
 
 def header(start_us: int) -> bytes:
-    """How a file begins; the time is the vehicle's since boot."""
+    """The file header; the time is since the vehicle's boot."""
     return MAGIC + bytes((VERSION,)) + struct.pack("<Q", start_us)
 
 
 def flag_bits() -> bytes:
-    """What a reader must know to read on: default values are told, nothing is appended."""
+    """The flag message: the file holds default values and no appended data."""
     return message("B", HAS_DEFAULTS + INCOMPAT_NOTHING + bytes(24))
 
 
@@ -52,17 +52,17 @@ def _parameter_body(name: str, value: float, *, integer: bool) -> bytes:
 
 
 def parameter(name: str, value: float, *, integer: bool) -> bytes:
-    """A parameter: in the definitions as it was, among the data as it became."""
+    """A parameter message: initial values go into the definitions, changed ones into the data."""
     return message("P", _parameter_body(name, value, integer=integer))
 
 
 def default_parameter(name: str, value: float, *, integer: bool, kinds: int) -> bytes:
-    """What a parameter was before anybody set it."""
+    """The default value of a parameter."""
     return message("Q", bytes((kinds,)) + _parameter_body(name, value, integer=integer))
 
 
 def logged(severity: int, time_us: int, text: str) -> bytes:
-    """A sentence; severity is MAV_SEVERITY."""
+    """A logged text; severity is MAV_SEVERITY."""
     return message("L", struct.pack("<BQ", ord("0") + severity, time_us) + text.encode("utf-8"))
 
 
@@ -73,5 +73,5 @@ def format_of(layout: Layout) -> bytes:
 
 
 def subscription_of(layout: Layout) -> bytes:
-    """Gives a topic the number its data carry."""
+    """The subscription message: gives a topic the id that its data messages carry."""
     return message("A", struct.pack("<BH", layout.multi_id, layout.msg_id) + layout.name.encode("ascii"))

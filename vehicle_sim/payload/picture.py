@@ -1,4 +1,4 @@
-"""What the simulated camera sees: sky, ground with lines each metre, the world's boxes; one ray a pixel."""
+"""Draws what the simulated camera sees: sky, ground with lines each metre, boxes; one ray per pixel."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _EXIF_MODEL, _EXIF_TIME = 0x0110, 0x0132
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a picture says that it was taken."""
+    """The position in a picture's EXIF data."""
 
     lat_deg: float
     lon_deg: float
@@ -82,7 +82,7 @@ class Painter:
         return rays @ rotation_matrix(q_ned_camera[None, :])[0].T
 
     def _box(self, number: int, points: FloatArray) -> FloatArray:
-        """A hue of its own, faces by their direction, a line each metre of height."""
+        """Colours of points on a box: a hue per box, a shade per face, a line each metre of height."""
         box = self._world.boxes[number]
         c, s = math.cos(box.yaw_ned_rad), math.sin(box.yaw_ned_rad)
         north, east = points[:, 0] - box.north_m, points[:, 1] - box.east_m
@@ -134,7 +134,7 @@ def _sky(rays: FloatArray) -> FloatArray:
 
 
 def _ground(points: FloatArray, distance_m: FloatArray) -> FloatArray:
-    """Fields of ten metres in two greens with lines between them; metres where they are near enough."""
+    """Squares of ten metres in two greens with lines between them; lines each metre where near enough."""
     north, east = points[:, 0], points[:, 1]
     field = np.mod(np.floor(north / 10.0) + np.floor(east / 10.0), 2.0)[:, None]
     colour = field * _GRASS + (1.0 - field) * _SOIL

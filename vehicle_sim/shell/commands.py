@@ -1,4 +1,4 @@
-"""The table of the console's commands of one vehicle, and the names of all modules of the build."""
+"""The console commands of one vehicle, and the names of all modules of PX4's build."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ _NAMES = (
     "uuv_pos_control uxrce_dds_client ver vtol_att_control work_item_example work_queue wqueue_test"
 )
 BUILT_IN: tuple[str, ...] = tuple(_NAMES.split())
-"""What `help` lists on a PX4 v1.16 in simulation; who is not in the table below says so when called."""
+"""The modules that `help` lists on PX4 v1.16 in simulation; one without an entry below answers that it is not
+simulated."""
 
 
 class Shell:

@@ -1,7 +1,7 @@
-"""PX4's console without its wires: lines in, answers out, the prompt after each.
+"""PX4's console without transport: lines in, answers out, the prompt after each.
 
-What a command prints is its own business (`commands.py` has the table); here are the echo, the prompt, the
-unknown command, the failed one, and a command that takes its time.
+The commands are in `commands.py`; this module handles echo, prompt, unknown and failed commands, and commands
+that take simulated time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ LONGEST_LINE = 1000
 
 
 class CommandFailed(Exception):
-    """A command that ends with an error, after what it said."""
+    """Raised by a command that ends with an error, after its output."""
 
     def __init__(self, said: str = "", code: int = 1) -> None:
         super().__init__(said)
@@ -43,17 +43,17 @@ class Command:
 
 
 def info(module: str, text: str) -> str:
-    """A line as a module says it."""
+    """An information line of a module."""
     return f"INFO  [{module}] {text}\n"
 
 
 def warning(module: str, text: str) -> str:
-    """A line about something odd."""
+    """A warning line of a module."""
     return f"WARN  [{module}] {text}\n"
 
 
 def error(module: str, text: str) -> str:
-    """A line about something wrong."""
+    """An error line of a module."""
     return f"ERROR [{module}] {text}\n"
 
 
@@ -78,7 +78,7 @@ class Console:
 
     @property
     def busy(self) -> bool:
-        """Whether a command takes its time."""
+        """Whether a command is still running."""
         return self._running is not None
 
     def type(self, text: str) -> str:
@@ -98,7 +98,7 @@ class Console:
         return shown
 
     def step(self) -> str:
-        """What a command that runs shows now."""
+        """New output of the running command."""
         shown = ""
         while self._running is not None and self._now_s() >= self._go_on_at_s:
             shown += self._advance()

@@ -1,4 +1,4 @@
-"""`commander`, `gimbal` and `failure`: what one does to a vehicle from its console."""
+"""The console commands `commander`, `gimbal` and `failure`."""
 
 from __future__ import annotations
 

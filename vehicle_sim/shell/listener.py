@@ -1,4 +1,4 @@
-"""`listener` and `uorb`: what is in the topics that the logger knows."""
+"""The console commands `listener` and `uorb`: the topics that the logger knows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle_sim.topics.states import States, StateTopic
 from vehicle_sim.vehicle_view import VehicleView
 
 FULL_RATE = 0b11
-"""Profile whose pace a topic is published at: default and replay."""
+"""Logging profiles whose rates the topics are published at: default and replay."""
 GPS_PERIOD_US = 125_000
 MOST_SAMPLES = 10_000
 

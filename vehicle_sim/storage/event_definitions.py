@@ -1,4 +1,4 @@
-"""The document that tells a ground station what the numbers of EVENT mean.
+"""The events document, by which a ground station decodes EVENT messages.
 
 Ids, names, arguments and enumerations are facts of PX4 v1.16 (`data/event_facts.json`). The sentences are
 ours: some written below, the others spelt out from the event's name and its arguments.

@@ -1,7 +1,7 @@
-"""The component metadata that a PX4 serves by FTP: what its parameters, events and outputs are called.
+"""Component metadata that PX4 serves by FTP: descriptions of its parameters, events and outputs.
 
 Names, groups, types, defaults, ranges, units and labels are facts of PX4 v1.16 (`data/parameter_facts.json`);
-descriptions are left out, and an event's message is the sentence this simulator says beside it.
+descriptions are left out, and an event's message is the text that this simulator sends with it.
 Formats: MAVLink's component metadata schemas (general, parameter, events, actuators).
 """
 
@@ -30,7 +30,7 @@ TYPE_PARAMETERS, TYPE_EVENTS, TYPE_ACTUATORS = 1, 4, 5
 
 
 def crc32(data: bytes) -> int:
-    """As MAVLink wants it: the reflected CRC-32 polynomial, start value and final XOR zero."""
+    """MAVLink's CRC-32: reflected polynomial, start value and final XOR zero."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
@@ -41,7 +41,7 @@ def _compressed(content: object) -> bytes:
 
 @lru_cache(maxsize=1)
 def parameters() -> dict[str, Any]:
-    """The parameter document: one entry a live parameter."""
+    """The parameter document: one entry per parameter in use."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     entries: list[dict[str, Any]] = []
     for default in load_defaults():
@@ -82,7 +82,7 @@ def _general_text() -> bytes:
 
 
 def general_crc() -> int:
-    """What COMPONENT_METADATA and COMPONENT_INFORMATION carry: of the general document as it unpacks."""
+    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION: that of the unpacked general document."""
     return crc32(_general_text())
 
 

@@ -1,4 +1,4 @@
-"""What the outputs can do: the document by which a ground station sets up motors and servos.
+"""The actuators document, by which a ground station sets up motors and servos.
 
 Function numbers and labels are facts of PX4 v1.16; the airframe is this simulator's, a multirotor.
 Format: MAVLink's actuators metadata schema, version 1.

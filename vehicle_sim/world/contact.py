@@ -1,4 +1,4 @@
-"""Where bodies meet the world: what they can stand on, and what ends their flight."""
+"""Contact of vehicles with the world: surfaces they can stand on, and collisions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 BODY_RADIUS_M = 0.3
 """From the centre to the tips of the propellers: the arms of SIH_L_ROLL plus a propeller's radius."""
 ROOF_TOLERANCE_M = 0.15
-"""Who is no deeper in a roof than this stands on it."""
+"""A vehicle no deeper in a roof than this stands on it."""
 SLOPE_CRASH_M_S = 1.5
 """Ground rising towards a vehicle faster than this breaks it; PX4's own ground is flat and breaks nothing."""
 REBOUND = 0.2
@@ -40,7 +40,7 @@ class Contact:
         self._world = world
         self._before_ned_m_s = np.zeros((count, 3))
         self.broken = np.zeros(count, dtype=np.bool_)
-        """(N,) who has flown into something since its last start."""
+        """(N,) vehicles that have collided since their last start."""
 
     def support_ned_m(self, position_ned_m: FloatArray) -> FloatArray:
         """(N,) down coordinate of what carries each body: ground, or the roof it is above."""

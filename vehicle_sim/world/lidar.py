@@ -20,7 +20,7 @@ SAMPLE_EVERY_STEPS = 5
 
 
 class Lidar:
-    """Distances of all N vehicles, measured when somebody asks and at most at 50 Hz.
+    """Distances of all N vehicles, measured on request and at most at 50 Hz.
 
     Args:
         world: what can be seen.

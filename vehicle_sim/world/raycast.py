@@ -1,4 +1,4 @@
-"""How far rays fly until they meet ground or an obstacle, for any number of rays at once."""
+"""Distance along rays to the ground or an obstacle, for any number of rays at once."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 NOTHING, GROUND = -2, -1
-"""What a ray met where it is no box."""
+"""Values of `Hits.what` for a ray that hit no box."""
 MARCH_STEPS = 64
 BISECTIONS = 12
 
@@ -54,7 +54,7 @@ class RayCaster:
         return Hits(distance, what)
 
     def _box(self, number: int, origin: FloatArray, direction: FloatArray) -> FloatArray:
-        """Slab test in the box's own axes; a ray that starts inside has met it at once."""
+        """Slab test in the box's own axes; a ray that starts inside hits it at distance 0."""
         offset = origin - self._centre[number]
         turned = [self._turn(number, offset), self._turn(number, direction)]
         at, along = turned
@@ -62,7 +62,7 @@ class RayCaster:
             first, second = (-self._half[number] - at) / along, (self._half[number] - at) / along
         near = np.fmax.reduce(np.fmin(first, second), axis=1)
         far = np.fmin.reduce(np.fmax(first, second), axis=1)
-        # A ray along a slab is parallel to it for ever: inside it or never.
+        # A ray parallel to a slab hits it only if it starts inside the slab.
         outside = ((along == 0.0) & (np.abs(at) > self._half[number])).any(axis=1)
         return np.where((far >= np.maximum(near, 0.0)) & ~outside, np.maximum(near, 0.0), np.inf)
 
@@ -82,7 +82,8 @@ class RayCaster:
         return self._march(origin, direction, range_m)
 
     def _march(self, origin: FloatArray, direction: FloatArray, range_m: FloatArray) -> FloatArray:
-        """Steps that grow with the distance, then bisection between the last above and the first below."""
+        """Steps that grow with the distance, then bisection between the last point above and the first
+        below."""
         distance = np.full(origin.shape[0], np.inf)
         flying = np.flatnonzero(range_m > 0.0)
         before = np.zeros(flying.shape)

@@ -1,4 +1,4 @@
-"""What stands around the vehicles: ground, boxes and walls, and which lidars see them.
+"""The world around the vehicles: ground, boxes and walls, and the lidars that measure them.
 
 Places are local NED from home. An obstacle's `base_alt_home_m` is the height of its underside above home's
 level, so that a bridge can be flown under; its roof can be stood on.

@@ -1,4 +1,4 @@
-"""What we check before anything is sent, since PX4 takes nonsense without a word."""
+"""Checks before anything is sent, because PX4 accepts invalid values without an error."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs_server.vehicle.samples import GlobalPosition, Home
 from gcs_server.vehicle.services.port import VehiclePort
 
 FRESH_S = 3.0
-"""A position older than this is not where the vehicle is."""
+"""A position older than this is not used."""
 
 
 def number(field: str, value: float, low: float, high: float) -> float:
@@ -26,7 +26,7 @@ def number(field: str, value: float, low: float, high: float) -> float:
 
 
 def position_of(vehicle: VehiclePort) -> GlobalPosition:
-    """Where it is now.
+    """The vehicle's present position.
 
     Raises:
         Refused: it has no global position estimate.
@@ -46,12 +46,12 @@ def home_of(vehicle: VehiclePort) -> Home:
     """Its home position.
 
     Raises:
-        Refused: it has none yet, so that a height above home means nothing.
+        Refused: it has none yet, so that an altitude above home is undefined.
     """
     sample = vehicle.topic("home")
     if sample is None:
         raise Refused(
-            f"Vehicle {vehicle.id} has no home position yet, so a height above home means nothing.",
+            f"Vehicle {vehicle.id} has no home position yet, so an altitude above home is undefined.",
             remedy="Wait until GPS and estimator are ready.",
         )
     assert isinstance(sample.value, Home)

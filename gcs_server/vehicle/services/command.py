@@ -106,7 +106,7 @@ class CommandService:
         vehicle = self._vehicle
         vehicle.require_commandable()
         if vehicle.facts.armed and vehicle.facts.landed_state in AIRBORNE:
-            raise Refused(f"Vehicle {vehicle.id} flies already.", remedy="Use go-to for another height.")
+            raise Refused(f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another height.")
         position_of(vehicle)
         token = self._begin("take off", BY_NAME["takeoff"], by)
         alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
@@ -186,7 +186,7 @@ class CommandService:
         vehicle = self._vehicle
         vehicle.require_commandable()
         if not vehicle.facts.armed or vehicle.facts.landed_state == "on_ground":
-            raise Refused(f"Vehicle {vehicle.id} does not fly.", remedy="Take off first.")
+            raise Refused(f"Vehicle {vehicle.id} is not flying.", remedy="Take off first.")
         token = self._begin("go to", BY_NAME["hold"], by)
         if alt_amsl_m is None:
             assert alt_home_m is not None
@@ -305,7 +305,7 @@ class CommandService:
         if far_m > max_m:
             raise Refused(
                 f"The target is {far_m:.0f} m away, more than the {max_m:.0f} m that are allowed.",
-                remedy="Check the coordinates, or raise max_distance_m if it is meant.",
+                remedy="Check the coordinates, or raise max_distance_m if it is intended.",
             )
 
     def _target_is(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Callable[[Facts, float], bool]:
@@ -337,7 +337,7 @@ class CommandService:
         return self._newest
 
     def _supersede(self, what: str) -> None:
-        """What waits still is ended by `what`."""
+        """Ends commands that still wait, because `what` replaces them."""
         self._newest += 1
         self._newest_what = what
 
@@ -364,5 +364,5 @@ def _arm_disarm(arm: float, force: float) -> Request:
 
 
 def _never(_facts: Facts, _since_s: float) -> bool:
-    """Where only the acknowledgement tells."""
+    """A condition for commands whose only result is the acknowledgement."""
     return False

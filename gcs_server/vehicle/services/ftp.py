@@ -35,7 +35,7 @@ BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
 MAX_BYTES = 8_000_000
 MAX_ENTRIES = 10_000
 ANSWERS_PER_FULL_PIECE, ANSWERS_SPARE = 16, 256
-"""So many answers a file may take for each 239 bytes; with a fifth of the packets lost it takes two."""
+"""Most answers for each 239 bytes of a file; with a fifth of the packets lost it takes two."""
 LEAST_BYTES_S, TIME_SPARE_S = 400, 60.0
 """A file that arrives more slowly than this on the whole [bytes/s] is given up."""
 LIST_WITHIN_S = 120.0
@@ -60,7 +60,7 @@ class FtpService:
         """Of the file that is being read."""
 
     async def list(self, path: str) -> list[Entry]:
-        """What is in a folder.
+        """The entries of a folder.
 
         Raises:
             FtpFailed: the vehicle refused, or sends an endless list.

@@ -21,7 +21,7 @@ _header = struct.Struct("<HBBBBBxI")
 
 
 class Opcode(enum.IntEnum):
-    """What is asked for; those this client uses, and the two answers."""
+    """Opcodes that this client uses, and the two answers."""
 
     TERMINATE_SESSION = 1
     RESET_SESSIONS = 2
@@ -35,7 +35,7 @@ class Opcode(enum.IntEnum):
 
 
 class FtpError(enum.IntEnum):
-    """Why the vehicle said no."""
+    """The vehicle's error codes."""
 
     FAIL = 1
     FAIL_ERRNO = 2
@@ -90,7 +90,7 @@ class Packet:
     opcode: int
     session: int = 0
     size: int = 0
-    """Of `data`; in a request to read, how much is wanted."""
+    """Size of `data`; in a read request, the number of bytes to read."""
     requested: int = 0
     """In an answer: the opcode of the request."""
     burst_complete: bool = False

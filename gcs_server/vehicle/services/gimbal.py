@@ -278,7 +278,7 @@ class GimbalService:
                     return
         if first is None:
             raise NoReply(
-                f"Vehicle {vehicle.id} does not report where its gimbal points.",
+                f"Vehicle {vehicle.id} does not report its gimbal's attitude.",
                 deadline_s=DEADLINE_S,
                 remedy="Without roll the request is acknowledged and needs no report.",
             )

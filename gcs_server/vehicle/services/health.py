@@ -33,7 +33,7 @@ from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort
 
 ASK_FIRST_AFTER_S = 2.0
-"""So long a vehicle may tell by itself."""
+"""Time in which a vehicle may report by itself."""
 ASK_AGAIN_S, ASK_TIMES = 2.0, 4
 RESTART_S = 10.0
 """A boot clock that goes back by more was started anew."""
@@ -41,7 +41,7 @@ CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
 TOLD_EVERY_S = 0.25
 """A report that changes sooner is told with the next tick."""
 LEARN_AGAIN_S, LEARN_AGAIN_LONGEST_S = 30.0, 960.0
-"""How long after a failure the vehicle's words are asked for again; twice as long each time."""
+"""Time after a failure until the vehicle's texts are requested again; doubled each time."""
 LEARN_WAIT_S = 5.0
 """An event that has no words yet is told after so long without them."""
 
@@ -333,7 +333,7 @@ class HealthService:
         self._vehicle.events.add(
             "readiness",
             now_s,
-            "The vehicle's checks say something else",
+            "The vehicle's checks have changed",
             severity=d.MAV_SEVERITY_DEBUG,
             data={
                 "revision": self.revision,

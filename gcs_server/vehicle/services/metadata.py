@@ -151,7 +151,7 @@ class MetadataService:
                     continue
                 if refusals > 1:
                     raise MetadataMissing(
-                        f"Vehicle {vehicle.id} does not describe itself.",
+                        f"Vehicle {vehicle.id} provides no component metadata.",
                         remedy="Its firmware may be too old; parameters can be set without ranges and units.",
                     )
         raise NoReply(

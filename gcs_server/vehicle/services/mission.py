@@ -68,15 +68,15 @@ class MissionService:
         self._vehicle = vehicle
         self._doing: str | None = None
         self.held: Held | None = None
-        """What the vehicle held after the last transfer that is known to its end."""
+        """The vehicle's content after the last completed transfer."""
 
     @property
     def doing(self) -> str | None:
-        """What transfer runs now, for people."""
+        """The running transfer, for people."""
         return self._doing
 
     def ids(self) -> Ids | None:
-        """What the vehicle says of what it holds; None: it does not."""
+        """The ids that the vehicle reports for its content; None if it reports none."""
         sample = self._vehicle.topic("mission")
         if sample is None or not isinstance(sample.value, Mission):
             return None
@@ -120,7 +120,7 @@ class MissionService:
             found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
             if wrong := [each for each in found if each.essential]:
                 raise Rejected(
-                    f"Vehicle {self._vehicle.id} holds something else than was sent: {wrong[0].words()}.",
+                    f"Vehicle {self._vehicle.id} does not hold what was sent: {wrong[0].words()}.",
                     reasons=tuple(each.words() for each in wrong),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
@@ -247,7 +247,7 @@ class MissionService:
                 self._send(dialogue.cancel())
 
     async def _fresh_ids(self) -> Ids | None:
-        """As the vehicle says now; None: it says none."""
+        """The ids that the vehicle reports now; None if it reports none."""
         found = await self._ask_current(lambda _: True, IDS_DEADLINE_S, None)
         return None if found is None else ids_of(found)
 
@@ -328,7 +328,7 @@ class _Shares:
         return tell
 
     def add(self, count: int) -> None:
-        """So many items are done."""
+        """Counts transferred items."""
         self._before += count
 
     def restart(self) -> None:

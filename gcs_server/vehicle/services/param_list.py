@@ -1,7 +1,7 @@
-"""All parameters of a vehicle, over a link that loses packets.
+"""Reads all parameters of a vehicle over a link that loses packets.
 
-The list is asked for once and arrives by itself; what is missing when it falls silent is asked for by its
-place, a few at a time. Nothing of it changes anything on the vehicle.
+The list is requested once. What is still missing when the vehicle stops sending is requested by index, a few
+at a time. Reading changes nothing on the vehicle.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LIST_TIMES = 4
 FIRST_SILENCE_S, SILENCE_S = 2.0, 1.0
 """PX4 sends the list at a part of the link's rate: on a slow one values are tenths of a second apart."""
 AT_ONCE = 10
-"""Places asked for together."""
+"""Missing indexes requested at once."""
 GAP_PATIENCE_S = 0.5
 ROUNDS_WITHOUT_NEWS = 12
 HASH_TIMES, HASH_EVERY_S = 4, 0.5
@@ -36,22 +36,22 @@ RESTARTS = 3
 READ_WITHIN_S = 600.0
 """The whole list, on the slowest link."""
 MOST_VALUES_WITHOUT_NEWS = 5_000
-"""Values in a row that are known already: the vehicle repeats itself and never falls silent."""
+"""Most known values in a row; after that the vehicle is taken to repeat itself without end."""
 TURN_AFTER_VALUES = 100
-"""Values that are waiting already are taken so many at a time, so that the event loop gets its turn."""
+"""Values taken in a row before other tasks of the event loop get a turn."""
 
 Progress = Callable[[], None]
 
 
 class ParamReader:
-    """One reading."""
+    """Reads the parameter list once."""
 
     def __init__(self, vehicle: VehiclePort, progress: Progress) -> None:
         self._vehicle = vehicle
         self._progress = progress
 
     async def hash(self) -> tuple[int, int] | None:
-        """(checksum, number of parameters); None where the vehicle has no such thing."""
+        """(checksum, number of parameters); None if the vehicle has no parameter hash."""
         with self._values() as waiter:
             for _ in range(HASH_TIMES):
                 self._request(HASH_NAME.encode(), -1)
@@ -62,10 +62,10 @@ class ParamReader:
         return None
 
     async def read(self, table: Callable[[], ParamTable]) -> None:
-        """Fills a new table; starts again with another where the list changed its length meanwhile.
+        """Fills a new table; starts again with another one if the list's length changes while it is read.
 
         Args:
-            table: makes the table that is to be filled.
+            table: makes an empty table to fill.
 
         Raises:
             NoReply: the vehicle fell silent, or its list is too long or never complete.
@@ -78,7 +78,7 @@ class ParamReader:
         except TimeoutError:
             raise self._given_up(f"they were not complete within {READ_WITHIN_S:.0f} s") from None
         raise NoReply(
-            f"The parameters of vehicle {self._vehicle.id} change their number while they are read.",
+            f"The parameters of vehicle {self._vehicle.id} changed in number while they were read.",
             deadline_s=0.0,
             remedy="Wait until its setup is finished, and read them again.",
         )
@@ -138,7 +138,7 @@ class ParamReader:
                 return True
             if report.count > MOST_PARAMETERS and report.index != NO_INDEX:
                 raise self._given_up(
-                    f"it claims to have {report.count:,}, and at most {MOST_PARAMETERS:,} are read"
+                    f"it reports {report.count:,} parameters; at most {MOST_PARAMETERS:,} are read"
                 )
             before = table.filled
             if not table.put(report):
@@ -169,7 +169,7 @@ class ParamReader:
         return NoReply(
             f"The server stopped reading the parameters of vehicle {self._vehicle.id}: {why}.",
             deadline_s=READ_WITHIN_S,
-            remedy="Single parameters can be read and set all the same.",
+            remedy="Single parameters can still be read and set.",
         )
 
     def _values(self):  # noqa: ANN202 the mailbox's context manager

@@ -40,16 +40,16 @@ ListState = Literal["unknown", "reading", "ready", "outdated", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class ParamList:
-    """How far the vehicle's parameters are known."""
+    """State of the server's copy of the vehicle's parameters."""
 
     state: ListState
     """unknown (never asked for), reading, ready, outdated (the link was away since), failed."""
     received: int
-    """How many have come."""
+    """Number of parameters received."""
     count: int | None
-    """How many there are; null before the vehicle said."""
+    """Number of parameters on the vehicle; null until it is known."""
     source: Literal["vehicle", "cache"] | None
-    """Where they are from; `cache`: the vehicle's checksum says that they still hold."""
+    """Source of the values; `cache`: unchanged according to the vehicle's checksum."""
     hash: str | None
     """The vehicle's checksum when they were read, hexadecimal."""
     read_unix_s: float | None
@@ -61,7 +61,7 @@ class ParamList:
     facts_problem: str | None
     """Why it is not, or what of it was left out."""
     left_out: int
-    """How many have a name that no parameter can have, or are more than the server keeps."""
+    """Number of entries with an invalid name, or beyond the server's limit."""
 
 
 class ParamService:
@@ -221,7 +221,7 @@ class ParamService:
             self._state = "outdated"  # the list has another length: places have moved
 
     def link_was_away(self) -> None:
-        """What changed meanwhile was not heard."""
+        """Marks the list as outdated: changes during the loss were not received."""
         if self._state == "ready":
             self._state = "outdated"
 

@@ -47,7 +47,7 @@ class StopMotors:
             raise Refused(
                 f"Stop motors was commanded{by} and vehicle {self._vehicle.id} has not confirmed it yet: "
                 f"“{what}” was not sent.",
-                remedy=f"Wait until the vehicle reports to be disarmed, at most {DEADLINE_S:g} s.",
+                remedy=f"Wait until the vehicle reports that it is disarmed, at most {DEADLINE_S:g} s.",
             )
 
     async def over(self) -> None:

@@ -184,7 +184,7 @@ class Transaction:
     def _check_end(self, now_s: float) -> None:
         newer = self._superseded()
         if newer is not None:
-            raise Refused(f"Not finished: “{newer}” was asked for meanwhile.")
+            raise Refused(f"Interrupted by “{newer}”.")
         goal, vehicle = self._goal, self._vehicle
         repeats = goal.repeat_s is not None
         refused_s = self._deadline_s if repeats else self._refused_s + self._settle_s()
@@ -192,11 +192,13 @@ class Transaction:
             word = RESULT_WORDS.get(self._refused, f"result {self._refused}")
             raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {word}.", self._refused)
         if not repeats and self._accepted >= TIMES_ACCEPTED and self._says_otherwise():
-            raise self._rejected(f"Vehicle {vehicle.id} accepted to {goal.what}, but does not do it.", None)
+            raise self._rejected(
+                f"Vehicle {vehicle.id} accepted the request to {goal.what}, but does not do it.", None
+            )
         if now_s >= self._deadline_s:
             if self._accepted and self._says_otherwise():
                 raise self._rejected(
-                    f"Vehicle {vehicle.id} accepted to {goal.what}, but did not do it within "
+                    f"Vehicle {vehicle.id} accepted the request to {goal.what}, but did not do it within "
                     f"{goal.deadline_s:g} s.",
                     None,
                 )

@@ -30,7 +30,7 @@ export interface paths {
         };
         /**
          * Version
-         * @description Which server this is.
+         * @description Name, version and features of this server.
          */
         get: operations["version_api_v1_version_get"];
         put?: never;
@@ -56,7 +56,7 @@ export interface paths {
         put?: never;
         /**
          * Add Link
-         * @description Opens a link; one that cannot be opened yet tries again by itself and says why.
+         * @description Opens a link. One that cannot be opened yet keeps trying and reports why.
          *
          *     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
          *     control of a vehicle: that station could command it.
@@ -83,7 +83,7 @@ export interface paths {
          * @description Closes a link; 409 where that would cut off a vehicle.
          *
          *     `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
-         *     a vehicle that is armed or flown by setpoints, and `confirm` does not say so.
+         *     a vehicle that is armed or flown by setpoints, and `confirm` is not the text that this needs.
          */
         delete: operations["remove_link_api_v1_links__name__delete"];
         options?: never;
@@ -100,7 +100,7 @@ export interface paths {
         };
         /**
          * Journal
-         * @description Who commanded what and what became of it, newest first.
+         * @description The commands with client, arguments and result, newest first.
          */
         get: operations["journal_api_v1_journal_get"];
         put?: never;
@@ -120,7 +120,7 @@ export interface paths {
         };
         /**
          * Warnings
-         * @description Ports taken, recordings stopped, duplicate ids, a simulator that died.
+         * @description Present warnings: ports in use, stopped recordings, duplicate ids, a simulator that died.
          */
         get: operations["warnings_api_v1_warnings_get"];
         put?: never;
@@ -167,9 +167,10 @@ export interface paths {
         post?: never;
         /**
          * Remove Vehicle
-         * @description Forgets a vehicle that is not heard any more; 409 while it is heard, streamed to or another's.
+         * @description Removes a vehicle that is no longer connected; 409 while it is connected, streamed to or controlled by
+         *     another.
          *
-         *     Heard again it is there again, as a new one.
+         *     If it connects again it is listed as a new vehicle.
          */
         delete: operations["remove_vehicle_api_v1_vehicles__v__delete"];
         options?: never;
@@ -268,7 +269,7 @@ export interface paths {
         put?: never;
         /**
          * Hold
-         * @description Stops and stays, whoever has control; ends a setpoint stream.
+         * @description Switches to Hold, whoever has control; ends a setpoint stream.
          */
         post: operations["hold_api_v1_vehicles__v__hold_post"];
         delete?: never;
@@ -288,7 +289,7 @@ export interface paths {
         put?: never;
         /**
          * Land
-         * @description Lands where it is; answers once it is landing.
+         * @description Lands at the current position; answers once the vehicle is landing.
          */
         post: operations["land_api_v1_vehicles__v__land_post"];
         delete?: never;
@@ -308,7 +309,7 @@ export interface paths {
         put?: never;
         /**
          * Rtl
-         * @description Returns to the launch position; answers once it is under way.
+         * @description Returns to the launch position; answers once the vehicle is returning.
          */
         post: operations["rtl_api_v1_vehicles__v__rtl_post"];
         delete?: never;
@@ -328,7 +329,7 @@ export interface paths {
         put?: never;
         /**
          * Takeoff
-         * @description Arms where needed and climbs; answers once it is taking off.
+         * @description Arms if needed and takes off; answers once the vehicle is taking off.
          */
         post: operations["takeoff_api_v1_vehicles__v__takeoff_post"];
         delete?: never;
@@ -348,7 +349,7 @@ export interface paths {
         put?: never;
         /**
          * Mode
-         * @description Asks for a flight mode; answers once the vehicle reports it.
+         * @description Changes the flight mode; answers once the vehicle reports it.
          */
         post: operations["mode_api_v1_vehicles__v__mode_post"];
         delete?: never;
@@ -368,7 +369,7 @@ export interface paths {
         put?: never;
         /**
          * Goto
-         * @description Flies to a place in Hold; answers once under way.
+         * @description Flies to a position in Hold; answers once the vehicle is under way.
          */
         post: operations["goto_api_v1_vehicles__v__goto_post"];
         delete?: never;
@@ -388,7 +389,8 @@ export interface paths {
         put?: never;
         /**
          * Land Now
-         * @description Lands where it is, whoever has control; answers once it is landing. The holder keeps control.
+         * @description Lands at the current position, whoever has control; answers once the vehicle is landing. The holder
+         *     keeps control.
          */
         post: operations["land_now_api_v1_vehicles__v__land_now_post"];
         delete?: never;
@@ -410,7 +412,8 @@ export interface paths {
          * Kill
          * @description Stops the motors at once, in flight too, whoever has control: the vehicle falls.
          *
-         *     Sent until the vehicle reports to be disarmed, 6 s at most; until then all other commands are refused.
+         *     Repeated until the vehicle reports that it is disarmed, for at most 6 s; until then all other commands are
+         *     refused.
          */
         post: operations["kill_api_v1_vehicles__v__kill_post"];
         delete?: never;
@@ -428,7 +431,7 @@ export interface paths {
         };
         /**
          * Me
-         * @description Who the caller is to this server, and what it controls.
+         * @description The caller's identity on this server, and the vehicles that it controls.
          */
         get: operations["me_api_v1_me_get"];
         put?: never;
@@ -450,7 +453,7 @@ export interface paths {
         put?: never;
         /**
          * Leave
-         * @description The caller is done: releases every vehicle that it controls, which changes nothing in their flight.
+         * @description Releases every vehicle that the caller controls; their flight is not changed.
          */
         post: operations["leave_api_v1_me_leave_post"];
         delete?: never;
@@ -468,7 +471,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description Who holds control, since when, who asks for it, and who makes the vehicle fly its mode.
+         * @description The holder of control, since when, who requests it, and who set the vehicle's present mode.
          */
         get: operations["show_api_v1_vehicles__v__control_get"];
         put?: never;
@@ -490,7 +493,8 @@ export interface paths {
         put?: never;
         /**
          * Take
-         * @description Takes control that nobody holds; with `force` from another, who was asked first where it can be.
+         * @description Takes control that nobody holds; with `force` from another client, which must be asked first if it can
+         *     be.
          *
          *     The first command of a vehicle that nobody holds does the same.
          */
@@ -512,7 +516,8 @@ export interface paths {
         put?: never;
         /**
          * Request
-         * @description Asks the holder, who sees by whom and why; what nobody holds is taken at once.
+         * @description Requests control from its holder, who sees client and reason; control that nobody holds is taken at
+         *     once.
          */
         post: operations["request_api_v1_vehicles__v__control_request_post"];
         delete?: never;
@@ -532,7 +537,7 @@ export interface paths {
         put?: never;
         /**
          * Grant
-         * @description The holder hands control to one who asks; the vehicle flies on as it does.
+         * @description The holder gives control to a client that requested it; the flight is not changed.
          */
         post: operations["grant_api_v1_vehicles__v__control_grant_post"];
         delete?: never;
@@ -552,7 +557,7 @@ export interface paths {
         put?: never;
         /**
          * Deny
-         * @description The holder keeps control; the one who asked may then take it by force.
+         * @description The holder keeps control; the denied client may then take it by force.
          */
         post: operations["deny_api_v1_vehicles__v__control_deny_post"];
         delete?: never;
@@ -572,7 +577,7 @@ export interface paths {
         put?: never;
         /**
          * Release
-         * @description Gives control up, or takes a request back; otherwise nothing happens.
+         * @description Releases control, or withdraws a request; otherwise nothing happens.
          */
         post: operations["release_api_v1_vehicles__v__control_release_post"];
         delete?: never;
@@ -592,7 +597,8 @@ export interface paths {
         put?: never;
         /**
          * Renew
-         * @description Keeps control for another `lease_s`, as every request of the holder does; takes nothing.
+         * @description Renews the holder's control for another `lease_s`, as every request of the holder does; takes no
+         *     control.
          */
         post: operations["renew_api_v1_vehicles__v__control_renew_post"];
         delete?: never;
@@ -768,7 +774,7 @@ export interface paths {
         put?: never;
         /**
          * Start
-         * @description Brings all members, in flight, into Offboard where they are, and lets them begin at one instant.
+         * @description Switches all members, in flight, to Offboard at their positions, then starts them at one instant.
          *
          *     Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
          *     confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
@@ -791,7 +797,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description How a group stands: its members, the two that are nearest, and what went wrong.
+         * @description State of a group: its members, the two nearest to each other, and its findings.
          */
         get: operations["show_api_v1_groups__g__get"];
         put?: never;
@@ -833,7 +839,8 @@ export interface paths {
         put?: never;
         /**
          * Hold
-         * @description Puts all members into Hold at once, by anybody; one that has left the group is not touched.
+         * @description Puts all members into Hold at once, without control; a vehicle that has left the group is not
+         *     touched.
          */
         post: operations["hold_api_v1_groups__g__hold_post"];
         delete?: never;
@@ -893,7 +900,7 @@ export interface paths {
         put?: never;
         /**
          * Release
-         * @description Gives control back where it is ours.
+         * @description Releases gimbal control if this server has it.
          */
         post: operations["release_api_v1_vehicles__v__gimbal_release_post"];
         delete?: never;
@@ -913,7 +920,8 @@ export interface paths {
         put?: never;
         /**
          * Angles
-         * @description Points the camera; answers once it is there or has stopped: `limited` says where it stopped short.
+         * @description Points the camera; answers once it points there or has stopped: `limited` says where a limit stopped
+         *     it.
          *
          *     Without `wait` it answers once the vehicle has acknowledged.
          */
@@ -935,7 +943,7 @@ export interface paths {
         put?: never;
         /**
          * Rates
-         * @description Turns the camera steadily; zero stops both axes.
+         * @description Turns the camera at constant rates; zero stops both axes.
          */
         post: operations["rates_api_v1_vehicles__v__gimbal_rates_post"];
         delete?: never;
@@ -955,7 +963,7 @@ export interface paths {
         put?: never;
         /**
          * Roi
-         * @description Keeps looking at a place.
+         * @description Keeps the camera pointed at a location (ROI).
          */
         post: operations["roi_api_v1_vehicles__v__gimbal_roi_post"];
         delete?: never;
@@ -975,7 +983,7 @@ export interface paths {
         put?: never;
         /**
          * Clear Roi
-         * @description Stops looking at a place.
+         * @description Clears the location that the camera looks at.
          */
         post: operations["clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post"];
         delete?: never;
@@ -993,7 +1001,7 @@ export interface paths {
         };
         /**
          * All Params
-         * @description All that are known, without asking the vehicle; `POST …/params/refresh` reads them.
+         * @description All known parameters, without asking the vehicle; `POST …/params/refresh` reads them.
          */
         get: operations["all_params_api_v1_vehicles__v__params_get"];
         put?: never;
@@ -1015,11 +1023,11 @@ export interface paths {
         put?: never;
         /**
          * Refresh Params
-         * @description Reads all (929 of a PX4) unless the vehicle's checksum says that those known still hold.
+         * @description Reads all parameters (929 on PX4) unless the vehicle's checksum shows that the known ones are
+         *     unchanged.
          *
-         *     Answers at once how far it is, unless asked to wait; `Location` is the operation that reads them, which
-         *     can be followed and cancelled. What they mean is fetched from the vehicle's own files, the first time with
-         *     this firmware.
+         *     Answers at once with the progress, unless asked to wait; `Location` is the operation that reads them,
+         *     which can be followed and cancelled. Descriptions are read from the vehicle's files, once per firmware.
          */
         post: operations["refresh_params_api_v1_vehicles__v__params_refresh_post"];
         delete?: never;
@@ -1037,15 +1045,15 @@ export interface paths {
         };
         /**
          * Get Param
-         * @description Reads one parameter from the vehicle; it is silent about unknown names (504).
+         * @description Reads one parameter from the vehicle; for an unknown name the vehicle sends no answer (504).
          */
         get: operations["get_param_api_v1_vehicles__v__params__name__get"];
         /**
          * Set Param
-         * @description Writes one parameter; answers what the vehicle then reports.
+         * @description Sets one parameter and answers with the value that the vehicle then reports.
          *
-         *     Once the parameters were read, a value out of the range (or none of the choices) that the vehicle's own
-         *     metadata names is refused (422), unless forced.
+         *     Once the parameters have been read, a value outside the documented range or choices is refused (422),
+         *     unless forced.
          */
         put: operations["set_param_api_v1_vehicles__v__params__name__put"];
         post?: never;
@@ -1064,7 +1072,7 @@ export interface paths {
         };
         /**
          * Readiness
-         * @description As the vehicle last said, for all modes at once; the telemetry topic `readiness` tells every change.
+         * @description The vehicle's last report, for all modes; the telemetry topic `readiness` has every change.
          */
         get: operations["readiness_api_v1_vehicles__v__readiness_get"];
         put?: never;
@@ -1086,10 +1094,9 @@ export interface paths {
         put?: never;
         /**
          * Check
-         * @description Has the vehicle run its checks now, and answers with what they say.
+         * @description Has the vehicle run its checks now, and answers with their result.
          *
-         *     Its own words for them are fetched from its files, the first time with this firmware; they come a little
-         *     later.
+         *     The vehicle's own texts are read from its files, once per firmware, and arrive a little later.
          */
         post: operations["check_api_v1_vehicles__v__readiness_check_post"];
         delete?: never;
@@ -1187,7 +1194,7 @@ export interface paths {
         };
         /**
          * Download Recording
-         * @description The file as it is; of one that is being written, what is there now.
+         * @description The file; if it is still being written, what it holds now.
          */
         get: operations["download_recording_api_v1_recordings__name__get"];
         put?: never;
@@ -1207,7 +1214,8 @@ export interface paths {
         };
         /**
          * Index Recording
-         * @description Its bounds, and of each vehicle the modes, armed spans and messages; a long one takes seconds, once.
+         * @description Index of a recording: start, end, and each vehicle's modes, armed spans and messages. Takes seconds the
+         *     first time.
          *
          *     The first time it is an operation, which can be followed and cancelled (409 then).
          */
@@ -1229,13 +1237,13 @@ export interface paths {
         };
         /**
          * List Replays
-         * @description What is played now; the telemetry socket says it, too.
+         * @description The replays that are open; also sent by the telemetry socket.
          */
         get: operations["list_replays_api_v1_replays_get"];
         put?: never;
         /**
          * Open Replay
-         * @description Plays a recording; one that is open already goes on as it is.
+         * @description Opens a recording for replay; one that is already open is not changed.
          */
         post: operations["open_replay_api_v1_replays_post"];
         delete?: never;
@@ -1253,18 +1261,19 @@ export interface paths {
         };
         /**
          * Show Replay
-         * @description Where it is.
+         * @description State of a replay: position, speed, playing or paused.
          */
         get: operations["show_replay_api_v1_replays__name__get"];
         put?: never;
         /**
          * Change Replay
-         * @description Plays, pauses, sets the pace, goes to a moment; answers once the vehicles are as they were then.
+         * @description Plays, pauses, sets the speed or jumps to a time; answers once the vehicles have their state of that
+         *     time.
          */
         post: operations["change_replay_api_v1_replays__name__post"];
         /**
          * Close Replay
-         * @description Its vehicles go with it; the file stays.
+         * @description Closes a replay and removes its vehicles; the file is kept.
          */
         delete: operations["close_replay_api_v1_replays__name__delete"];
         options?: never;
@@ -1281,7 +1290,7 @@ export interface paths {
         };
         /**
          * Index Replay
-         * @description As of a recording, for one that was opened from elsewhere (`gcs replay FILE`).
+         * @description The same index for a replay, also one that was opened by `gcs replay FILE`.
          */
         get: operations["index_replay_api_v1_replays__name__index_get"];
         put?: never;
@@ -1301,7 +1310,8 @@ export interface paths {
         };
         /**
          * List Operations
-         * @description What runs, and what ended last; the `operation` events of the telemetry socket tell every change.
+         * @description Running operations and those that ended last. Each change is also an `operation` event of the telemetry
+         *     socket.
          */
         get: operations["list_operations_api_v1_operations_get"];
         put?: never;
@@ -1321,16 +1331,16 @@ export interface paths {
         };
         /**
          * Show Operation
-         * @description How far one is, or how it ended.
+         * @description Progress of an operation, or how it ended.
          */
         get: operations["show_operation_api_v1_operations__o__get"];
         put?: never;
         post?: never;
         /**
          * Cancel Operation
-         * @description Cancels one, and answers once it has cleaned up; one that has ended stays as it is.
+         * @description Cancels an operation and answers once it has cleaned up; one that has ended is not changed.
          *
-         *     Who started it may cancel it; others only while no other client has control of its vehicle.
+         *     The client that started it may cancel it; another client only while nobody else controls its vehicle.
          */
         delete: operations["cancel_operation_api_v1_operations__o__delete"];
         options?: never;
@@ -1948,7 +1958,7 @@ export interface components {
         };
         /**
          * AccelerationSetpoint
-         * @description An acceleration in the vehicle's local frame; zero keeps the speed, not the place.
+         * @description An acceleration in the vehicle's local frame; zero keeps the velocity, not the position.
          * @example {
          *       "acceleration_ned_m_s2": [
          *         0.5,
@@ -2012,7 +2022,7 @@ export interface components {
             link_loss: "continue" | "hold" | "return" | "land";
             /**
              * Control Lost
-             * @description Nobody has control of the vehicle any more: the browser or program that had it has gone.
+             * @description Control of the vehicle has expired: the browser or program that had it has disconnected.
              * @default hold
              * @enum {string}
              */
@@ -2067,7 +2077,7 @@ export interface components {
         };
         /**
          * ActuatorsSetpoint
-         * @description Motors and servos each by itself; no MAVLink message carries it.
+         * @description Individual motor and servo values; no MAVLink message carries them.
          * @example {
          *       "motors": [
          *         0.5,
@@ -2124,7 +2134,7 @@ export interface components {
         };
         /**
          * AnswerControl
-         * @description To whom.
+         * @description The client that gets control.
          * @example {
          *       "client": "bob"
          *     }
@@ -2132,7 +2142,7 @@ export interface components {
         AnswerControl: {
             /**
              * Client
-             * @description Key or name of the one who asks.
+             * @description Key or name of the requesting client.
              */
             client: string;
         };
@@ -2333,12 +2343,12 @@ export interface components {
         };
         /**
          * AttitudeStep
-         * @description An attitude with thrust for a short time: nothing holds position or height meanwhile.
+         * @description An attitude with thrust for a short time: position and altitude are not held meanwhile.
          */
         AttitudeStep: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -2524,7 +2534,7 @@ export interface components {
         };
         /**
          * Bounds
-         * @description Lower limits for this mission than the vehicle's own.
+         * @description Limits of this mission, lower than the vehicle's own.
          */
         Bounds: {
             /**
@@ -2570,7 +2580,7 @@ export interface components {
         Branch: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -2598,7 +2608,7 @@ export interface components {
         Call: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -2882,7 +2892,7 @@ export interface components {
         };
         /**
          * CommandDone
-         * @description The vehicle's own state shows what was asked for.
+         * @description The command's result: the vehicle's own state shows the change.
          */
         CommandDone: {
             /**
@@ -3015,7 +3025,7 @@ export interface components {
         Control: {
             /**
              * Holder
-             * @description Who may command; null: whoever commands first has it.
+             * @description The client in control; null: the first client that commands gets it.
              */
             holder: string | null;
             /**
@@ -3030,23 +3040,23 @@ export interface components {
             since_unix_s: number | null;
             /**
              * Expires In S
-             * @description Until it is free, should the holder not be heard again; a request renews it, an open telemetry socket
+             * @description Time until control ends if the holder stays silent; a request renews it, an open telemetry socket
              *     keeps it [s].
              */
             expires_in_s: number | null;
             /**
              * Can Be Asked
-             * @description Whether the holder would see a request: its telemetry socket is open.
+             * @description Whether the holder can see a request: its telemetry socket is open.
              */
             can_be_asked: boolean;
             /**
              * On Expiry
-             * @description What the flying vehicle is told when the holder is not heard any more.
+             * @description Command sent to the flying vehicle when the holder's control expires.
              */
             on_expiry: ("nothing" | "hold" | "land" | "rtl") | null;
             /**
              * Requests
-             * @description Who asks for it.
+             * @description Clients that request control.
              */
             requests: components["schemas"]["ControlRequest"][];
             /**
@@ -3056,15 +3066,15 @@ export interface components {
             lease_s: number;
             /**
              * Answer S
-             * @description How long a holder has to answer before it may be forced [s].
+             * @description Time to answer a request before control may be taken by force [s].
              */
             answer_s: number;
-            /** @description Who makes the vehicle fly its present mode; null where it has not changed since it was first heard. */
+            /** @description Who set the vehicle's present mode; null if it has not changed since the vehicle connected. */
             mode_cause: components["schemas"]["ModeCause"] | null;
         };
         /**
          * ControlRequest
-         * @description Somebody who asks for control.
+         * @description A client that requests control.
          */
         ControlRequest: {
             /**
@@ -3079,7 +3089,7 @@ export interface components {
             key: string;
             /**
              * Reason
-             * @description Why, in its own words.
+             * @description The reason that the client gave.
              */
             reason: string | null;
             /**
@@ -3089,7 +3099,7 @@ export interface components {
             since_unix_s: number;
             /**
              * Answer Left S
-             * @description How long the holder has left to answer before it may be forced [s].
+             * @description Time left for the holder to answer before control may be taken by force [s].
              */
             answer_left_s: number;
         };
@@ -3149,12 +3159,12 @@ export interface components {
         };
         /**
          * ControlView
-         * @description Who may command a vehicle, as its caller sees it.
+         * @description Control of a vehicle, as the caller sees it.
          */
         ControlView: {
             /**
              * Holder
-             * @description Who may command; null: whoever commands first has it.
+             * @description The client in control; null: the first client that commands gets it.
              */
             holder: string | null;
             /**
@@ -3169,23 +3179,23 @@ export interface components {
             since_unix_s: number | null;
             /**
              * Expires In S
-             * @description Until it is free, should the holder not be heard again; a request renews it, an open telemetry socket
+             * @description Time until control ends if the holder stays silent; a request renews it, an open telemetry socket
              *     keeps it [s].
              */
             expires_in_s: number | null;
             /**
              * Can Be Asked
-             * @description Whether the holder would see a request: its telemetry socket is open.
+             * @description Whether the holder can see a request: its telemetry socket is open.
              */
             can_be_asked: boolean;
             /**
              * On Expiry
-             * @description What the flying vehicle is told when the holder is not heard any more.
+             * @description Command sent to the flying vehicle when the holder's control expires.
              */
             on_expiry: ("nothing" | "hold" | "land" | "rtl") | null;
             /**
              * Requests
-             * @description Who asks for it.
+             * @description Clients that request control.
              */
             requests: components["schemas"]["ControlRequest"][];
             /**
@@ -3195,10 +3205,10 @@ export interface components {
             lease_s: number;
             /**
              * Answer S
-             * @description How long a holder has to answer before it may be forced [s].
+             * @description Time to answer a request before control may be taken by force [s].
              */
             answer_s: number;
-            /** @description Who makes the vehicle fly its present mode; null where it has not changed since it was first heard. */
+            /** @description Who set the vehicle's present mode; null if it has not changed since the vehicle connected. */
             mode_cause: components["schemas"]["ModeCause"] | null;
             /**
              * Yours
@@ -3309,7 +3319,7 @@ export interface components {
         };
         /**
          * DenyControl
-         * @description To whom, and why.
+         * @description The client that is denied, and why.
          * @example {
          *       "client": "bob"
          *     }
@@ -3317,12 +3327,12 @@ export interface components {
         DenyControl: {
             /**
              * Client
-             * @description Key or name of the one who asks.
+             * @description Key or name of the requesting client.
              */
             client: string;
             /**
              * Reason
-             * @description Shown to the one who asks.
+             * @description Shown to the requesting client.
              */
             reason?: string | null;
         };
@@ -4402,7 +4412,7 @@ export interface components {
         };
         /**
          * FieldError
-         * @description One value at fault.
+         * @description One invalid value.
          */
         FieldError: {
             /**
@@ -4423,12 +4433,12 @@ export interface components {
         FigureEight: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
              * Speed M S
-             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
              */
             speed_m_s?: number | null;
             /**
@@ -4463,12 +4473,12 @@ export interface components {
             center: components["schemas"]["Place"];
             /**
              * Length M
-             * @description From tip to tip.
+             * @description Length of the figure from tip to tip.
              */
             length_m: number;
             /**
              * Width M
-             * @description Of each loop.
+             * @description Width of each loop.
              */
             width_m: number;
             /**
@@ -4547,12 +4557,12 @@ export interface components {
         Fly: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
              * Speed M S
-             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
              */
             speed_m_s?: number | null;
             /**
@@ -4642,7 +4652,7 @@ export interface components {
             alt_home_m?: number | null;
             /**
              * Yaw Ned Rad
-             * @description The heading there; between points with one it turns evenly.
+             * @description Heading at the point; between two such points the vehicle turns evenly.
              */
             yaw_ned_rad?: number | null;
             /**
@@ -4653,13 +4663,13 @@ export interface components {
             stop: boolean;
             /**
              * Hold S
-             * @description Wait there; it stops for that.
+             * @description Time to wait at the point; the vehicle stops there.
              * @default 0
              */
             hold_s: number;
             /**
              * Corner M
-             * @description How far from the point a bend between straight legs may pass.
+             * @description Greatest distance from the point at which a bend between straight legs may pass.
              * @default 1
              */
             corner_m: number;
@@ -4732,7 +4742,7 @@ export interface components {
         };
         /**
          * FollowSetpoint
-         * @description A place beside another vehicle, that moves with it; exactly one offset, at least 2 m long.
+         * @description A position relative to another vehicle, moving with it; exactly one offset, at least 2 m long.
          * @example {
          *       "offset_frd_m": [
          *         -5,
@@ -4837,7 +4847,7 @@ export interface components {
         };
         /**
          * GimbalAngles
-         * @description Where the camera is to look.
+         * @description The gimbal's target angles.
          * @example {
          *       "pitch_deg": -30,
          *       "yaw_deg": 0
@@ -5055,7 +5065,7 @@ export interface components {
         };
         /**
          * GimbalRates
-         * @description How fast the camera is to turn; zero stops both axes.
+         * @description The gimbal's turning rates; zero stops both axes.
          * @example {
          *       "pitch_rate_deg_s": 5,
          *       "yaw_rate_deg_s": -10
@@ -5208,7 +5218,7 @@ export interface components {
         };
         /**
          * GotoRequest
-         * @description Where to fly; exactly one of the two altitudes.
+         * @description The target position; exactly one of the two altitudes.
          * @example {
          *       "alt_home_m": 15,
          *       "lat_deg": 47.3982,
@@ -5487,7 +5497,7 @@ export interface components {
         };
         /**
          * GroupSetpoints
-         * @description New setpoints for some members or all, sent at one instant; without any, all are renewed.
+         * @description New setpoints for some or all members, sent at one instant; without any, all are renewed.
          * @example {
          *       "setpoints": [
          *         {
@@ -5529,7 +5539,7 @@ export interface components {
         };
         /**
          * GroupStarted
-         * @description The group that has begun, and what its members are held to.
+         * @description The group that has started, and the limits of its members.
          */
         GroupStarted: {
             /**
@@ -5674,12 +5684,12 @@ export interface components {
         Helix: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
              * Speed M S
-             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
              */
             speed_m_s?: number | null;
             /**
@@ -5791,7 +5801,7 @@ export interface components {
         Hold: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -5806,7 +5816,7 @@ export interface components {
             duration_s: number;
             /**
              * Yaw Ned Rad
-             * @description Turn to it first; None keeps the heading.
+             * @description Heading to turn to first; None keeps the present one.
              */
             yaw_ned_rad?: number | null;
         };
@@ -5942,7 +5952,7 @@ export interface components {
         };
         /**
          * Identity
-         * @description What does not change in flight, as far as it is known yet.
+         * @description Data of a vehicle that do not change in flight, as far as known.
          */
         Identity: {
             /**
@@ -6110,7 +6120,7 @@ export interface components {
             duration_s: number;
             /**
              * Repeated
-             * @description So many equal refusals of this client this line stands for.
+             * @description Number of equal refusals of this client that this line stands for.
              */
             repeated: number;
         };
@@ -6538,7 +6548,7 @@ export interface components {
             frames_unknown: number;
             /**
              * Frames Lost
-             * @description By the gaps in their sequence numbers; not counted in a recording.
+             * @description Counted by gaps in the sequence numbers; not counted in a recording.
              */
             frames_lost: number;
             /**
@@ -6553,12 +6563,12 @@ export interface components {
             bytes_skipped: number;
             /**
              * Handler Errors
-             * @description What arrived and could not be handled because of a fault in this server; it was skipped and logged.
+             * @description Messages that were skipped and logged because of an error in this server.
              */
             handler_errors: number;
             /**
              * Frames Refused
-             * @description Frames that were not taken for their signature or the want of one; `signing` says why.
+             * @description Frames that were refused because of their signature or its absence; `signing` says why.
              */
             frames_refused: number;
             /**
@@ -6936,7 +6946,7 @@ export interface components {
         };
         /**
          * Message
-         * @description One line of what a vehicle said or did.
+         * @description One event of a vehicle.
          */
         Message: {
             /**
@@ -7101,8 +7111,8 @@ export interface components {
         ModeCause: {
             /**
              * Source
-             * @description command (this server's), vehicle (its own course), failsafe, pilot (its transmitter), station (another
-             *     one), unknown.
+             * @description command (this server's), vehicle (the vehicle itself), failsafe, pilot (its transmitter), station
+             *     (another one), unknown.
              * @enum {string}
              */
             source: "command" | "vehicle" | "failsafe" | "pilot" | "station" | "unknown";
@@ -8097,7 +8107,7 @@ export interface components {
         };
         /**
          * Operation
-         * @description How long work stands.
+         * @description The state of one operation.
          */
         Operation: {
             /**
@@ -8107,7 +8117,7 @@ export interface components {
             id: string;
             /**
              * Kind
-             * @description What it does: `parameters/read`, `recording/index`.
+             * @description Kind of work: `parameters/read`, `recording/index`.
              */
             kind: string;
             /**
@@ -8117,12 +8127,12 @@ export interface components {
             vehicle: string | null;
             /**
              * Subject
-             * @description What it works on beside the vehicle: a recording's name.
+             * @description The object it works on besides the vehicle, such as a recording's name.
              */
             subject: string | null;
             /**
              * Client
-             * @description Who started it.
+             * @description The client that started it.
              */
             client: string;
             /**
@@ -8138,12 +8148,12 @@ export interface components {
             state: "running" | "succeeded" | "failed" | "cancelled";
             /**
              * Progress
-             * @description How much is done, 0 to 1; null: not known.
+             * @description Progress, 0 to 1; null: not known.
              */
             progress: number | null;
             /**
              * Text
-             * @description What is happening, or how it ended.
+             * @description What it is doing, or how it ended.
              */
             text: string;
             /**
@@ -8158,7 +8168,7 @@ export interface components {
             ended_unix_s: number | null;
             /**
              * Result
-             * @description What came of it; null unless it succeeded.
+             * @description The result; null unless it succeeded.
              */
             result: {
                 [key: string]: unknown;
@@ -8173,7 +8183,7 @@ export interface components {
         OperationList: {
             /**
              * Operations
-             * @description Those that run, and the last that ended; oldest first.
+             * @description Running operations and those that ended last; oldest first.
              */
             operations: components["schemas"]["Operation"][];
         };
@@ -8242,12 +8252,12 @@ export interface components {
         Orbit: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
              * Speed M S
-             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
              */
             speed_m_s?: number | null;
             /**
@@ -8372,7 +8382,7 @@ export interface components {
             value: number;
             /**
              * Force
-             * @description Although the vehicle's metadata says that it is out of range.
+             * @description Set it even if the vehicle's metadata says that it is out of range.
              * @default false
              */
             force: boolean;
@@ -8389,7 +8399,7 @@ export interface components {
             value: number;
             /**
              * Label
-             * @description As the metadata calls it.
+             * @description Label in the metadata.
              */
             label: string;
         };
@@ -8405,7 +8415,7 @@ export interface components {
             value: number;
             /**
              * Label
-             * @description As the metadata calls it.
+             * @description Label in the metadata.
              */
             label: string;
         };
@@ -8426,7 +8436,7 @@ export interface components {
             is_integer: boolean;
             /**
              * Group
-             * @description What it belongs to.
+             * @description Group in the metadata.
              */
             group: string;
             /**
@@ -8436,12 +8446,12 @@ export interface components {
             category: string;
             /**
              * Title
-             * @description What it is, in short.
+             * @description Short description.
              */
             title: string | null;
             /**
              * Details
-             * @description What it is, at length.
+             * @description Long description.
              */
             details: string | null;
             /**
@@ -8466,7 +8476,7 @@ export interface components {
             unit: string | null;
             /**
              * Decimals
-             * @description How many are worth showing.
+             * @description Number of decimals to show.
              */
             decimals: number | null;
             /**
@@ -8476,12 +8486,12 @@ export interface components {
             increment: number | null;
             /**
              * Choices
-             * @description Where only these are meant.
+             * @description The documented values, if only these are valid.
              */
             choices: components["schemas"]["ParameterChoice"][];
             /**
              * Bits
-             * @description Where it is a bit mask.
+             * @description The documented bits, if it is a bit mask.
              */
             bits: components["schemas"]["ParameterBit"][];
             /**
@@ -8497,7 +8507,7 @@ export interface components {
         };
         /**
          * ParameterList
-         * @description How far the vehicle's parameters are known.
+         * @description State of the server's copy of the vehicle's parameters.
          */
         ParameterList: {
             /**
@@ -8508,17 +8518,17 @@ export interface components {
             state: "unknown" | "reading" | "ready" | "outdated" | "failed";
             /**
              * Received
-             * @description How many have come.
+             * @description Number of parameters received.
              */
             received: number;
             /**
              * Count
-             * @description How many there are; null before the vehicle said.
+             * @description Number of parameters on the vehicle; null until it is known.
              */
             count: number | null;
             /**
              * Source
-             * @description Where they are from; `cache`: the vehicle's checksum says that they still hold.
+             * @description Source of the values; `cache`: unchanged according to the vehicle's checksum.
              */
             source: ("vehicle" | "cache") | null;
             /**
@@ -8548,13 +8558,13 @@ export interface components {
             facts_problem: string | null;
             /**
              * Left Out
-             * @description How many have a name that no parameter can have, or are more than the server keeps.
+             * @description Number of entries with an invalid name, or beyond the server's limit.
              */
             left_out: number;
         };
         /**
          * ParameterView
-         * @description A parameter as the vehicle reports it, and what it means.
+         * @description A parameter as the vehicle reports it, with its description.
          */
         ParameterView: {
             /**
@@ -8574,10 +8584,10 @@ export interface components {
             is_integer: boolean;
             /**
              * Is Default
-             * @description Whether it is the firmware's; null: not told.
+             * @description Whether the value is the firmware's default; null: not known.
              */
             is_default: boolean | null;
-            /** @description From the vehicle's own metadata; null where they are not at hand. */
+            /** @description From the vehicle's own metadata; null if that is not available. */
             facts: components["schemas"]["ParameterFacts"] | null;
         };
         /**
@@ -8590,7 +8600,7 @@ export interface components {
              * @description The vehicle's id.
              */
             vehicle: string;
-            /** @description How far they are known. */
+            /** @description State of the list of parameters. */
             list: components["schemas"]["ParameterList"];
             /**
              * Params
@@ -8660,7 +8670,7 @@ export interface components {
         };
         /**
          * PathPointBody
-         * @description Where to be, and when.
+         * @description A position and its time.
          */
         PathPointBody: {
             /**
@@ -8685,7 +8695,7 @@ export interface components {
         };
         /**
          * PathSetpoint
-         * @description A smooth curve through points in time, flown by the server whatever becomes of its client.
+         * @description A smooth curve through points in time, flown by the server even if its client disconnects.
          *
          *     It begins where the vehicle is (the first point within 5 m) and at `t_s` 0.
          *     `valid_for_s` counts from its end.
@@ -8826,7 +8836,7 @@ export interface components {
         Photo: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -9129,7 +9139,7 @@ export interface components {
         };
         /**
          * PlanEstimates
-         * @description What a flight takes; lengths in metres, times in seconds.
+         * @description Estimates for a flight; lengths in metres, times in seconds.
          */
         PlanEstimates: {
             /**
@@ -9243,7 +9253,7 @@ export interface components {
         };
         /**
          * PlanStepTime
-         * @description What one step takes on the way that takes longest, its repeats together.
+         * @description The duration of one step on the longest path through the mission, all repeats together.
          */
         PlanStepTime: {
             /**
@@ -9457,7 +9467,8 @@ export interface components {
         };
         /**
          * PositionBodySetpoint
-         * @description A step from where the vehicle is when it is taken, along its heading then.
+         * @description An offset from the vehicle's position when the server takes the setpoint, along its heading at that
+         *     time.
          * @example {
          *       "offset_frd_m": [
          *         5,
@@ -9899,7 +9910,7 @@ export interface components {
         };
         /**
          * RatesSetpoint
-         * @description Turning rates about the body's axes, with thrust: the vehicle levels itself no more.
+         * @description Body rates with thrust: the vehicle no longer levels itself.
          * @example {
          *       "rates_frd_rad_s": [
          *         0,
@@ -10021,7 +10032,7 @@ export interface components {
             started_unix_s: number | null;
             /**
              * Duration S
-             * @description From the first to the last record.
+             * @description Time from the first to the last record.
              */
             duration_s: number | null;
             /**
@@ -10041,13 +10052,13 @@ export interface components {
             running: boolean;
             /**
              * Problem
-             * @description What is wrong with it, for people; null where nothing is.
+             * @description Why it cannot be played in full, for people; null if it can.
              */
             problem: string | null;
         };
         /**
          * Recording
-         * @description What of a link is on disk.
+         * @description The recording of a link.
          */
         Recording: {
             /**
@@ -10073,7 +10084,7 @@ export interface components {
         };
         /**
          * RecordingIndex
-         * @description What a time bar shows of a recording.
+         * @description The data of a recording that a time bar shows.
          */
         RecordingIndex: {
             /**
@@ -10098,7 +10109,7 @@ export interface components {
             records: number;
             /**
              * Bytes Skipped
-             * @description What belongs to no record: damage.
+             * @description Damaged bytes, which belong to no record.
              */
             bytes_skipped: number;
             /**
@@ -10125,18 +10136,18 @@ export interface components {
         };
         /**
          * RefreshRequest
-         * @description How to read them.
+         * @description Options for reading all parameters.
          */
         RefreshRequest: {
             /**
              * Ignore Cache
-             * @description Read them though the vehicle's checksum is equal.
+             * @description Read them even if the vehicle's checksum is unchanged.
              * @default false
              */
             ignore_cache: boolean;
             /**
              * Wait
-             * @description Answer once they are there.
+             * @description Answer only once they have been read.
              * @default false
              */
             wait: boolean;
@@ -10148,7 +10159,7 @@ export interface components {
         Repeat: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -10174,7 +10185,7 @@ export interface components {
         Replay: {
             /**
              * Name
-             * @description How the API calls it: its link's name.
+             * @description Its name in the API: that of its link.
              */
             name: string;
             /**
@@ -10225,7 +10236,7 @@ export interface components {
         };
         /**
          * ReplayChange
-         * @description What to change of a replay; what is left out stays.
+         * @description Changes of a replay; fields that are left out stay as they are.
          * @example {
          *       "playing": true,
          *       "position_unix_s": 1783762200,
@@ -10665,7 +10676,7 @@ export interface components {
             mode: string;
             /**
              * Link Id
-             * @description In all signatures of this link, 0 to 255.
+             * @description The link id in all signatures of this link, 0 to 255.
              */
             link_id: number;
             /**
@@ -10701,12 +10712,12 @@ export interface components {
         Spiral: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
              * Speed M S
-             * @description Over the ground and at most; None: MPC_XY_CRUISE.
+             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
              */
             speed_m_s?: number | null;
             /**
@@ -10775,7 +10786,7 @@ export interface components {
         };
         /**
          * StartGroup
-         * @description Vehicles in flight that begin together at one instant and are kept apart.
+         * @description A group: vehicles in flight that start at one instant and are kept apart.
          * @example {
          *       "members": [
          *         {
@@ -11201,7 +11212,7 @@ export interface components {
         Table: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -11223,7 +11234,7 @@ export interface components {
         };
         /**
          * TakeControl
-         * @description How to take control.
+         * @description Options for taking control.
          * @example {
          *       "on_expiry": "hold"
          *     }
@@ -11248,7 +11259,7 @@ export interface components {
         TakeOff: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -11258,7 +11269,7 @@ export interface components {
             step: "take_off";
             /**
              * Height M
-             * @description Above where the vehicle stands.
+             * @description Above the take-off position.
              */
             height_m: number;
             /**
@@ -11323,7 +11334,7 @@ export interface components {
         };
         /**
          * TakeoffRequest
-         * @description How high to climb.
+         * @description The take-off altitude.
          * @example {
          *       "alt_home_m": 10
          *     }
@@ -11503,7 +11514,7 @@ export interface components {
         };
         /**
          * ThrustTorqueSetpoint
-         * @description Thrust and torque of the body, past all controllers; no MAVLink message carries it.
+         * @description Body thrust and torque, which bypass all controllers; no MAVLink message carries them.
          * @example {
          *       "thrust_frd": [
          *         0,
@@ -12038,7 +12049,7 @@ export interface components {
         };
         /**
          * VehicleMarks
-         * @description Of one vehicle in a recording.
+         * @description The marks of one vehicle in a recording.
          */
         VehicleMarks: {
             /**
@@ -12109,12 +12120,12 @@ export interface components {
             components_with_warnings: string[];
             /**
              * Left Out
-             * @description What the vehicle said beyond the limits of a report, in words; null: nothing.
+             * @description Text about findings beyond the limit of a report; null: none.
              */
             left_out: string | null;
             /**
              * Offers
-             * @description What can be done now; empty where nothing is needed, or nothing here helps.
+             * @description Actions that help now; empty if none is needed or none helps.
              */
             offers: components["schemas"]["ReadinessOffer"][];
             /**
@@ -12314,7 +12325,7 @@ export interface components {
         VelocityStep: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -12333,7 +12344,7 @@ export interface components {
             ];
             /**
              * Duration S
-             * @description Changes of speed included.
+             * @description Duration, changes of speed included.
              */
             duration_s: number;
             /**
@@ -12477,7 +12488,7 @@ export interface components {
         Wait: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -12492,7 +12503,7 @@ export interface components {
             until: components["schemas"]["Condition"] | "person";
             /**
              * Message
-             * @description What the person is asked.
+             * @description The question shown to the person.
              */
             message?: string | null;
             /**
@@ -12510,7 +12521,7 @@ export interface components {
         };
         /**
          * Warnings
-         * @description What stands now and should be known.
+         * @description The present warnings.
          */
         Warnings: {
             /**
@@ -12911,7 +12922,7 @@ export interface components {
         missions__offboard__steps__Gimbal: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -12927,21 +12938,21 @@ export interface components {
             track: "fixed" | "look_at" | "along_path" | "sweep" | "release";
             /**
              * Pitch Rad
-             * @description Up is positive; of fixed, along_path and the middle of a sweep.
+             * @description For fixed, along_path and the middle of a sweep; up is positive.
              * @default 0
              */
             pitch_rad: number;
             /**
              * Yaw Rad
-             * @description From the vehicle's nose; of fixed and the middle of a sweep.
+             * @description For fixed and the middle of a sweep, relative to the vehicle's nose.
              * @default 0
              */
             yaw_rad: number;
-            /** @description Of look_at. */
+            /** @description The place to look at, for look_at. */
             place?: components["schemas"]["Place"] | null;
             /**
              * Sweep Pitch Rad
-             * @description To both sides of the middle.
+             * @description Half width of a sweep, to both sides of its middle.
              * @default 0
              */
             sweep_pitch_rad: number;
@@ -12965,7 +12976,7 @@ export interface components {
         missions__offboard__steps__Land: {
             /**
              * Name
-             * @description For people.
+             * @description Shown to people.
              */
             name?: string | null;
             /**
@@ -13235,7 +13246,7 @@ export interface operations {
     remove_link_api_v1_links__name__delete: {
         parameters: {
             query?: {
-                /** @description Where a vehicle in flight would lose its last link, exactly the words that the refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`. */
+                /** @description Needed where a vehicle in flight would lose its last link: exactly the text that the refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`. */
                 confirm?: string | null;
             };
             header?: never;
@@ -13295,7 +13306,7 @@ export interface operations {
     journal_api_v1_journal_get: {
         parameters: {
             query?: {
-                /** @description At most so many. */
+                /** @description Maximum number of entries. */
                 limit?: number;
             };
             header?: never;
@@ -16481,7 +16492,7 @@ export interface operations {
             };
             413: components["responses"]["Refused413"];
             414: components["responses"]["Refused414"];
-            /** @description The Range is none of the file's. */
+            /** @description The Range header lies outside the file. */
             416: {
                 headers: {
                     [name: string]: unknown;
@@ -17027,7 +17038,7 @@ export interface operations {
     list_operations_api_v1_operations_get: {
         parameters: {
             query?: {
-                /** @description Only its. */
+                /** @description Only operations of this vehicle. */
                 vehicle?: string | null;
             };
             header?: never;

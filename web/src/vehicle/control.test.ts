@@ -59,7 +59,7 @@ describe('who has control', () => {
       ...FREE,
       mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'],
     });
-    expect(outsideText(cause('pilot'))).toBe('by its transmitter');
+    expect(outsideText(cause('pilot'))).toBe('by the RC pilot');
     expect(outsideText(cause('station', 'station 245/190'))).toBe('by station 245/190');
     expect(outsideText(cause('command', 'Anna'))).toBeNull();
     expect(outsideText(FREE)).toBeNull();

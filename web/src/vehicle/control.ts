@@ -72,10 +72,10 @@ export function forceHint(control: Control, key: string | null, denied: boolean)
 }
 
 const WHO: Readonly<Record<string, string>> = {
-  pilot: 'its transmitter',
+  pilot: 'the RC pilot',
   station: 'another ground station',
   unknown: 'not this server',
-  failsafe: 'its own failsafe',
+  failsafe: 'the failsafe',
 };
 
 /** Who makes the vehicle fly its mode, where it is nobody of this server; null where there is nothing to add. */

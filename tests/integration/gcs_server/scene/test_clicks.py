@@ -50,7 +50,7 @@ def test_without_a_place_on_earth_it_is_refused_in_words():
         Tracks(FakeFleet(), None, SystemClock()).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
     tracks = Tracks(FakeFleet([FakeVehicle()]), None, SystemClock())
     tracks.look(1000.0, 0.03)
-    with pytest.raises(Refused, match="told its position"):
+    with pytest.raises(Refused, match="reported its position"):
         tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
 
 

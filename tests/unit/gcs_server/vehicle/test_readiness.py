@@ -24,8 +24,8 @@ from gcs_server.vehicle.readiness import (
 )
 from tests.steps import lines_run
 
-GPS = "there is no global position"
-POSITION = "there is no position estimate"
+GPS = "no valid global position"
+POSITION = "no valid position estimate"
 STICKS = "there is no transmitter or joystick"
 MISSION = "there is no mission to fly"
 SIGNAL = "no offboard setpoints are coming in"

@@ -1,6 +1,6 @@
 /**
- * Every value a person may put on the grid: made from the server's own list of topics and fields, named for people, with
- * the unit that the field's name ends in. Angles are shown in degrees.
+ * All values that can be shown on the grid: made from the server's list of topics and fields, with names for people and
+ * the unit from the end of the field's name. Angles are shown in degrees.
  */
 
 import { FIELDS } from '../../api/fields';
@@ -11,7 +11,7 @@ import { DEG_PER_RAD, fixed, heading, metres, UNKNOWN } from '../../ui/format';
 import { headingDeg } from './attitude';
 import { climbOf, flightOf } from './values';
 
-/** What a value is read from. */
+/** The data that a value is read from. */
 export interface Source {
   facts: VehicleFacts;
   flight: FlightClock | undefined;
@@ -26,7 +26,7 @@ export interface Shown {
 }
 
 export interface Quantity {
-  /** "topic.field", "topic.field.2", or "flown.…" for what is put together. Kept on the person's machine. */
+  /** "topic.field", "topic.field.2", or "flown.…" for derived values. Kept in this browser. */
   id: string;
   label: string;
   group: string;
@@ -70,7 +70,7 @@ const GROUPS: Readonly<Record<string, string>> = {
   health: 'Health',
   estimator: 'Estimator',
 };
-/** Names where the field's own words are not enough. */
+/** Labels of fields whose own name is not clear enough. */
 const LABELS: Readonly<Record<string, string>> = {
   'status.mode_label': 'Mode',
   'status.landed_state': 'Landed state',
@@ -108,7 +108,7 @@ const LABELS: Readonly<Record<string, string>> = {
   'estimator.horizontal_accuracy_m': 'Estimate ± horizontal',
   'estimator.vertical_accuracy_m': 'Estimate ± vertical',
 };
-/** Masks, ids and quaternions: nothing a person reads as a value. */
+/** Fields that are not offered: masks, ids and quaternions. */
 const LEFT_OUT = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
 const PLACES = /^(lat|lon)_deg$/;
 
@@ -138,7 +138,7 @@ function ofField(topic: string, field: string, index: number | null, label: stri
       const reading = newest(topic);
       const held = reading?.value[field];
       const value = index === null ? held : Array.isArray(held) ? (held as unknown[])[index] : null;
-      // A field that is a float shows its decimals even where it is whole just now: numbers that change width are hard to read.
+      // A float always shows its decimals: numbers that change width are hard to read.
       const text = typeof value === 'number' && !whole ? fixed(value * factor, places ? 6 : unit === '' ? 2 : decimals) : said(value, factor, decimals);
       return { text, unit, stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
     },
@@ -221,7 +221,7 @@ export const USUAL: readonly string[] = [
   'local_position.position_ned_m.1',
 ];
 
-/** What is kept, as far as this version still knows it; the usual ones where nothing is. */
+/** The stored choice, without values that this version does not know; the default values if nothing is stored. */
 export function readChoice(stored: string | null): string[] {
   try {
     const raw: unknown = JSON.parse(stored ?? 'null');
@@ -233,7 +233,7 @@ export function readChoice(stored: string | null): string[] {
   }
 }
 
-/** The list with one element at another place. */
+/** The list with one element moved to another index. */
 export function moved(ids: readonly string[], from: number, to: number): string[] {
   const id = ids[from];
   if (id === undefined) return [...ids];
@@ -242,7 +242,7 @@ export function moved(ids: readonly string[], from: number, to: number): string[
   return rest;
 }
 
-/** What is not on the grid yet and matches what was typed, by name, unit or group. */
+/** Values that are not on the grid yet and match the typed text by name, unit or group. */
 export function found(typed: string, chosen: readonly string[]): Quantity[] {
   const words = typed
     .toLowerCase()

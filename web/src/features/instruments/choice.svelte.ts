@@ -1,4 +1,4 @@
-/** Which values stand on the grid and in which order: this person's, kept on this machine. */
+/** The values on the grid and their order, as chosen by the person; kept in this browser. */
 
 import { BY_ID, moved, readChoice, USUAL } from './catalogue';
 
@@ -10,7 +10,7 @@ function stored(): string | null {
   try {
     return localStorage.getItem(KEY);
   } catch {
-    return null; // storage forbidden
+    return null; // storage is switched off
   }
 }
 
@@ -39,7 +39,7 @@ class ValueChoice {
     try {
       localStorage.setItem(KEY, JSON.stringify(ids));
     } catch {
-      // not remembered then
+      // storage is switched off: kept until the page closes
     }
   }
 }

@@ -16,7 +16,7 @@ export function climbOf(facts: Pick<VehicleFacts, 'hud' | 'global'>): Climb {
   return { m_s, stale: from?.stale ?? false, age_s: from?.age_s ?? null };
 }
 
-/** Time since it left the ground, "> " where we came in later; after landing that of the last flight. */
+/** Time since take-off, with "> " if the page connected during the flight; after landing the last flight's. */
 export function flightOf(facts: Pick<VehicleFacts, 'lost' | 'now_unix_s'>, clock: FlightClock | undefined): { label: string; text: string } {
   if (clock === undefined) return { label: 'Flight time', text: UNKNOWN };
   if (clock.airborneSince_unix_s !== null) {

@@ -1,11 +1,11 @@
-/** Messages of the vehicle and the server: filtered, counted, in full. */
+/** Messages of the vehicle and the server: filter, count and details. */
 
 import type { Message } from '../../live/vehicle-state';
 import { severityWord, type SeverityWord } from '../../ui/severity';
 
 export type Filter = 'errors' | 'warnings' | 'all' | 'debug';
 
-/** The least severe (largest MAV_SEVERITY) that a filter lets through. */
+/** The largest MAV_SEVERITY (least severe) that each filter shows. */
 const LEAST: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
 
 export const FILTERS: readonly { value: Filter; text: string }[] = [
@@ -15,7 +15,7 @@ export const FILTERS: readonly { value: Filter; text: string }[] = [
   { value: 'debug', text: 'Debug too' },
 ];
 
-/** The newest ones that a filter lets through; what only a developer wants is left out unless asked for. */
+/** The newest messages that a filter shows; debug messages only if the filter includes them. */
 export function shown(messages: readonly Message[], count: number, filter: Filter = 'all'): Message[] {
   const lines: Message[] = [];
   for (const message of messages) {
@@ -27,11 +27,11 @@ export function shown(messages: readonly Message[], count: number, filter: Filte
 
 export interface Unread {
   count: number;
-  /** Of the most severe one. */
+  /** Severity of the most severe one. */
   tone: SeverityWord['tone'];
 }
 
-/** What has come since a time, debug left out. */
+/** Messages since a time, without debug ones. */
 export function unread(messages: readonly Message[], since_unix_s: number): Unread {
   const fresh = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST.all);
   return { count: fresh.length, tone: severityWord(Math.min(7, ...fresh.map((m) => m.severity))).tone };
@@ -48,7 +48,7 @@ const KINDS: Readonly<Record<string, string>> = {
   warning: 'Reported by the server',
 };
 
-/** Who says so. */
+/** The source of a message. */
 export function kindWords(kind: string): string {
   return KINDS[kind] ?? kind.replaceAll('_', ' ');
 }

@@ -1,4 +1,4 @@
-/** The message panel: open or not, what it lets through, and until when each vehicle's messages were read. */
+/** The message panel: open or not, its filter, and the time up to which each vehicle's messages were read. */
 
 import type { Filter } from './messages';
 
@@ -7,7 +7,7 @@ class MessagePanel {
   filter = $state<Filter>('all');
   private readUntil = $state.raw<Readonly<Record<string, number>>>({});
 
-  /** What came before the page was there counts as read. */
+  /** Messages from before the page was opened count as read. */
   since(vehicle: string, now_unix_s: number): number {
     return this.readUntil[vehicle] ?? (this.began_unix_s ??= now_unix_s);
   }

@@ -1,4 +1,4 @@
-/** This page as a source of setpoints: starts the stream where the vehicle is, nudges it, says it again in time. */
+/** This page as a source of setpoints: starts the stream at the vehicle's position, nudges and renews it. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient, Outcome } from '../../api/client';
@@ -9,7 +9,7 @@ import { SetpointKeeper } from './keeper';
 import { LASTING, nudge, STEPS, type AnySetpoint, type Axis, type Lasting, type PositionSetpoint, type StartWish, type Steps } from '../../vehicle/setpoint';
 import { nudgeBase } from '../../vehicle/offboard';
 
-/** What the page says itself, without the server: no position, nothing to hold. */
+/** The page's own refusal, without asking the server: there is no position to hold. */
 function noPosition(age_s: number | null): Outcome<never> {
   return {
     ok: false,
@@ -28,15 +28,15 @@ function noPosition(age_s: number | null): Outcome<never> {
   };
 }
 
-/** Not heard, or refused as things are at this moment (an estimate that is not fresh). */
+/** Problems that pass: no answer, or a refusal that may not last (an estimate that is too old). */
 const PASSING: readonly string[] = ['unreachable', 'refused'];
 
 export class OffboardControl {
   steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly keepers = new Map<string, SetpointKeeper>();
-  /** Told of each vehicle that is sent something by itself. */
+  /** Called with each vehicle that gets a setpoint of its own, not a group's. */
   onAlone: (id: string) => void = () => undefined;
-  /** Told where a setpoint may not be said again: it will expire. */
+  /** Called when a renewal is refused: the setpoint will expire. */
   onNotRenewed: (id: string, problem: Problem) => void = () => undefined;
 
   constructor(
@@ -45,7 +45,7 @@ export class OffboardControl {
     private readonly nowS: () => number,
   ) {}
 
-  /** Starts the stream with what is wished, else with the place where the vehicle is. */
+  /** Starts the stream with the given setpoint, else with the vehicle's position. */
   async start(facts: VehicleFacts, wish: StartWish | null = null): Promise<Outcome<unknown>> {
     if (wish !== null) {
       const outcome = await this.begin(facts.id, wish.setpoint, wish.lasting, wish.rate_hz);
@@ -63,7 +63,7 @@ export class OffboardControl {
     return this.begin(facts.id, { ...setpoint }, LASTING);
   }
 
-  /** A new target of any kind. Refused, what was flown before goes on being said; without an answer nobody knows what is flown, and nothing is. */
+  /** Sends a new setpoint of any kind. If it is refused, the previous one is still renewed; without an answer it is unknown which one is flown, and none is renewed. */
   async send(id: string, setpoint: AnySetpoint, lasting: Lasting): Promise<Outcome<unknown>> {
     const keeper = this.keeper(id);
     this.onAlone(id);
@@ -76,13 +76,13 @@ export class OffboardControl {
     return outcome;
   }
 
-  /** A hand steers now (gamepad, drag): what was sent before is not said again. */
+  /** A person steers directly now (gamepad, drag): the previous setpoint is no longer renewed. */
   forget(id: string): void {
     this.onAlone(id);
     this.drop(id);
   }
 
-  /** It flies in a group now: what it was sent alone is not said again. */
+  /** The vehicle flies in a group now: its own setpoint is no longer renewed. */
   drop(id: string): void {
     this.keepers.get(id)?.forget();
   }
@@ -140,7 +140,7 @@ export class OffboardControl {
   }
 }
 
-/** An offset said again would be flown again: it is kept alive as the place it led to. */
+/** An offset sent again would be flown again, so the position it led to is renewed instead. */
 function repeatable(setpoint: AnySetpoint, answer: unknown): AnySetpoint {
   if (setpoint.type !== 'position_body') return setpoint;
   const streamed = (answer as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;
@@ -148,7 +148,7 @@ function repeatable(setpoint: AnySetpoint, answer: unknown): AnySetpoint {
   return Object.fromEntries(Object.entries(streamed).filter(([, value]) => value !== null)) as AnySetpoint;
 }
 
-/** What was sent, where it is a place and a heading that can be nudged. */
+/** The sent setpoint, if it is a position with a heading that can be nudged. */
 function wholePosition(setpoint: AnySetpoint | null): PositionSetpoint | null {
   const place = setpoint?.['position_ned_m'];
   const yaw = setpoint?.['yaw_ned_rad'];

@@ -1,12 +1,12 @@
 /**
- * Says a setpoint again before it expires, as long as this page is open and hears the server: closing the page lets it
+ * Renews a setpoint before it expires, as long as this page is open and connected: closing the page lets it
  * expire, and the server then does what `on_expiry` says. Ticked by arriving telemetry, which a hidden tab still gets.
- * What has expired is not brought back: that is for a person to order.
+ * An expired setpoint is not sent again: only a person may do that.
  */
 
 import type { AnySetpoint, Lasting } from '../../vehicle/setpoint';
 
-/** Part of the validity after which it is said again. */
+/** Fraction of the validity after which it is renewed. */
 const REFRESH_AT = 0.3;
 
 export interface Kept {
@@ -14,7 +14,7 @@ export interface Kept {
   lasting: Lasting;
 }
 
-/** What came of saying it again: taken, refused for good, or neither, so that it is tried again. */
+/** Result of a renewal: taken, refused, or neither, so that it is tried again. */
 export type Said = 'taken' | 'refused' | 'not now';
 
 export class SetpointKeeper {
@@ -31,8 +31,8 @@ export class SetpointKeeper {
   }
 
   /**
-   * From now on this one is kept alive, if it shall be; the caller is just sending it.
-   * @returns what to call if it is refused: the vehicle then flies on as before, so that is kept alive again.
+   * Starts to renew this setpoint, if that was chosen; the caller is sending it now.
+   * @returns a function to call if it is refused: the vehicle keeps its previous setpoint, which is then renewed again.
    */
   keep(setpoint: AnySetpoint, lasting: Lasting, now_s: number): () => void {
     const [before, beforeSaidAt_s, beforeTakenAt_s] = [this.kept, this.saidAt_s, this.takenAt_s];

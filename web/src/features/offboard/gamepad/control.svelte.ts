@@ -1,4 +1,4 @@
-/** The gamepad as the browser shows it: which one, 25 times a second what it asks for, and why it ended. */
+/** Reads the browser's gamepad 25 times a second, sends its setpoints, and keeps the reason why it ended. */
 
 import type { AnySetpoint } from '../../../vehicle/setpoint';
 import { Pilot, RATE_HZ, type PadSnapshot, type Step } from './pilot';
@@ -16,7 +16,7 @@ export interface Hands {
   yaw_ned_rad: () => number | null;
   hoverThrust: () => number;
   send: (setpoint: AnySetpoint) => void;
-  /** The last order has been sent. */
+  /** The last setpoint has been sent. */
   release: () => void;
 }
 
@@ -26,7 +26,7 @@ export class GamepadControl {
   mode = $state<PadMode>('heading');
   scaleIndex = $state(0);
   deadman = $state(5);
-  /** As of the last look; null before the first. */
+  /** Result of the last reading; null before the first. */
   step = $state.raw<Step | null>(null);
   axes = $state.raw<readonly number[]>([]);
   /** Why it ended by itself. */
@@ -38,7 +38,7 @@ export class GamepadControl {
     return this.step !== null && this.step.phase !== 'off';
   }
 
-  /** Looks while its panel is open; nothing runs otherwise. */
+  /** Runs only while the panel is open. */
   watch(hands: Hands): () => void {
     this.hands = hands;
     const look = (): void => this.look();

@@ -1,15 +1,15 @@
 /**
- * Decides, 25 times a second, what a gamepad asks for: sticks only while its deadman button is held, standing still the
- * moment it is let go. Whatever makes the sticks unseen (unplugged, tab hidden, window left) ends it. Pure: time comes in.
+ * Turns a gamepad's state into setpoints, 25 times a second: the sticks count only while the deadman button is held; the vehicle stops the
+ * moment it is released. Losing sight of the sticks (unplugged, tab hidden, window left) ends it. Pure: callers pass the time.
  */
 
 import { attitudeOrder, SHAPE, STAND, sticksOf, velocityOrder, type PadMode, type PadOrder, type Scale, type Sticks, CENTRED } from './sticks';
 
 export const RATE_HZ = 25;
-/** Longest step a turn of the yaw is worked out over: after a pause it does not jump [s]. */
+/** Longest step for integrating the yaw, so that it does not jump after a pause [s]. */
 const LONGEST_STEP_S = 0.1;
 
-/** What the browser tells of a pad at one moment. */
+/** State of a gamepad at one moment. */
 export interface PadSnapshot {
   index: number;
   id: string;
@@ -17,11 +17,11 @@ export interface PadSnapshot {
   pressed: readonly boolean[];
 }
 
-/** Whether this page sees and hears the hands of its user. */
+/** Whether the page is visible and has the focus, so that the gamepad can be read. */
 export interface Surroundings {
   visible: boolean;
   focused: boolean;
-  /** Where the vehicle points now; null is unknown. */
+  /** The vehicle's present yaw; null is unknown. */
   yaw_ned_rad: number | null;
   hoverThrust: number;
 }
@@ -31,7 +31,7 @@ export type PilotPhase = 'off' | 'release' | 'ready' | 'flying';
 
 export interface Step {
   phase: PilotPhase;
-  /** Goes out now; null: nothing does. */
+  /** The setpoint to send now; null for none. */
   order: PadOrder | null;
   /** Why it ended by itself; null while it goes on. */
   ended: string | null;
@@ -55,7 +55,7 @@ export class Pilot {
     this.last_s = null;
   }
 
-  /** The user ended it: stands still, once. */
+  /** The user ended it: sends one stop. */
   disengage(): PadOrder | null {
     const was = this.phase;
     this.phase = 'off';

@@ -1,4 +1,4 @@
-/** From a gamepad's axes to what is flown: dead zone, expo, and the mapping to a setpoint. Pure. */
+/** Maps a gamepad's axes to a setpoint: dead zone, expo, scaling. Pure. */
 
 import type { Vector3 } from '../../../live/topics';
 
@@ -41,7 +41,7 @@ export type PadMode = 'heading' | 'north' | 'attitude';
 
 const RAD = Math.PI / 180;
 
-/** One axis shaped: nothing within the dead zone, full at the end, no step between; what is no number is the middle. */
+/** One axis shaped: nothing within the dead zone, full at the end, no step between; NaN counts as the middle. */
 export function shaped(value: number, { dead, expo }: Shape): number {
   if (!Number.isFinite(value)) return 0;
   const size = Math.min(1, Math.abs(value));
@@ -73,7 +73,7 @@ export interface AttitudeOrder {
 
 export type PadOrder = VelocityOrder | AttitudeOrder;
 
-/** Stands still: what is asked the moment the deadman button is let go, in every mode. */
+/** The stop setpoint, sent in every mode when the deadman button is released. */
 export const STAND: VelocityOrder = { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0], yaw_rate_ned_rad_s: 0 };
 
 /** Velocity along heading or north; the stick's corner asks for no more than its edge. */

@@ -1,4 +1,4 @@
-/** What is typed for a group, and the presses that send it: comes with the offboard room. */
+/** The group form's state and its buttons' actions; loaded with the offboard room. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { page } from '../../../app/page.svelte';
@@ -25,7 +25,7 @@ import {
 
 class GroupDraft {
   now = $state.raw<Draft>(NEW_DRAFT);
-  /** Errors are shown from the first press on. */
+  /** Errors are shown after the first press of a button. */
   tried = $state(false);
 
   edit(changed: Partial<Draft>): void {
@@ -40,7 +40,7 @@ class GroupDraft {
     return this.tried ? problemsOf(this.now, flying) : {};
   }
 
-  /** The first press: all that is wrong is shown; else the question. */
+  /** Shows all errors of the form, or opens the confirmation if there are none. */
   askStart(shown: VehicleFacts): void {
     const draft = this.now;
     this.tried = true;
@@ -49,7 +49,7 @@ class GroupDraft {
     actions.requestTogether({ what: 'Group', names: listed(names), question: () => startQuestion(names, draft), run: () => this.start(draft) }, shown, 'room');
   }
 
-  /** From where each is now, not from where it was when it was asked. */
+  /** Offsets count from each vehicle's present position, not from the one when the confirmation was opened. */
   private async start(draft: Draft): Promise<Outcome<unknown>> {
     const ordered = setpointsFor(factsOf(draft.members), draft);
     if (!ordered.ok) return nowhere(ordered);
@@ -57,7 +57,7 @@ class GroupDraft {
     return this.logged(draft.members, draft, () => groups.start(startBody(ordered.setpoints, draft, page.store.nowUnixS()), lastingOf(draft)));
   }
 
-  /** New setpoints for all that still fly it; at once, as in the room's other ways. */
+  /** Sends new setpoints to all members that still fly, without a confirmation, as the room's other forms do. */
   async send(group: Group): Promise<void> {
     const draft = this.now;
     this.tried = true;
@@ -69,7 +69,7 @@ class GroupDraft {
     });
   }
 
-  /** Good for as long again as the form says of what flies, whatever is being typed now; kept renewed, if it says so. */
+  /** Renews the flying setpoints for their own validity, not the one being typed; keeps them renewed if that was chosen. */
   async renew(group: Group): Promise<void> {
     const flown: Draft = { ...this.now, how: flownHow(group) };
     this.tried = true;
@@ -82,7 +82,7 @@ class GroupDraft {
     const outcome = await send();
     desk.answered(line, outcome, null);
     if (outcome.ok) {
-      // An offset pressed twice would be flown twice: the next one is typed anew.
+      // The form is cleared, because an offset sent twice would be flown twice.
       if (draft.how === 'move') this.edit({ axes: { ...this.now.axes, move: NEW_DRAFT.axes.move } });
       return outcome;
     }
@@ -91,7 +91,7 @@ class GroupDraft {
   }
 }
 
-/** Of all vehicles that the server would command, heard now or not. */
+/** Ids of all vehicles that the server can command, connected now or not. */
 export function commandableIds(): string[] {
   void page.tick;
   return page.ids.filter((id) => commandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY));

@@ -1,4 +1,4 @@
-/** A group as the server tells it, in the words and numbers that a person needs. Pure. */
+/** Texts and numbers about a group, from the server's data. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
@@ -11,13 +11,13 @@ export type Group = components['schemas']['Group'];
 export type Member = Group['members'][number];
 export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'dim';
 
-/** A group and when this page heard of it, by its own clock: what the server counts goes on between two answers. */
+/** A group and when this page received it, by its own clock, so that countdowns continue between two answers. */
 export interface Heard {
   group: Group;
   heardAt_s: number;
 }
 
-/** Numbers begin anew with each run of the server: the time of creation tells two of one number apart. */
+/** Group numbers start again with each run of the server; the creation time tells two of one number apart. */
 export function keyOf(group: Group): string {
   return `${group.id} ${group.created_unix_s}`;
 }
@@ -41,7 +41,7 @@ export function withGroup(list: readonly Heard[], heard: Heard): Heard[] {
   return there ? list.map((one) => (keyOf(one.group) === key ? heard : one)) : [...list, heard];
 }
 
-/** The newest that flew in the sight of this page and is over, until it is put away. */
+/** The newest ended group that this page has seen flying, until it is dismissed. */
 export function newestOver(list: readonly Heard[], seenLive: ReadonlySet<string>): Group | null {
   const over = list.map((one) => one.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(keyOf(g)));
   return over[over.length - 1] ?? null;
@@ -90,12 +90,12 @@ export function memberWords(member: Member, modeLabel: string | null, waits = fa
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
 }
 
-/** How long the setpoints of all are good still [s]; null where none are flown. */
+/** Remaining validity of the group's setpoints [s]; null if none are flown. */
 export function validLeft_s({ group, heardAt_s }: Heard, now_s: number): number | null {
   return group.valid_left_s === null ? null : Math.max(0, group.valid_left_s - (now_s - heardAt_s));
 }
 
-/** Newest first; what says no more than why it ended is left out. */
+/** Newest first, without a finding that only repeats why the group ended. */
 export function findingsShown(group: Group, most: number): Group['findings'] {
   return group.findings
     .slice(-most)
@@ -103,20 +103,20 @@ export function findingsShown(group: Group, most: number): Group['findings'] {
     .filter((finding) => finding.text !== group.ended);
 }
 
-/** How far apart the guard keeps them, and what it adds for what it knows inexactly. */
+/** The minimum distance that the guard keeps, and the margin it adds for uncertain positions. */
 export function separationWords(group: Group): string {
   const least = `at least ${fixed(group.minimum_separation_m, 1)} m`;
   return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m of margin`;
 }
 
-/** Within a quarter of the minimum it is worth a look. */
+/** A caution from a quarter above the minimum. */
 const NEAR = 1.25;
 
 export function distanceTone(distance_m: number, minimum_m: number): Tone {
   return distance_m < minimum_m ? 'danger' : distance_m < NEAR * minimum_m ? 'caution' : 'ok';
 }
 
-/** The two of these that are nearest now, by their own places on the earth; null below two known places. */
+/** The two vehicles nearest to each other now, by their global positions; null if fewer than two are known. */
 export function nearestNow(all: readonly VehicleFacts[]): { vehicles: [string, string]; distance_m: number } | null {
   let nearest: { vehicles: [string, string]; distance_m: number } | null = null;
   all.forEach((a, i) =>

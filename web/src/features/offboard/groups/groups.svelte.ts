@@ -1,4 +1,4 @@
-/** The groups that fly, this page's and others': heard by events, asked for once a second while there is one; always loaded, small. */
+/** All flying groups, this page's and others': updated by events, and polled once a second while there is one. */
 
 import type { ApiClient, Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
@@ -18,11 +18,11 @@ export interface Ordered {
 
 export class GroupDesk {
   list = $state.raw<readonly Heard[]>([]);
-  /** Of the group that this page keeps renewed. */
+  /** Renews the setpoints of this page's group. */
   keptKey = $state<string | null>(null);
   private seenLive = $state.raw<ReadonlySet<string>>(new Set());
   private readonly keeper = new GroupKeeper((group, lasting) => this.renewed(group, lasting));
-  /** What this page asked of each member, by group: said again with each renewal, but for whom it has sent elsewhere since. */
+  /** This page's setpoint of each member, by group: sent again with each renewal, except for members that got a setpoint of their own since. */
   private readonly asked = new Map<string, Map<string, AnySetpoint>>();
   private askedAt_s = -Infinity;
   private asking = false;
@@ -36,13 +36,13 @@ export class GroupDesk {
     /** Whether somebody can see the page. */
     private readonly seen: () => boolean,
     private readonly nameOf: (vehicle: string) => string,
-    /** What was sent to a vehicle alone is said no more: it would be said against the group. */
+    /** Stops renewing a vehicle's own setpoint, which would work against the group. */
     private readonly forgetAlone: (vehicle: string) => void,
   ) {}
 
   readonly live = $derived(this.list.filter((one) => isLive(one.group)));
   readonly over = $derived(newestOver(this.list, this.seenLive));
-  /** The one that this page started or commands. */
+  /** The group that this page started or commands. */
   readonly own = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
 
   isOwn(group: Group): boolean {
@@ -53,12 +53,12 @@ export class GroupDesk {
     return group.members.map((member) => this.nameOf(member.vehicle));
   }
 
-  /** The one that a vehicle flies in. */
+  /** The group that a vehicle flies in. */
   of(vehicle: string): Group | null {
     return this.live.find((one) => one.group.members.some((m) => m.vehicle === vehicle))?.group ?? null;
   }
 
-  /** Puts the one that is over out of sight. */
+  /** Dismisses the ended group. */
   putAway(): void {
     this.seenLive = new Set([...this.seenLive].filter((key) => this.live.some((one) => keyOf(one.group) === key)));
   }
@@ -102,7 +102,7 @@ export class GroupDesk {
     });
   }
 
-  /** As they fly, for as long again. */
+  /** Renews all setpoints as they are flown. */
   renew(group: Group, lasting: Lasting): Promise<Outcome<Group>> {
     return this.inTurn(group, async () => {
       const outcome = await this.post(group, this.again(group), lasting);
@@ -111,7 +111,7 @@ export class GroupDesk {
     });
   }
 
-  /** Something was sent to this vehicle alone: renewals leave it as it flies. */
+  /** The vehicle got a setpoint of its own: group renewals leave it out. */
   sentAlone(vehicle: string): void {
     for (const asked of this.asked.values()) asked.delete(vehicle);
   }
@@ -125,7 +125,7 @@ export class GroupDesk {
     });
   }
 
-  /** What the page refuses itself, or hears of a renewal, where the buttons are. */
+  /** Shows the page's own refusal, or a renewal's, beside the buttons. */
   async refuse(what: string, vehicleName: string, problem: Problem): Promise<void> {
     await this.actions.attempt(what, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
   }
@@ -141,7 +141,7 @@ export class GroupDesk {
     return 'refused';
   }
 
-  /** What this page asked of those who still follow. */
+  /** This page's setpoints of the members that still follow the group. */
   private again(group: Group): Ordered[] {
     const asked = this.asked.get(keyOf(group));
     return group.members.flatMap(({ vehicle, held }) => {
@@ -150,7 +150,7 @@ export class GroupDesk {
     });
   }
 
-  /** What it asks for is worked out when it is sent, and known when the next is. */
+  /** The setpoints are computed when they are sent. */
   private inTurn(group: Group, send: () => Promise<Outcome<Group>>): Promise<Outcome<Group>> {
     return this.turns.run(vehiclesOf(group), send);
   }

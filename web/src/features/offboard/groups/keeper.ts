@@ -1,5 +1,5 @@
 /**
- * Renews a group's setpoints before they expire, while somebody sees this page: hidden, asleep, closed or cut off, it
+ * Renews a group's setpoints before they expire, while this page is visible: hidden, asleep, closed or disconnected, it
  * lets them expire, and the server puts all into Hold. Ticked by arriving telemetry.
  */
 
@@ -16,7 +16,7 @@ interface Kept {
   busy: boolean;
 }
 
-/** What came of a renewal: taken, refused for good, or not heard, so that it is tried again. */
+/** Result of a renewal: taken, refused, or without an answer, so that it is tried again. */
 export type Said = 'taken' | 'refused' | 'unheard';
 
 export class GroupKeeper {
@@ -25,7 +25,7 @@ export class GroupKeeper {
   /** @param say renews the setpoints of all members. */
   constructor(private readonly say: (group: Group, lasting: Lasting) => Promise<Said>) {}
 
-  /** From now on this group is renewed, if it shall be; the caller has just sent its setpoints. */
+  /** Starts to renew this group, if that was chosen; the caller has just sent its setpoints. */
   keep(group: Group, lasting: Lasting, now_s: number): void {
     this.kept = lasting.renew ? { key: keyOf(group), lasting, saidAt_s: now_s, busy: false } : null;
   }
@@ -39,7 +39,7 @@ export class GroupKeeper {
   }
 
   /**
-   * @param groups all that there are.
+   * @param groups all known groups.
    * @param seen whether somebody can see the page.
    */
   tick(now_s: number, groups: readonly Group[], seen: boolean): void {
@@ -47,7 +47,7 @@ export class GroupKeeper {
     if (kept === null || kept.busy) return;
     const group = groups.find((one) => keyOf(one) === kept.key);
     if (group === undefined || group.state === 'ended' || group.state === 'holding') {
-      this.forget(); // over or being stopped: nothing is to bring it back but a person
+      this.forget(); // ended or being stopped: only a person may start it again
       return;
     }
     if (group.state !== 'flying' || !seen || now_s - kept.saidAt_s < REFRESH_AT * kept.lasting.valid_for_s) return;

@@ -1,4 +1,4 @@
-/** What several vehicles shall do together, as it is typed, and the order it stands for; each field that is wrong is named. Pure. */
+/** The group form's values and the request they make; every wrong field is named. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { fixed } from '../../../ui/format';
@@ -23,7 +23,7 @@ export interface Draft {
   othersGoOn: boolean;
 }
 
-/** A place is renewed while the page is seen; what moves ends by itself unless it is told otherwise. */
+/** Position setpoints are renewed while the page is visible; velocities expire unless the person chooses to renew them. */
 export const NEW_DRAFT: Draft = {
   members: [],
   how: 'move',
@@ -38,7 +38,7 @@ export const NEW_DRAFT: Draft = {
 export const AXES = ['North', 'East', 'Up'] as const;
 export const MOST_MEMBERS = 10;
 
-/** The API's own bounds, but for the validity: what a page sends over HTTP is good for half a second at least. */
+/** The API's limits, except that the validity of setpoints sent over HTTP is at least half a second. */
 const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, 's'] } as const;
 
 export type Problems = Readonly<Record<string, string>>;
@@ -48,7 +48,7 @@ function outside(text: string, [least, most, unit]: readonly [number, number, st
   return value !== null && value >= least && value <= most ? null : `From ${least} to ${most} ${unit}.`;
 }
 
-/** What is wrong with the fields, by field; `flying`: for a group that is there, so that only what changes it counts. */
+/** Errors by field; `flying` checks only the fields that can change a flying group. */
 export function problemsOf(draft: Draft, flying: boolean): Problems {
   const found: Record<string, string> = {};
   const note = (field: string, problem: string | null): void => void (problem !== null && (found[field] = problem));
@@ -70,7 +70,7 @@ export function lastingOf(draft: Draft): Lasting {
   return { valid_for_s: typed(draft.valid_s[draft.how]) ?? 0, on_expiry: ON_EXPIRY, renew: draft.renew[draft.how] };
 }
 
-/** What is asked of one vehicle, from where it is now, in its own local frame; null where it does not know where that is. */
+/** The setpoint of one vehicle, from its present position in its local frame; null if its position is not known. */
 export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | null {
   const [north, east, up] = vector(draft);
   const yaw = facts.attitude === null || facts.attitude.stale ? {} : { yaw_ned_rad: facts.attitude.value.yaw_ned_rad };
@@ -80,14 +80,14 @@ export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | nu
   return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
 }
 
-/** What a group flies now, as this form calls it: what moves is never renewed by the rule for places. */
+/** The kind that a flying group has in this form, so that velocities are not renewed as positions are. */
 export function flownHow(group: Group): Together {
   return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
 
 export type Ordered = { ok: true; setpoints: { vehicle: string; setpoint: AnySetpoint }[] } | { ok: false; detail: string };
 
-/** The setpoints of all, or whose place is not known. */
+/** The setpoints of all members, or the members without a known position. */
 export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Ordered {
   const setpoints: { vehicle: string; setpoint: AnySetpoint }[] = [];
   const nowhere: string[] = [];

@@ -1,4 +1,4 @@
-/** The offboard room's own state: the forms, what the server says can be flown, what was sent and what came of it. */
+/** The offboard room's state: forms, available kinds, sent setpoints and their results. */
 
 import { page } from '../../../app/page.svelte';
 import { actions } from '../../../app/session.svelte';
@@ -17,11 +17,11 @@ import { previewOf, wayWords, type Preview } from './preview';
 import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';
 import { SetpointStream, type Ack, type StreamState } from './stream';
 
-/** Kinds that ask for a place: said again for as long as this page is open, unless that is switched off. */
+/** Position kinds: renewed while this page is open, unless that is switched off. */
 const PLACES: readonly Kind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
 const PLACE_S = 10;
 const MOTION_S = 2;
-/** While a hand is on it (gamepad, handle), a setpoint is good for this long [s]. */
+/** Validity of setpoints from a gamepad or a held handle [s]. */
 export const HAND_S = 0.5;
 export const HAND: Lasting = { valid_for_s: HAND_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
@@ -37,7 +37,7 @@ class Desk {
   kind = $state<Kind>('position');
   choosing = $state(false);
   private forms = $state.raw<Readonly<Record<string, Form>>>({});
-  /** Errors are shown from the first press on, and while typing after that. */
+  /** Errors are shown after the first press of a button, and then while typing. */
   tried = $state(false);
   expiry = $state<OnExpiry['action']>('hold');
   private lasts = $state.raw<Readonly<Record<string, string>>>({});
@@ -51,7 +51,7 @@ class Desk {
   private socket: { id: string; stream: SetpointStream } | null = null;
   private readonly waiting = new Map<number, number>();
 
-  /** Of another vehicle everything begins anew. */
+  /** Resets the state when another vehicle is selected. */
   show(facts: VehicleFacts): void {
     if (facts.id === this.vehicle) return;
     this.vehicle = facts.id;
@@ -63,12 +63,12 @@ class Desk {
     this.tried = false;
   }
 
-  /** The form of the kind that is chosen; begins where the vehicle is. */
+  /** The form of the chosen kind, filled with the vehicle's present state. */
   form(facts: VehicleFacts): Form {
     return this.forms[this.kind] ?? formHere(this.kind, facts, this.hoverThrust);
   }
 
-  /** Filled once, so that it does not run along with the vehicle while it is read. */
+  /** Filled once, so that the values do not change while a person reads them. */
   fill(facts: VehicleFacts, anew = false): void {
     if (!anew && this.forms[this.kind] !== undefined) return;
     this.edit(formHere(this.kind, facts, this.hoverThrust));
@@ -200,7 +200,7 @@ class Desk {
 
   // --- the stream of a hand ---
 
-  /** Opens the stream for a hand on the vehicle; `onEnd` hears why it ended. */
+  /** Opens the stream for gamepad or drag; `onEnd` is called with the reason when it ends. */
   openStream(id: string, onEnd: (why: string) => void): void {
     this.closeStream();
     const url = page.socketUrl(`/vehicles/${encodeURIComponent(id)}/offboard/stream`);
@@ -218,7 +218,7 @@ class Desk {
     };
   }
 
-  /** The last order is on its way: the connection ends once it has had its answer, or the time for one. */
+  /** Ends the connection once the last setpoint has been answered, or after a timeout. */
   leaveStream(): void {
     const leaving = this.socket;
     setTimeout(() => {
@@ -236,7 +236,7 @@ class Desk {
     return this.socket?.stream.state === 'open';
   }
 
-  /** One order by hand. */
+  /** Sends one setpoint of gamepad or drag. */
   sendByHand(way: Way, setpoint: AnySetpoint, lasting: Lasting = HAND): void {
     if (this.socket === null) return;
     const { valid_for_s, on_expiry } = lasting;
@@ -257,7 +257,7 @@ class Desk {
 
   // --- the drag ---
 
-  /** Begins where the vehicle is; null where that is not known. */
+  /** Starts at the vehicle's position; null if that is not known. */
   dragHere(facts: VehicleFacts): void {
     const at = facts.local?.value.position_ned_m;
     const yaw = facts.attitude?.value.yaw_ned_rad;
@@ -273,7 +273,7 @@ class Desk {
     if (this.live) this.sendLive(event['released'] === true);
   }
 
-  /** While held it is good for a moment; let go it is a place like any other that was sent. */
+  /** While a handle is held the setpoint is valid for a moment; after release it is an ordinary position setpoint. */
   sendLive(released: boolean): void {
     const setpoint = this.dragSetpoint();
     if (setpoint === null || this.socket === null) return;

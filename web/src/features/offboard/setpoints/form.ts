@@ -1,4 +1,4 @@
-/** A form as a person fills it in, and the setpoint it stands for; each field that is wrong is named. Pure. */
+/** The form's values and the setpoint they make; every wrong field is named. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { specOf, type Axis, type Group, type Kind } from '../../../vehicle/setpoint-kinds';
@@ -21,7 +21,7 @@ export interface Form {
   yawChoice: YawChoice;
   yaw: string;
   altReference: AltReference;
-  /** Whom to follow; empty: not chosen. */
+  /** The vehicle to follow; empty: not chosen. */
   other: string;
   followYaw: FollowYaw;
 }
@@ -32,7 +32,7 @@ export type Built = { ok: true; setpoint: SetpointJson } | { ok: false; errors: 
 
 const RAD = Math.PI / 180;
 
-/** A typed number, comma or point, minus as typed or as shown; null where it is none. */
+/** A typed number, with comma or point and either minus sign; null if it is not a number. */
 export function typed(text: string): number | null {
   const plain = text.trim().replace('−', '-').replace(',', '.');
   const value = Number(plain);
@@ -45,12 +45,12 @@ function shown(value: number, step: number): string {
   return Number(text) === 0 ? (0).toFixed(decimals) : text;
 }
 
-/** Where one follows from at first: behind and above. */
+/** Default offset when following: behind and above. */
 const BEHIND = { o0: -5, o1: 0, o2: 2 };
-/** Nearer than this nobody is followed [m]. */
+/** Smallest offset when following [m]. */
 const FOLLOW_MIN_M = 2;
 
-/** The form that asks for what is: where it stands still if that can be said. `hoverThrust` null: not known. */
+/** A form filled with the vehicle's present state, so that sending it unchanged holds the vehicle where possible. `hoverThrust` null: not known. */
 export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;
@@ -88,7 +88,7 @@ export function formHere(kind: Kind, facts: VehicleFacts, hoverThrust: number | 
   };
 }
 
-/** What is typed into an axis: its API value, or what is wrong with it. */
+/** The API value of a typed axis, or its error. */
 function read(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
   if (nullable && field?.off === true) return { value: null };
   const value = typed(field?.text ?? '');
@@ -134,7 +134,7 @@ export function build(form: Form): Built {
   return Object.keys(errors).length > 0 ? { ok: false, errors } : { ok: true, setpoint };
 }
 
-/** Every axis needs something to fly it by: the vehicle would stop instead of flying the rest. */
+/** Every axis must be controlled by some quantity: otherwise the vehicle would stop. */
 function controlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
   const given = groups.filter((g) => !form.without.includes(g.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
@@ -145,7 +145,7 @@ function controlled(groups: readonly Group[], form: Form, errors: Record<string,
   });
 }
 
-/** North and east of a quantity go together: the vehicle flies none of them alone. */
+/** North and east of a quantity must both be controlled: the vehicle does not fly one without the other. */
 export function setOff(form: Form, key: string, off: boolean): Form {
   const along = /^([pva])[01]$/.exec(key)?.[1];
   const keys = along === undefined ? [key] : [`${along}0`, `${along}1`];

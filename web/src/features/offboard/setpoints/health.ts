@@ -1,4 +1,4 @@
-/** The stream's health out of the topic `offboard`, aged to now: what the server counts goes on between two samples. */
+/** The stream's health from the topic `offboard`, advanced to the present time between two samples. */
 
 import type { components } from '../../../api/schema';
 

@@ -1,4 +1,4 @@
-/** Where a setpoint would lead, before it is sent: a place, a yaw, and the way there in words. Pure. */
+/** Preview of an unsent setpoint: its position, yaw, and a description. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Vector3 } from '../../../live/topics';
@@ -6,13 +6,13 @@ import { fixed, metres, wrap180 } from '../../../ui/format';
 import { eastNorth, placeAt, type Place } from '../../../vehicle/geo';
 import type { SetpointJson } from './form';
 
-/** A velocity is shown where it leads in this time [s]. */
+/** A velocity is previewed as the position reached after this time [s]. */
 export const AHEAD_S = 3;
 
 export interface Preview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
-  /** The place is where a velocity leads, not one that is asked for. */
+  /** True if the position is where a velocity leads, not a position setpoint. */
   leads: boolean;
 }
 
@@ -34,7 +34,7 @@ export function fromHeading([forward, right, down]: Vector3, yaw_rad: number): V
   return [forward * cos - right * sin, forward * sin + right * cos, down];
 }
 
-/** Null where there is no place to show: attitudes and rates lead nowhere in particular. */
+/** Null for kinds without a position, such as attitudes and rates. */
 export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview | null {
   const at = facts.local?.value.position_ned_m;
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;

@@ -1,4 +1,4 @@
-/** The log of what this page sent, newest first, each with what was applied. What repeats 25 times a second is one line. Pure. */
+/** The log of sent setpoints, newest first, each with what was applied. Setpoints repeated 25 times a second share a line. Pure. */
 
 import { fixed } from '../../../ui/format';
 import { kindName } from '../../../vehicle/setpoint-kinds';
@@ -9,20 +9,20 @@ export interface SentLine {
   id: number;
   way: Way;
   unix_s: number;
-  /** Of the newest of them. */
+  /** Time of the newest one. */
   words: string;
-  /** How many it stands for. */
+  /** Number of setpoints in this line. */
   count: number;
   answered: number;
-  /** What the server changed, or why it refused; null while it only took them. */
+  /** The server's changes or its refusal; null if all were taken unchanged. */
   note: string | null;
   refused: boolean;
-  /** Of the newest answer [s]. */
+  /** Round-trip time of the newest answer [s]. */
   took_s: number | null;
 }
 
 const KEPT = 60;
-/** Orders of one way nearer to each other than this are one line [s]. */
+/** Setpoints of one kind closer together than this share a line [s]. */
 const RUN_S = 1;
 
 export class SentLog {
@@ -30,7 +30,7 @@ export class SentLog {
   private nextId = 1;
   private last_unix_s = 0;
 
-  /** A new order; its line's id, for the answer. */
+  /** Adds a setpoint; returns the id of its line, for the answer. */
   add(way: Way, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
     const [newest, ...rest] = this.lines;
     const words = setpointWords(setpoint);

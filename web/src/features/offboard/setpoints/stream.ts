@@ -1,6 +1,6 @@
 /**
- * Setpoints over one WebSocket, each with a number and an answer of what was applied. What cannot go out now is dropped,
- * not queued: an old order that arrives late is worse than none. Pure but for the socket it is given.
+ * Sends setpoints over one WebSocket, each with a number and an answer. A setpoint that cannot be sent now is dropped,
+ * not queued: an old setpoint that arrives late is worse than none. Pure except for the given socket.
  */
 
 import type { Problem } from '../../../api/problems';
@@ -13,7 +13,7 @@ export interface Ack {
   /** What was changed and why, in the server's words. */
   limited: readonly string[];
   problem: Problem | null;
-  /** A newer order came before its turn: it was not sent. */
+  /** True if a newer setpoint replaced it before it was sent. */
   superseded: boolean;
   /** From sending to its answer [s]. */
   took_s: number;
@@ -21,7 +21,7 @@ export interface Ack {
 
 export type StreamState = 'connecting' | 'open' | 'closed';
 
-/** What of a WebSocket is used. */
+/** The part of a WebSocket that is used. */
 export interface SocketLike {
   readyState: number;
   bufferedAmount: number;
@@ -39,7 +39,7 @@ const MOST_PENDING = 256;
 
 export class SetpointStream {
   state: StreamState = 'connecting';
-  /** Orders not sent because the network did not keep up. */
+  /** Setpoints not sent because the network did not keep up. */
   dropped = 0;
   private seq = 0;
   private readonly sent = new Map<number, number>();
@@ -58,7 +58,7 @@ export class SetpointStream {
     this.socket.onmessage = (event) => this.heard(event.data);
   }
 
-  /** Sends it now; the number of the order, null where it could not go out. */
+  /** Sends it now; returns its number, or null if it could not be sent. */
   send(order: object): number | null {
     if (this.socket.readyState !== OPEN) return null;
     if (this.socket.bufferedAmount > MOST_WAITING) {
@@ -105,7 +105,7 @@ function parse(data: unknown): Record<string, unknown> | null {
   }
 }
 
-/** What an answer says, over the stream or by POST. */
+/** Reads an answer of the stream or of a POST. */
 export function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem' | 'superseded'> {
   if (raw['error'] !== undefined && raw['error'] !== null) {
     const error = typeof raw['error'] === 'string' ? { detail: raw['error'] } : raw['error'];
