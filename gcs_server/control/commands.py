@@ -213,7 +213,7 @@ ALL: tuple[Command, ...] = (
     Command("plans/create", "plan", ("POST /plans",)),
     Command("plans/save", "plan", ("PUT /plans/{plan}",)),
     Command("plans/delete", "plan", ("DELETE /plans/{plan}",)),
-    Command("dry_runs/start", "plan", ("POST /dry_runs",), journaled=False),
+    Command("dry_runs/start", "plan", ("POST /dry_runs",)),
     # long work
     Command(
         "operations/cancel",
