@@ -149,6 +149,40 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
     assert (kept["name"], kept["item_count"]) == ("Tower inspection", 16)
 
 
+@pytest.mark.realtime
+def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(browser: Browser, station: Station) -> None:
+    steps = [{"step": "take_off", "height_m": 4}, {"step": "hold", "duration_s": 600, "name": "Look around"}]
+    plan = {"format": "offboard-gcs-mission", "version": 1, "name": "Hop", "steps": steps}
+    station.gcs.request("POST", "/plans", {"name": "Hop", "plan": plan})
+
+    def is_now(state: str) -> bool:
+        return station.drone.request("GET", "/offboard_mission")["mission"]["state"] == state
+
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        page.get_by_role("button", name="Open", exact=True).click()
+        room.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
+        start = room.get_by_role("region", name="Fly this mission")
+        expect(start).to_contain_text("101 Quad can fly it.")
+        start.get_by_role("button", name="Fly…").click()
+        expect(page.get_by_text("If the server or its link dies:")).to_be_visible()
+        hold_space(page)
+        wait_until(lambda: is_now("flying"), "the mission's flight", 60)
+        expect(start).to_contain_text("abort that first")
+        page.keyboard.press("w")
+        card = page.get_by_role("region", name="Offboard mission")
+        expect(card).to_contain_text("Look around")
+        card.get_by_role("button", name="Pause").click()
+        expect(card.get_by_role("status")).to_have_text("Paused on its path")
+        assert in_both_themes(page) == []
+        card.get_by_role("button", name="Abort…").click()
+        hold_space(page)
+        expect(card.get_by_role("status")).to_have_text("Aborted")
+        wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
+        card.get_by_role("button", name="Close").click()
+        expect(card).to_be_hidden()
+
+
 def home_of(topic: dict[str, Any]) -> dict[str, float]:
     return {name: topic[name] for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 

@@ -51,6 +51,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'hud',
   'health',
   'mission',
+  'offboard_mission',
   'distance_sensors',
   'obstacle_distance',
   'readiness',

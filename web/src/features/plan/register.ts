@@ -1,5 +1,6 @@
 import { registry, rooms } from '../../app/registry.svelte';
 import FlightCard from './FlightCard.svelte';
+import OffboardFlightCard from './OffboardFlightCard.svelte';
 
 const ROOM = 'plan';
 
@@ -14,4 +15,5 @@ registry.addRoom({
   load: async () => (await import('./parts')).parts,
 });
 registry.addTo('cards', { order: 25, ofVehicle: FlightCard });
+registry.addTo('cards', { order: 26, ofVehicle: OffboardFlightCard });
 registry.addKeys([{ order: 138, keys: 'W', what: 'Plan room: waypoint plans and offboard missions', inScene: false, on: { w: () => rooms.toggle(ROOM) } }]);

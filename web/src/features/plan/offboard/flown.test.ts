@@ -1,0 +1,74 @@
+import { describe, expect, it } from 'vitest';
+import { deviationWords, isOver, notFlyable, orderQuestion, orders, progress, startQuestion, stateWords, type Flown } from './flown';
+import type { Mission } from './mission';
+
+const FLOWN: Flown = {
+  state: 'flying',
+  name: 'Tower',
+  plan_id: null,
+  version: null,
+  client: 'Anna',
+  started_unix_s: 100,
+  place: 'step 2',
+  title: 'Approach',
+  duration_s: 200,
+  remaining_s: 150,
+  deviation_m: 0.34,
+  question: null,
+  reason: null,
+  if_stream_stops: 'it lands.',
+};
+const as = (more: Partial<Flown>): Flown => ({ ...FLOWN, ...more });
+const MISSION = {
+  name: 'Tower',
+  steps: [{ step: 'take_off' }, { step: 'land' }],
+  actions: { failure: 'hold', low_battery: 'land', link_loss: 'hold', control_lost: 'hold' },
+} as unknown as Mission;
+
+describe('an offboard mission in flight', () => {
+  it('offers only the orders that the state takes', () => {
+    expect(orders(FLOWN)).toEqual(['pause', 'skip', 'abort']);
+    expect(orders(as({ state: 'paused' }))).toEqual(['resume', 'skip', 'abort']);
+    expect(orders(as({ state: 'suspended', question: 'Sharp?' }))).toEqual(['resume', 'skip', 'abort']);
+    expect(orders(as({ state: 'waiting', question: 'Sharp?' }))).toEqual(['go_on', 'pause', 'skip', 'abort']);
+    for (const state of ['done', 'aborted', 'stopped'] as const) expect(orders(as({ state }))).toEqual([]);
+  });
+
+  it('asks before what moves the vehicle, and pauses and goes on at once', () => {
+    expect(orderQuestion('pause', FLOWN, '1 Quad')).toBeNull();
+    expect(orderQuestion('go_on', FLOWN, '1 Quad')).toBeNull();
+    expect(orderQuestion('resume', FLOWN, '1 Quad')?.effect).toContain('“Approach”');
+    expect(orderQuestion('skip', as({ title: null }), '1 Quad')?.title).toBe('Skip the present step');
+    expect(orderQuestion('abort', FLOWN, '1 Quad')?.verb).toBe('Abort');
+  });
+
+  it('says how far it is, and nothing where that is not known', () => {
+    expect(progress(FLOWN)).toBeCloseTo(0.25);
+    expect(progress(as({ remaining_s: null }))).toBeNull();
+    expect(progress(as({ duration_s: 0 }))).toBeNull();
+    expect(progress(as({ remaining_s: 500 }))).toBe(0);
+    expect(deviationWords(FLOWN)).toBe('0.3 m from its setpoint');
+    expect(deviationWords(as({ deviation_m: null }))).toBeNull();
+    expect(stateWords(as({ state: 'suspended' }))).toEqual({ text: 'Suspended', tone: 'caution' });
+    expect([isOver(FLOWN), isOver(as({ state: 'done' }))]).toEqual([false, true]);
+  });
+});
+
+describe('starting an offboard mission', () => {
+  it('is not offered with an error, unchecked, or while another is flown', () => {
+    expect(notFlyable([{ severity: 'warning', text: 'w' }], null)).toBeNull();
+    expect(notFlyable(null, null)).toContain('not been checked');
+    expect(notFlyable([{ severity: 'error', text: 'It leaves the fence.' }], null)).toBe('An error to mend first: It leaves the fence.');
+    expect(notFlyable([], FLOWN)).toContain('abort that first');
+    expect(notFlyable([], as({ state: 'aborted' }))).toBeNull();
+  });
+
+  it('says beforehand what happens when battery, control, link or server are lost', () => {
+    const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
+    expect(title).toBe('Fly “Tower” with 1 Quad');
+    expect(effect).toContain('2 steps, about 01:05, 2 warnings.');
+    expect(effect).toContain('Low battery: it lands. Nobody in control: it holds. Link lost and found again: it holds.');
+    expect(effect).toContain('If the server or its link dies: after 1 s the vehicle lands. Hold stops it');
+    expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
+  });
+});

@@ -1,0 +1,109 @@
+/** An offboard mission that the server flies, in the words and numbers that a person needs. Pure. */
+
+import type { Question } from '../../../app/actions/actions';
+import type { components } from '../../../api/schema';
+import { duration, fixed } from '../../../ui/format';
+import type { Mission } from './mission';
+
+export type Flown = components['schemas']['OffboardMissionStatus'];
+type State = Flown['state'];
+type Finding = { readonly severity: string; readonly text: string };
+export type Order = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
+
+const WORDS: Readonly<Record<State, string>> = {
+  ready: 'Starting',
+  taking_off: 'Taking off',
+  starting: 'Switching to Offboard',
+  flying: 'Flying',
+  waiting: 'Waiting',
+  pausing: 'Slowing down to a pause',
+  paused: 'Paused on its path',
+  landing: 'Landing',
+  suspended: 'Suspended',
+  done: 'Done',
+  aborted: 'Aborted',
+  stopped: 'Stopped',
+};
+const OVER: readonly State[] = ['done', 'aborted', 'stopped'];
+
+export function isOver(flown: Flown): boolean {
+  return OVER.includes(flown.state);
+}
+
+export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
+  const text = WORDS[flown.state];
+  if (flown.state === 'done') return { text, tone: 'ok' };
+  if (isOver(flown) || flown.state === 'suspended') return { text, tone: 'caution' };
+  return { text, tone: flown.state === 'paused' ? 'dim' : 'target' };
+}
+
+/** What a person may order now. */
+export function orders(flown: Flown): readonly Order[] {
+  if (isOver(flown)) return [];
+  const stands = flown.state === 'paused' || flown.state === 'suspended' || flown.state === 'pausing';
+  const answer: Order[] = flown.question === null || stands ? [] : ['go_on'];
+  return [...answer, stands ? 'resume' : 'pause', 'skip', 'abort'];
+}
+
+export const ORDER_NAMES: Readonly<Record<Order, string>> = { pause: 'Pause', resume: 'Resume…', skip: 'Skip step…', go_on: 'Go on', abort: 'Abort…' };
+
+/** How much of the flight time is over, 0 to 1; null where it is not known. */
+export function progress(flown: Flown): number | null {
+  if (flown.remaining_s === null || !(flown.duration_s > 0)) return null;
+  return Math.min(1, Math.max(0, 1 - flown.remaining_s / flown.duration_s));
+}
+
+/** What is asked before an order that moves the vehicle; null: it is sent at once. */
+export function orderQuestion(order: Order, flown: Flown, vehicleName: string): Question | null {
+  const step = flown.title === null ? 'the present step' : `“${flown.title}”`;
+  switch (order) {
+    case 'pause':
+    case 'go_on':
+      return null;
+    case 'resume':
+      return {
+        title: `Resume the mission of ${vehicleName}`,
+        effect: `Flies straight back to its path and goes on with ${step}. Look that the way is free.`,
+        verb: 'Resume',
+        danger: false,
+      };
+    case 'skip':
+      return { title: `Skip ${step}`, effect: `${vehicleName} goes on with the step after it, straight from where it is.`, verb: 'Skip', danger: false };
+    case 'abort':
+      return {
+        title: `Abort the mission of ${vehicleName}`,
+        effect: 'The vehicle holds where it is. The mission cannot be resumed.',
+        verb: 'Abort',
+        danger: false,
+      };
+  }
+}
+
+const ACTIONS: Readonly<Record<string, string>> = { continue: 'goes on', hold: 'holds', return: 'returns', land: 'lands' };
+
+/** Why a mission cannot be started from the page; null: it can. */
+export function notFlyable(findings: readonly Finding[] | null, flown: Flown | null): string | null {
+  if (flown !== null && !isOver(flown)) return 'It flies a mission: abort that first.';
+  if (findings === null) return 'The mission has not been checked for this vehicle yet.';
+  const errors = findings.filter((finding) => finding.severity === 'error');
+  if (errors.length === 0) return null;
+  return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to mend first: ${errors[0]?.text ?? ''}`;
+}
+
+/** What is asked before the start: how long it flies, and what happens when something is lost. */
+export function startQuestion(mission: Mission, vehicleName: string, time_s: number | null, warnings: number, ifStreamStops: string | null): Question {
+  const { link_loss, low_battery, control_lost } = mission.actions;
+  const does = (action: string): string => ACTIONS[action] ?? action;
+  const parts = [
+    `${mission.steps.length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
+    `Low battery: it ${does(low_battery)}. Nobody in control: it ${does(control_lost)}. Link lost and found again: it ${does(link_loss)}.`,
+    `If the server or its link dies: ${ifStreamStops ?? 'not known yet; the vehicle has not told its parameters'}.`.replace(/\.\.$/, '.'),
+    'Hold stops it at any time.',
+  ];
+  return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.join(' '), verb: 'Fly', danger: false };
+}
+
+/** How far the vehicle is from the setpoint, in words; null where it is not known. */
+export function deviationWords(flown: Flown): string | null {
+  return flown.deviation_m === null ? null : `${fixed(flown.deviation_m, 1)} m from its setpoint`;
+}
