@@ -75,7 +75,7 @@ def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:
         value = params.get_by_label("New value of MPC_XY_CRUISE")
         value.fill("99")
         value.press("Enter")
-        expect(params.get_by_role("alert")).to_contain_text("meant to be 3 to 20 m/s")
+        expect(params.get_by_role("alert")).to_contain_text("Outside the documented range: 3 to 20 m/s")
         expect(line).to_contain_text("5 m/s")
         value.fill("4")
         value.press("Enter")

@@ -323,7 +323,7 @@ def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, t
 
 def test_too_much_work_is_refused() -> None:
     many = "step: repeat, times: 1000, steps: [{step: hold, duration_s: 1}]"
-    with pytest.raises(PlanError, match="Split it"):
+    with pytest.raises(PlanError, match="Split the mission"):
         timeline(flown(f"step: repeat, times: 1000, steps: [{{{many}}}]"))
     branches = "- {step: branch, condition: {value: satellites, above: 5}, then: [{step: photo}]}\n" * 20
     with pytest.raises(PlanError, match="branches"):

@@ -291,7 +291,7 @@ def test_damage_in_a_recording_is_skipped_and_an_empty_one_says_so(tmp_path):
     async def story():
         heard = Heard(TlogLink("b", "tlog", empty)).start()
         await heard.until(lambda: heard.link.info().state == "ended")
-        assert "no MAVLink" in heard.link.info().detail
+        assert "No MAVLink" in heard.link.info().detail
 
     run(story)
 
