@@ -150,13 +150,16 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
 
 
 @pytest.mark.realtime
-def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(browser: Browser, station: Station) -> None:
+def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
+    browser: Browser, station: Station
+) -> None:
     steps = [{"step": "take_off", "height_m": 4}, {"step": "hold", "duration_s": 600, "name": "Look around"}]
     plan = {"format": "offboard-gcs-mission", "version": 1, "name": "Hop", "steps": steps}
     station.gcs.request("POST", "/plans", {"name": "Hop", "plan": plan})
 
     def is_now(state: str) -> bool:
-        return station.drone.request("GET", "/offboard_mission")["mission"]["state"] == state
+        mission = station.drone.request("GET", "/offboard_mission")["mission"]
+        return mission is not None and mission["state"] == state
 
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
