@@ -100,7 +100,7 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
     with opened(browser, station.url, scene=False) as page:
         large_map(page)
         menu = menu_at(page, 120, 80)
-        expect(menu).to_contain_text(re.compile(r"1[78]\.\d m north-east of it"))
+        expect(menu).to_contain_text(re.compile(r"1[78]\.\d m north-east of the vehicle"))
         expect(menu).to_contain_text(re.compile(r"about \d+ s"))
         goal = place_of(menu)
         height = menu.get_by_label("Fly at, above home", exact=True)
@@ -179,7 +179,7 @@ def by_keys_alone(page: Page) -> None:
     expect(page.locator(".cross")).to_contain_text(" E")
     page.keyboard.press("Enter")
     menu = page.get_by_role("dialog")
-    expect(menu).to_contain_text("east of it")
+    expect(menu).to_contain_text("east of the vehicle")
     page.keyboard.press("Tab")
     page.keyboard.press("Tab")
     assert page.evaluate("() => document.activeElement.closest('[role=dialog]') !== null")

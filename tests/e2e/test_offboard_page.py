@@ -199,7 +199,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
         room.get_by_role("button", name="Use the sticks").click()
-        expect(room).to_contain_text("Stands still")
+        expect(room).to_contain_text("Hovering")
 
         page.evaluate("testPad.axes = [0, 0, 0, -1]")
         expect(room.get_by_label("Right stick: along the ground").locator(".lever")).to_have_attribute(
@@ -211,7 +211,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         wait_until(lambda: speed_m_s(drone) > 0.7, "the stick flown")
         assert in_both_themes(page) == []
         page.evaluate("testPad.held = false")
-        expect(room).to_contain_text("Stands still")
+        expect(room).to_contain_text("Hovering")
         wait_until(
             lambda: streamed(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0], "zero asked for", 5
         )
