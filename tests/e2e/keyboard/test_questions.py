@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from playwright.sync_api import Browser, expect
 
@@ -22,6 +24,8 @@ def test_each_question_of_each_button_is_confirmed_by_its_own_slider_only(
     asked: dict[str, str] = {}
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
+        # Before the link's rate is known its button is called otherwise, and could not be found again.
+        page.get_by_role("button", name=re.compile(r"^Link .* lost")).first.wait_for()
         commands = refuse_commands(page)
         # in the air everything; on the ground what is other there
         for vehicle_key, some in (("1", None), ("2", 1)):
