@@ -177,11 +177,13 @@ class Worker:
                 if self._updates.is_due(now_s) and not self._messages.waits:
                     self._messages.send((self._updates.update(now_s),))
                 news_due_s = float("inf") if self._messages.waits else self._updates.due_s
-                wait_s = min(due_s, news_due_s, self.reports.due_s) - now_s
+                wake_s = min(due_s, news_due_s, self.reports.due_s)
+                now_s = self.clock.monotonic_s()  # what was told took time, by which the wait is shorter
                 if now_s - rested_s > LONGEST_SPELL_S:
-                    wait_s = max(wait_s, REST_S)
+                    wake_s = max(wake_s, now_s + REST_S)
+                wait_s = wake_s - now_s
                 if wait_s > 0:
-                    rested_s = now_s + wait_s
+                    rested_s = wake_s
                 self._wait(None if wait_s == float("inf") else max(0.0, wait_s))
         except (EOFError, PipeFull):
             return
