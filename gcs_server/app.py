@@ -106,8 +106,16 @@ class Server:
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))
+        dry_runs = DryRuns()
         self.scene = (
-            Scene(self.fleet, clock, self._offboard_target, self._scene_clicked, self._scene_dragged)
+            Scene(
+                self.fleet,
+                clock,
+                self._offboard_target,
+                self._scene_clicked,
+                self._scene_dragged,
+                dry_runs.get,
+            )
             if settings.scene
             else None
         )
@@ -128,7 +136,7 @@ class Server:
             operations=Operations(clock, self.supervisor, self._operation_told),
             plans=plans,
             plan_work=PlanWork(),
-            dry_runs=DryRuns(),
+            dry_runs=dry_runs,
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,

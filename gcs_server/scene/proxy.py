@@ -31,6 +31,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
+from gcs_server.scene.dry_runs import DryRunRequest
 from gcs_server.scene.gizmo import Drag, MovedMessage, PreviewRequest, ReleasedMessage, drag_of
 from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
 from gcs_server.scene.page import content_policy, page
@@ -55,6 +56,9 @@ class ViewRequest(BaseModel):
     theme: Literal["dark", "light"] | None = None
     preview: PreviewRequest | None = Field(
         default=None, description="What is not sent yet; null takes it away, as does another vehicle."
+    )
+    dry_run: DryRunRequest | None = Field(
+        default=None, description="Drawn with its corridor and its vehicle at one moment; null takes it away."
     )
 
 

@@ -15,6 +15,7 @@ from fastapi import APIRouter
 
 from gcs_server.clock import Clock
 from gcs_server.scene.clicks import ClickRequest, SceneClick
+from gcs_server.scene.dry_runs import DryRunMoment, DryRunResults, path_of
 from gcs_server.scene.gizmo import Drag, SceneGizmo, dragged
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.palette import Theme
@@ -43,6 +44,7 @@ class Scene:
         offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
         on_click: is told which point of the ground was clicked in which view.
         on_gizmo: is told where a view's preview has been dragged to.
+        dry_runs: what came of a dry run that a page shows; None: there are none.
     """
 
     def __init__(
@@ -52,8 +54,10 @@ class Scene:
         offboard: OffboardTargets | None = None,
         on_click: Callable[[SceneClick], None] | None = None,
         on_gizmo: Callable[[SceneGizmo], None] | None = None,
+        dry_runs: DryRunResults | None = None,
     ) -> None:
         self._fleet = fleet
+        self._dry_runs = dry_runs
         self._clock = clock
         self._on_click = on_click
         self._on_gizmo = on_gizmo
@@ -127,7 +131,8 @@ class Scene:
                     before.close()
                 known = (token, Stage(client, view, self._tracks.isolation, before))
                 self._stages[client_id] = known
-            known[1].update(view, drawn, now_s)
+            start_m = self._tracks.enu(view.dry_run.path.origin_deg_m) if view.dry_run else None
+            known[1].update(view, drawn, now_s, start_m)
 
     def _set_view(self, token: str, wanted: ViewRequest) -> View:
         if wanted.vehicle is not None:
@@ -138,6 +143,7 @@ class Scene:
             wanted.vehicle or old.vehicle,
             wanted.theme or old.theme,
             self._preview(wanted, old),
+            self._dry_run(wanted, old),
         )
         return self._keep(token, view)
 
@@ -150,6 +156,16 @@ class Scene:
             return None
         self._serial += 1
         return Preview(asked.position_ned_m, asked.yaw_ned_rad, asked.handles, self._serial)
+
+    def _dry_run(self, wanted: ViewRequest, old: View) -> DryRunMoment | None:
+        """What is not named stays; raises UnknownDryRun."""
+        asked, before = wanted.dry_run, old.dry_run
+        if "dry_run" not in wanted.model_fields_set:
+            return before
+        if asked is None or self._dry_runs is None:
+            return None
+        path = before.path if before and before.id == asked.id else path_of(self._dry_runs(asked.id))
+        return None if path is None else DryRunMoment(asked.id, path, asked.t_s, asked.follow)
 
     def _drag(self, bridge: str, drag: Drag) -> None:
         """A handle was dragged in the browser of this bridge: only its own view's preview follows."""

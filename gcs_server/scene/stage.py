@@ -14,6 +14,8 @@ import numpy as np
 import viser
 
 from gcs_server.isolation import Isolation
+from gcs_server.scene.dry_run_node import DryRunNode
+from gcs_server.scene.dry_runs import pose_at
 from gcs_server.scene.frames import enu_from_ned
 from gcs_server.scene.gizmo import PreviewNode
 from gcs_server.scene.labels import Board, Label
@@ -25,7 +27,7 @@ from gcs_server.scene.strokes import scale_marks
 from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode, set_pose
 from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, framed, in_world, world_pose
-from missions.frames import Vector3
+from missions.frames import Vector3, yaw_from_q
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
 """Cell sizes; sections are ten of them."""
@@ -79,6 +81,7 @@ class Stage:
             self._grid = self._add_grid()
             self._marks: Any = None
             self._preview: PreviewNode | None = None
+            self._dry_run: DryRunNode | None = None
             self._board = Board(client)
             self._compass = [self._direction(i, name) for i, name in enumerate(COMPASS)]
 
@@ -90,6 +93,7 @@ class Stage:
             self._vehicles.clear()
             self._board.remove()
             self._drop_preview()
+            self._drop_dry_run()
             for handle in (self._marks, self._grid, self._world, self._lights):
                 if handle is not None:
                     handle.remove()
@@ -99,17 +103,20 @@ class Stage:
         view: View,
         fleet: Mapping[str, Track],
         now_s: float,
+        dry_run_start_m: Vector3 | None = None,
     ) -> None:
         """Sends what is new.
 
         Args:
             fleet: by id, in the order that gives the colours.
+            dry_run_start_m: where the dry run starts that the view shows, in the world's ENU.
         """
         seen = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
         with self._client.atomic():
             for vehicle_id in [v for v in self._vehicles if v not in fleet]:
                 self._vehicles.pop(vehicle_id).remove()
             self._make_one(fleet, seen)
+            followed = self._show_dry_run(view, dry_run_start_m)
             for vehicle_id, node in self._vehicles.items():
                 track = fleet[vehicle_id]
                 if track.smoother.pose is None:
@@ -120,13 +127,15 @@ class Stage:
                     track.smoother,
                     track.trail,
                     now_s,
-                    hidden=view.mode == "gimbal" and vehicle_id == seen,
+                    hidden=view.mode == "gimbal" and vehicle_id == seen and followed is None,
                 )
-            self._look(view, fleet[seen].smoother if seen is not None else None)
+            self._look(view, fleet[seen].smoother if seen is not None else None, followed)
             labels = [label for node in self._vehicles.values() for label in node.labels]
             self._show_preview(view, fleet[seen] if seen is not None else None)
             if self._preview is not None:
                 labels.append(self._preview.label)
+            if self._dry_run is not None:
+                labels.append(self._dry_run.label)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
@@ -168,6 +177,29 @@ class Stage:
             self._frame(_sum(origin, at), pose.position_enu_m)
         self._preview.update(view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=still)
 
+    def _show_dry_run(self, view: View, start_m: Vector3 | None) -> VehiclePose | None:
+        """Its path and its vehicle, while the page shows one.
+
+        Returns:
+            The vehicle, where the camera is to follow it instead of the real one.
+        """
+        shown = view.dry_run
+        if shown is None or start_m is None:
+            self._drop_dry_run()
+            return None
+        node = self._dry_run
+        if node is None or node.path is not shown.path or node.origin_enu_m != start_m:
+            self._drop_dry_run()
+            node = self._dry_run = DryRunNode(self._client, shown.path, start_m, self._palette, self._shapes)
+        pose = pose_at(shown.path, shown.t_s, start_m)
+        node.update(pose, hidden=shown.follow and view.mode == "gimbal")
+        return pose if shown.follow else None
+
+    def _drop_dry_run(self) -> None:
+        if self._dry_run is not None:
+            self._dry_run.remove()
+            self._dry_run = None
+
     def _frame(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
         """Brings handles into sight that a page has put elsewhere, from the side from which one looks now."""
         camera = self._client.camera
@@ -184,9 +216,12 @@ class Stage:
     def _scale(self) -> str:
         return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
 
-    def _look(self, view: View, smoother: Smoother | None) -> None:
+    def _look(self, view: View, smoother: Smoother | None, followed: VehiclePose | None) -> None:
         pose = smoother.pose if smoother is not None else None
-        world = world_pose(view.mode, pose, smoother.heading_enu_rad if smoother is not None else 0.0)
+        heading_enu_rad = smoother.heading_enu_rad if smoother is not None else 0.0
+        if followed is not None:
+            pose, heading_enu_rad = followed, yaw_from_q(followed.q_enu_flu)
+        world = world_pose(view.mode, pose, heading_enu_rad)
         if view.mode != self._mode:
             self._start_mode(view.mode, world, pose)
         elif view.mode == "gimbal":

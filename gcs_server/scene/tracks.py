@@ -115,6 +115,10 @@ class Tracks:
         vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
         return None if vehicle_id is None else (vehicle_id, self._tracks[vehicle_id])
 
+    def enu(self, place_deg_m: tuple[float, float, float]) -> Vector3 | None:
+        """Where (lat_deg, lon_deg, alt_amsl_m) is drawn; None while no vehicle has told its position."""
+        return self._placement.enu(place_deg_m)
+
     def on_ground(
         self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3
     ) -> tuple[str, float, float, float] | None:

@@ -135,7 +135,7 @@ class VehicleNode:
             return
         if last is None or q != last.q_body_camera:
             self._gimbal.wxyz = q
-        depth_m = _frustum_depth(pose, q)
+        depth_m = frustum_depth_m(pose, q)
         if abs(depth_m - self._frustum_m) > 0.02:
             self._frustum_m = depth_m
             self._frustum.scale = depth_m
@@ -289,7 +289,7 @@ class VehicleNode:
         )
 
 
-def _frustum_depth(pose: VehiclePose, q_body_camera: Quaternion) -> float:
+def frustum_depth_m(pose: VehiclePose, q_body_camera: Quaternion) -> float:
     """Down to the ground where it is near, so that the far face lies on it [m]."""
     forward = rotate(pose.q_enu_flu, rotate(q_body_camera, (1.0, 0.0, 0.0)))
     height_m = pose.position_enu_m[2] - pose.ground_z_m

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from gcs_server.scene.dry_runs import DryRunMoment
 from gcs_server.scene.model import GIMBAL_AT_M
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.pose import VehiclePose
@@ -49,6 +50,7 @@ class View:
     """None: the first one."""
     theme: Theme = "dark"
     preview: Preview | None = None
+    dry_run: DryRunMoment | None = None
 
 
 @dataclass(frozen=True, slots=True)

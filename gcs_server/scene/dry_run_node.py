@@ -1,0 +1,91 @@
+"""A dry run in one browser's scene: the corridor and the path once, then only where its vehicle is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import viser
+
+from gcs_server.scene.dry_runs import DryRunPath, tube, way
+from gcs_server.scene.labels import Label
+from gcs_server.scene.model import GIMBAL_AT_M
+from gcs_server.scene.palette import Palette, lit
+from gcs_server.scene.pose import VehiclePose
+from gcs_server.scene.shapes import Shapes
+from gcs_server.scene.vehicle_node import LABEL_ABOVE_M, frustum_depth_m, set_pose
+from missions.frames import Vector3
+
+ROOT = "/world/dry_run"
+
+
+class DryRunNode:
+    """Everything in the colour of what is planned: nothing of it looks like a vehicle that is there.
+
+    Args:
+        origin_enu_m: where the flight starts, in the world's ENU.
+    """
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        path: DryRunPath,
+        origin_enu_m: Vector3,
+        palette: Palette,
+        shapes: Shapes,
+    ) -> None:
+        self.path, self.origin_enu_m = path, origin_enu_m
+        self._scene, self._colour = client.scene, lit(palette.target, palette)
+        self._drawn: VehiclePose | None = None
+        self._root = self._scene.add_frame(ROOT, show_axes=False)
+        self._scene.add_frame(f"{ROOT}/flown", show_axes=False, position=origin_enu_m)
+        self._lines("/flown/way", way(path), 1.6)
+        if (corridor := tube(path)) is not None:
+            self._mesh("/flown/corridor", corridor, 0.16)
+        self._ghost = self._scene.add_frame(f"{ROOT}/ghost", show_axes=False)
+        self._mesh("/ghost/shell", shapes.shell, 0.45)
+        self._lines("/ghost/outline", shapes.ghost, 1.6)
+        self._gimbal = self._scene.add_frame(f"{ROOT}/ghost/gimbal", show_axes=False, position=GIMBAL_AT_M)
+        self._frustum = self._scene.add_frame(f"{ROOT}/ghost/gimbal/sees", show_axes=False)
+        volume, edges = shapes.frustum
+        self._mesh("/ghost/gimbal/sees/volume", volume, 0.13)
+        self._lines("/ghost/gimbal/sees/edges", edges, 1.2)
+        self.label = Label(client, f"{ROOT}/label", palette.target)
+
+    def remove(self) -> None:
+        """Takes it down."""
+        self._root.remove()
+
+    def update(self, pose: VehiclePose, *, hidden: bool) -> None:
+        """Puts its vehicle where it is.
+
+        Args:
+            hidden: without its vehicle: one looks through its camera.
+        """
+        self._ghost.visible = self.label.shown = not hidden
+        if pose == self._drawn:
+            return
+        self._drawn = pose
+        set_pose(self._ghost, pose.position_enu_m, pose.q_enu_flu)
+        if pose.q_body_camera is not None:
+            self._gimbal.wxyz = pose.q_body_camera
+            self._frustum.scale = frustum_depth_m(pose, pose.q_body_camera)
+        x, y, z = pose.position_enu_m
+        self.label.move((x, y, z + LABEL_ABOVE_M))
+        self.label.text, self.label.note = pose.label, pose.note
+
+    def _mesh(self, name: str, mesh: Any, opacity: float) -> None:
+        self._scene.add_mesh_simple(
+            ROOT + name,
+            mesh.vertices,
+            mesh.faces,
+            color=self._colour,
+            opacity=opacity,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _lines(self, name: str, points: Any, width_px: float) -> None:
+        self._scene.add_line_segments(
+            ROOT + name, points, self._colour, thickness=width_px, thickness_units="screen"
+        )

@@ -1,0 +1,158 @@
+"""A dry run as the 3D view draws it: path, corridor of many flights, its vehicle at one moment. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd
+from gcs_server.scene.labels import height_words
+from gcs_server.scene.model import Mesh, Points
+from gcs_server.scene.pose import VehiclePose
+from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, q_from_euler
+
+MOST_POINTS = 600
+"""Of the path that is drawn."""
+LEVEL_M = 0.01
+"""Places nearer to each other over the ground than this give no direction."""
+
+DryRunResults = Callable[[str], Mapping[str, Any]]
+"""What came of a dry run, by its id, as the API answers it; raises UnknownDryRun."""
+
+
+class DryRunRequest(BaseModel):
+    """Which dry run a page shows, and which moment of it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str = Field(max_length=20, description="As `GET /dry_runs/{d}` has it.")
+    t_s: float = Field(ge=0, le=1e6, allow_inf_nan=False, description="The moment, since its start [s].")
+    follow: bool = Field(default=False, description="The camera follows its vehicle instead of the real one.")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DryRunPath:
+    """The nominal flight in N samples and the corridor of many at M places, in ENU about where it starts."""
+
+    origin_deg_m: tuple[float, float, float]
+    """Where it starts: latitude, longitude, altitude AMSL."""
+    t_s: NDArray[np.float64]
+    """(N,) since the start."""
+    position_enu_m: NDArray[np.float64]
+    """(N, 3)."""
+    q_ned_frd: NDArray[np.float64]
+    """(N, 4), order w, x, y, z."""
+    gimbal_rad: NDArray[np.float64]
+    """(N, 2): pitch, up is positive; yaw from north."""
+    corridor_enu_m: NDArray[np.float64] | None
+    """(M, 4, 3): its corners at each place, in the order left low, right low, right high, left high."""
+
+
+@dataclass(frozen=True, slots=True)
+class DryRunMoment:
+    """What a page shows of a dry run."""
+
+    id: str
+    path: DryRunPath
+    t_s: float
+    follow: bool
+
+
+def path_of(found: Mapping[str, Any]) -> DryRunPath | None:
+    """From what came of a dry run; None: the flight never began."""
+    nominal = found["nominal"]
+    path, origin = nominal["path"], nominal["origin"]
+    if path is None or not path["t_s"]:
+        return None
+    many = found["monte_carlo"]
+    corridor = None if many is None else many["corridor"]
+    return DryRunPath(
+        (origin["lat_deg"], origin["lon_deg"], origin["alt_amsl_m"]),
+        np.asarray(path["t_s"], float),
+        _enu(path["position_ned_m"]),
+        np.asarray(path["q_ned_frd"], float),
+        np.asarray(path["gimbal_rad"], float),
+        None if corridor is None else _corners(corridor),
+    )
+
+
+def way(path: DryRunPath) -> Points:
+    """(K, 2, 3): the flown path as line segments, thinned."""
+    every = max(1, len(path.t_s) // MOST_POINTS)
+    line = np.concatenate([path.position_enu_m[::every], path.position_enu_m[-1:]]).astype(np.float32)
+    return np.stack([line[:-1], line[1:]], axis=1)
+
+
+def tube(path: DryRunPath) -> Mesh | None:
+    """The corridor, open at its ends; None without one."""
+    corners = path.corridor_enu_m
+    if corners is None or len(corners) < 2:
+        return None
+    faces: list[tuple[int, int, int]] = []
+    for place in range(len(corners) - 1):
+        for side in range(4):
+            a, b = 4 * place + side, 4 * place + (side + 1) % 4
+            faces += [(a, b, a + 4), (b, b + 4, a + 4)]
+    return Mesh(corners.reshape(-1, 3).astype(np.float32), np.asarray(faces, np.uint32))
+
+
+def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
+    """The vehicle of the dry run at a moment, drawn as a vehicle; before and after the flight at its ends.
+
+    Args:
+        origin_enu_m: where the flight starts, in the world's ENU.
+    """
+    last = len(path.t_s) - 1
+    after = int(np.clip(np.searchsorted(path.t_s, t_s, side="right"), 1, max(1, last)))
+    before, after = min(after - 1, last), min(after, last)
+    span_s = path.t_s[after] - path.t_s[before]
+    share = float(np.clip((t_s - path.t_s[before]) / span_s, 0.0, 1.0)) if span_s > 0 else 1.0
+    at = path.position_enu_m[before] * (1 - share) + path.position_enu_m[after] * share
+    nearest = after if share > 0.5 else before
+    w, x, y, z = (float(value) for value in path.q_ned_frd[nearest])
+    q_enu_flu = q_enu_flu_from_q_ned_frd(normalized((w, x, y, z)) or IDENTITY)
+    pitch_rad, yaw_rad = (float(value) for value in path.gimbal_rad[nearest])
+    q_camera = q_enu_flu_from_q_ned_frd(q_from_euler(0.0, pitch_rad, yaw_rad))
+    east_m, north_m, up_m = (float(value) for value in at)
+    return VehiclePose(
+        position_enu_m=(origin_enu_m[0] + east_m, origin_enu_m[1] + north_m, origin_enu_m[2] + up_m),
+        q_enu_flu=q_enu_flu,
+        ground_z_m=origin_enu_m[2],
+        home_enu_m=None,
+        q_body_camera=normalized(multiply(conjugate(q_enu_flu), q_camera)),
+        motors=None,
+        target=None,
+        lost=False,
+        label=f"dry run · {height_words(up_m)}",
+        note=f"{int(t_s) // 60:02d}:{int(t_s) % 60:02d}",
+    )
+
+
+def _enu(positions_ned_m: Any) -> NDArray[np.float64]:
+    ned = np.asarray(positions_ned_m, float).reshape(-1, 3)
+    return np.stack(enu_from_ned((ned[:, 0], ned[:, 1], ned[:, 2])), axis=1)  # type: ignore[arg-type]
+
+
+def _corners(corridor: Mapping[str, Any]) -> NDArray[np.float64]:
+    """What 95 % of the flights stay within sideways, and the middle 90 % up and down."""
+    middle = _enu(corridor["position_ned_m"])
+    ahead = np.gradient(middle[:, :2], axis=0) if len(middle) > 1 else np.zeros((len(middle), 2))
+    length_m = np.hypot(ahead[:, 0], ahead[:, 1])
+    level = length_m > LEVEL_M
+    # Where the flight climbs on the spot the corridor lies as on the way before.
+    index = np.maximum.accumulate(np.where(level, np.arange(len(middle)), 0))
+    ahead = np.where(level[:, None], ahead / np.maximum(length_m, LEVEL_M)[:, None], 0.0)[index]
+    ahead[np.hypot(ahead[:, 0], ahead[:, 1]) < 0.5] = (0.0, 1.0)
+    left = np.stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(middle))], axis=1)
+    aside = left * np.asarray(corridor["horizontal_m"]["p95"], float)[:, None]
+    up = np.array([0.0, 0.0, 1.0])
+    low = up * np.asarray(corridor["vertical_m"]["p5"], float)[:, None]
+    high = up * np.asarray(corridor["vertical_m"]["p95"], float)[:, None]
+    return np.stack(
+        [middle + aside + low, middle - aside + low, middle - aside + high, middle + aside + high], axis=1
+    )

@@ -1,0 +1,110 @@
+"""A dry run in the 3D view: where its vehicle is, how wide its corridor, which view shows it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_server.errors import UnknownDryRun
+from gcs_server.scene.dry_runs import path_of, pose_at, tube, way
+from gcs_server.scene.proxy import ViewRequest
+from gcs_server.scene.scene import Scene
+from missions.frames import rotate, yaw_from_q
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying
+
+HALF = math.sqrt(0.5)
+EAST = (HALF, 0.0, 0.0, HALF)
+"""The nose to the east."""
+FOUND = {
+    "nominal": {
+        "origin": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480.0},
+        "path": {
+            "t_s": [0.0, 10.0, 20.0],
+            "position_ned_m": [(0.0, 0.0, 0.0), (0.0, 0.0, -10.0), (0.0, 40.0, -10.0)],
+            "q_ned_frd": [EAST, EAST, EAST],
+            "gimbal_rad": [(0.0, 0.0), (-math.pi / 2, 0.0), (0.0, math.pi)],
+        },
+    },
+    "monte_carlo": {
+        "corridor": {
+            "position_ned_m": [(0.0, 0.0, 0.0), (0.0, 0.0, -10.0), (0.0, 40.0, -10.0)],
+            "horizontal_m": {"p95": [1.0, 1.0, 3.0]},
+            "vertical_m": {"p5": [-0.5, -0.5, -2.0], "p95": [0.5, 0.5, 1.0]},
+        }
+    },
+}
+NOT_FLOWN = {"nominal": {**FOUND["nominal"], "path": None}, "monte_carlo": None}
+START = (100.0, 200.0, 5.0)
+
+
+def path():
+    found = path_of(FOUND)
+    assert found is not None
+    return found
+
+
+def test_its_vehicle_is_between_two_samples_and_stays_at_the_ends():
+    at_15_s = pose_at(path(), 15.0, START)
+    assert at_15_s.position_enu_m == pytest.approx((120.0, 200.0, 15.0))
+    assert yaw_from_q(at_15_s.q_enu_flu) == pytest.approx(0.0)
+    assert (at_15_s.label, at_15_s.note) == ("dry run · 10.0 m", "00:15")
+    assert pose_at(path(), 99.0, START).position_enu_m == pytest.approx((140.0, 200.0, 15.0))
+    assert pose_at(path(), 0.0, START).position_enu_m == pytest.approx(START)
+
+
+@pytest.mark.parametrize(("t_s", "looks_enu"), [(0.0, (0, 1, 0)), (10.0, (0, 0, -1)), (20.0, (0, -1, 0))])
+def test_its_gimbal_looks_where_the_dry_run_had_it_look(t_s, looks_enu):
+    pose = pose_at(path(), t_s, START)
+    assert pose.q_body_camera is not None
+    ahead = rotate(pose.q_enu_flu, rotate(pose.q_body_camera, (1.0, 0.0, 0.0)))
+    assert ahead == pytest.approx(looks_enu, abs=1e-6)
+
+
+def test_the_corridor_is_as_wide_and_high_as_the_flights_were():
+    corners = path().corridor_enu_m
+    assert corners is not None
+    np.testing.assert_allclose(corners[2], [(40, 3, 8), (40, -3, 8), (40, -3, 11), (40, 3, 11)])
+    mesh = tube(path())
+    assert mesh is not None
+    assert (mesh.vertices.shape, mesh.faces.shape, int(mesh.faces.max())) == ((12, 3), (16, 3), 11)
+    assert way(path()).shape == (3, 2, 3)
+
+
+def test_one_flight_has_no_corridor_and_one_that_never_began_no_path():
+    alone = path_of({**FOUND, "monte_carlo": None})
+    assert alone is not None
+    assert tube(alone) is None
+    assert path_of(NOT_FLOWN) is None
+
+
+def shown(scene, **asked):
+    return scene._set_view("page", ViewRequest.model_validate(asked)).dry_run
+
+
+def test_a_view_shows_a_moment_until_it_is_told_otherwise():
+    asked: list[str] = []
+
+    def results(dry_run: str):
+        asked.append(dry_run)
+        if dry_run not in ("1", "2"):
+            raise UnknownDryRun(f"There is no result of a dry run {dry_run!r}.")
+        return FOUND if dry_run == "1" else NOT_FLOWN
+
+    scene = Scene(FakeFleet([flying("1")]), StillClock(), dry_runs=results)
+    first = shown(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
+    later = shown(scene, dry_run={"id": "1", "t_s": 4.0})
+    assert (first.t_s, first.follow, later.t_s, later.follow) == (3.0, True, 4.0, False)
+    assert first.path is later.path
+    assert asked == ["1"]
+    assert shown(scene, mode="free") is later
+    with pytest.raises(UnknownDryRun):
+        shown(scene, dry_run={"id": "9", "t_s": 0.0})
+    assert shown(scene, mode="chase") is later
+    assert shown(scene, dry_run={"id": "2", "t_s": 0.0}) is None
+    assert shown(scene, dry_run=None) is None
+
+
+@pytest.mark.parametrize("t_s", [-1.0, math.nan, math.inf])
+def test_a_moment_that_is_none_is_refused(t_s):
+    with pytest.raises(ValueError, match="t_s"):
+        ViewRequest.model_validate({"dry_run": {"id": "1", "t_s": t_s}})
