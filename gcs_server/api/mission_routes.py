@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Query, Response
@@ -128,18 +129,24 @@ async def downloaded_plan(vehicle: VehicleDep) -> Response:
 
 @router.post("/compare", response_model=m.MissionComparison)
 async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -> Response:
-    """What differs between a plan and what the vehicle held when it was last read."""
+    """What differs between a plan and what the vehicle held when it was last read.
+
+    A kept plan that is equal to what the vehicle still holds counts from then on as the plan that it holds.
+    """
+    name, plan = await _chosen(station, body)
     held = _held(vehicle)
-    _, plan = await _chosen(station, body)
     items = _items(plan)
     found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
+    equal, still_held = not any(each.essential for each in found), _still_held(vehicle, held)
+    if equal and still_held and name.id is not None:
+        vehicle.mission.held = replace(held, plan=name)
     return answer(
         {
             "vehicle": vehicle.id,
-            "equal": not any(each.essential for each in found),
+            "equal": equal,
             "differences": found,
             "read_unix_s": held.at_unix_s,
-            "still_held": _still_held(vehicle, held),
+            "still_held": still_held,
         }
     )
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -212,6 +213,24 @@ def test_differences_to_a_plan_are_named_item_by_item(jump, tmp_path):
             35,
             20,
         )
+
+    story(jump, tmp_path, work)
+
+
+def test_a_kept_plan_that_compares_equal_is_the_plan_that_the_vehicle_holds(jump, tmp_path):
+    async def work(at):
+        await upload(at)  # a plan without a name on this server
+        which = mission_models.WhichPlan.model_validate
+        kept = await at.station.plans.create("Tower", which({"plan": PLAN}).plan, by=("anna", "key"))
+        other = await at.station.plans.create("Other", which({"plan": OUTSIDE}).plan, by=("anna", "key"))
+        for plan, held in ((other, None), (kept, kept.id)):
+            await mission_routes.compare(at.vehicle, which({"plan_id": plan.id}), at.station)
+            assert (await shown(at))["holds"]["plan"]["id"] == held
+        theirs = at.vehicle.mission.held.items["mission"][1]
+        await OtherStation(at.pilot).upload([replace(theirs, seq=0, z=9.0)])
+        await seconds(2)
+        await mission_routes.compare(at.vehicle, which({"plan_id": kept.id}), at.station)
+        assert (await shown(at))["holds"]["state"] == "another"
 
     story(jump, tmp_path, work)
 

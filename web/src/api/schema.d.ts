@@ -1692,6 +1692,8 @@ export interface paths {
         /**
          * Compare
          * @description What differs between a plan and what the vehicle held when it was last read.
+         *
+         *     A kept plan that is equal to what the vehicle still holds counts from then on as the plan that it holds.
          */
         post: operations["compare_api_v1_vehicles__v__mission_compare_post"];
         delete?: never;
