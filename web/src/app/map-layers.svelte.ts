@@ -8,12 +8,14 @@ export type Tone = 'target' | 'caution' | 'danger' | 'actual' | 'text2';
 export interface LayerPoint extends Place {
   /** Unique within its layer. */
   readonly id: string;
-  /** `middle`: between two points, inserts one; `corner`: of an area; `cross`: looked at, not flown to. */
-  readonly mark: 'disc' | 'corner' | 'middle' | 'cross' | 'home';
+  /** `middle`: between two points, inserts one; `corner`: of an area; `cross`: looked at, not flown to; `ghost`: a vehicle that is not there. */
+  readonly mark: 'disc' | 'corner' | 'middle' | 'cross' | 'home' | 'ghost';
   readonly tone: Tone;
   /** Text in the disc; empty for none. */
   readonly text: string;
   readonly selected: boolean;
+  /** Of a ghost: where its nose points, clockwise from north [deg]. */
+  readonly yaw_deg?: number;
 }
 
 export interface LayerLine {

@@ -1,4 +1,4 @@
-/** The setpoint that a room is about to send, drawn by map and 3D view. */
+/** What a room shows in map and 3D view that is not flown: the setpoint that it is about to send, a dry run. */
 
 import type { Vector3 } from '../live/topics';
 import type { WireEvent } from '../live/wire';
@@ -19,11 +19,21 @@ export interface ScenePreview {
   handles: boolean;
 }
 
+/** A moment of a dry run in the 3D view. */
+export interface SceneDryRun {
+  id: string;
+  t_s: number;
+  /** The camera follows its vehicle instead of the real one. */
+  follow: boolean;
+}
+
 class Preview {
   /** Not reactive: the map reads it once per frame. */
   map: MapPreview | null = null;
   /** Null: no preview. Each change is sent to the 3D view. */
   scene = $state.raw<ScenePreview | null>(null);
+  /** Null: none is shown. */
+  dryRun = $state.raw<SceneDryRun | null>(null);
   /** Set by the open room: a handle was dragged in 3D. */
   onDrag: ((event: WireEvent) => void) | null = null;
 

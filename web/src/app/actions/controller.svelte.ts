@@ -128,8 +128,9 @@ export class ActionController {
   /** Asks about several vehicles; `facts` is the one on the screen. */
   requestTogether(together: Together, facts: VehicleFacts, place: Place): void {
     this.dismiss(place);
-    const confirmation = new Confirmation(false, this.nowS());
-    this.asked = { action: 'offboard_start', place, facts, goal: null, start: null, together, question: together.question(), confirmation };
+    const asks = together.question();
+    const confirmation = new Confirmation(asks.danger, this.nowS());
+    this.asked = { action: 'offboard_start', place, facts, goal: null, start: null, together, question: asks, confirmation };
     this.progress = 0;
     this.left_s = confirmation.left_s(this.nowS());
   }

@@ -5,6 +5,7 @@ import type { components } from '../../api/schema';
 import type { Place } from '../../vehicle/geo';
 import type { Plan } from './document';
 import type { Finding } from './fixes';
+import type { Power } from './conditions';
 import type { Document, PlanKind } from './kinds';
 import type { Flight } from './offboard/flight';
 import type { Mission } from './offboard/mission';
@@ -66,8 +67,14 @@ export class PlanApi {
     return this.api.get('/plans');
   }
 
-  open(id: string): Promise<Outcome<PlanVersion & { plan: Document }>> {
-    return this.api.get(of(id));
+  /** @param version the newest unless named. */
+  open(id: string, version: number | null = null): Promise<Outcome<PlanVersion & { plan: Document }>> {
+    return this.api.get(`${of(id)}${version === null ? '' : `?version=${version}`}`);
+  }
+
+  /** Newest first. */
+  versions(id: string): Promise<Outcome<{ versions: readonly PlanVersion[] }>> {
+    return this.api.get(`${of(id)}/versions`);
   }
 
   create(name: string, plan: Document): Promise<Outcome<PlanVersion>> {
@@ -82,8 +89,8 @@ export class PlanApi {
     return this.api.delete(`${of(id)}?base_version=${base_version}`);
   }
 
-  check(plan: Document, vehicle: string | null): Promise<Outcome<Check>> {
-    return this.api.post('/plans/check', { plan, vehicle });
+  check(plan: Document, vehicle: string | null, power: Power | null): Promise<Outcome<Check>> {
+    return this.api.post('/plans/check', { plan, vehicle, power });
   }
 
   /** The mission that flies a waypoint plan. */

@@ -2,6 +2,7 @@
 
 import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
+import { Accepted } from './accepted.svelte';
 import type { Home } from './document';
 import { PlanApi } from './api';
 import { DryRun } from './dry-run.svelte';
@@ -18,6 +19,9 @@ export const plans = new Plans(
 
 export const mission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);
+// Also while another room is open: a dry run goes on.
+page.onEvent.push((event) => void dryRun.heard(event));
+export const accepted = new Accepted();
 
 /** Of the selected vehicle, where it is known and no recording. */
 export function vehicleHome(): Home | null {

@@ -4,22 +4,14 @@ import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
+import { asDryRun, type Conditions } from './conditions';
 import type { Document } from './kinds';
 
 type Schemas = components['schemas'];
 type Operation = Readonly<Schemas['Operation']>;
 export type DryRunView = Readonly<Schemas['DryRunView']>;
 
-export interface Weather {
-  readonly wind_m_s: number;
-  /** Where it comes from, clockwise from north. */
-  readonly from_deg: number;
-  /** 0: once, in just this wind. */
-  readonly flights: number;
-}
-
 export class DryRun {
-  weather = $state.raw<Weather>({ wind_m_s: 0, from_deg: 0, flights: 0 });
   operation = $state.raw<Operation | null>(null);
   problem = $state.raw<Problem | null>(null);
   private view = $state.raw<DryRunView | null>(null);
@@ -38,12 +30,11 @@ export class DryRun {
     return this.flown === document ? this.view : null;
   }
 
-  async start(document: Document, vehicle: string | null): Promise<void> {
+  /** With a vehicle: by its parameters, from where it stands, with its charge. */
+  async start(document: Document, vehicle: string | null, conditions: Conditions): Promise<void> {
     this.problem = null;
     this.asked = document;
-    const { flights } = this.weather;
-    const body = { plan: document, vehicle, conditions: { wind_ned_m_s: windOf(this.weather) }, flights: flights === 0 ? null : flights };
-    const answer = await this.api.post<Operation>('/dry_runs', body);
+    const answer = await this.api.post<Operation>('/dry_runs', { plan: document, vehicle, ...asDryRun(conditions) });
     if (!answer.ok) this.problem = answer.problem;
     else if (this.operation?.id !== answer.value.id) this.operation = answer.value;
   }
@@ -71,10 +62,4 @@ export class DryRun {
     this.flown = document;
     this.t_s = 0;
   }
-}
-
-/** Where the air moves to, north, east, down [m/s]. */
-export function windOf({ wind_m_s, from_deg }: Weather): [number, number, number] {
-  const from_rad = (from_deg * Math.PI) / 180;
-  return [-wind_m_s * Math.cos(from_rad) + 0, -wind_m_s * Math.sin(from_rad) + 0, 0];
 }

@@ -2,8 +2,10 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { groundDistance_m, placeAt } from '../../vehicle/geo';
 import { EMPTY } from './document';
-import { DryRun, windOf, type DryRunView } from './dry-run.svelte';
-import { dryRunPicture, ghostAt, resultLines } from './ghost';
+import { asDryRun, CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
+import { DryRun, type DryRunView } from './dry-run.svelte';
+import { flownPicture, ghostAt, ghostPicture, resultLines } from './ghost';
+import { drawn, movedBy, QUANTITIES, traceOf, valueAt, type Trace } from './trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const VIEW = {
@@ -27,6 +29,17 @@ const VIEW = {
         [3, 0, -4],
         [0, 0, 0],
       ],
+      q_ned_frd: [
+        [1, 0, 0, 0],
+        [Math.SQRT1_2, 0, 0, Math.SQRT1_2],
+        [1, 0, 0, 0],
+      ],
+      gimbal_rad: [
+        [0, 0],
+        [-Math.PI / 4, Math.PI],
+        [-Math.PI / 2, 0],
+      ],
+      battery_share: [1, 0.9, 0.81],
       step: [0, 1, -1],
       step_places: ['step 1', 'step 2'],
     },
@@ -37,7 +50,12 @@ const MANY = {
   ...VIEW,
   monte_carlo: {
     flights: [{}, {}],
-    corridor: { position_ned_m: VIEW.nominal.path?.position_ned_m, horizontal_m: { p95: [1, 1, 2] } },
+    corridor: {
+      t_s: VIEW.nominal.path?.t_s,
+      position_ned_m: VIEW.nominal.path?.position_ned_m,
+      horizontal_m: { p95: [1, 1, 2] },
+      vertical_m: { p5: [0, 0, -1], p95: [0, 0, 2] },
+    },
     duration_s: { p5: 60, p95: 70 },
     battery_end_share: { p5: 0.7 },
   },
@@ -53,14 +71,43 @@ describe('a dry run', () => {
     expect(ghostAt({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
   });
 
-  it('draws its path, its ghost and the corridor of many flights', () => {
-    const shown = dryRunPicture(MANY, 20);
+  it('draws its path and the corridor of many flights', () => {
+    const shown = flownPicture(MANY);
     expect(shown.lines[0]?.places).toHaveLength(3);
-    expect(shown.points).toMatchObject([{ id: 'ghost', selected: true }]);
     const [ring] = shown.areas;
     expect(ring?.ring).toHaveLength(4);
     expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, placeAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
-    expect(dryRunPicture(VIEW, 0).areas).toEqual([]);
+    expect(flownPicture(VIEW).areas).toEqual([]);
+  });
+
+  it('draws its vehicle with its heading, and what its camera sees over the ground', () => {
+    const shown = ghostPicture(VIEW, 10);
+    expect(shown?.points).toMatchObject([{ id: 'ghost', mark: 'ghost', yaw_deg: expect.closeTo(90) }]);
+    const ahead = shown?.areas[0]?.ring[2] ?? ORIGIN;
+    expect(groundDistance_m(ahead, placeAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
+    expect(ghostPicture(VIEW, 20)?.areas).toEqual([]);
+    expect(ghostPicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+  });
+
+  it('is shown over time, with where 90 % of many flights lie', () => {
+    const of = (one: (typeof QUANTITIES)[number], view = VIEW): Trace => traceOf(view, one) as Trace;
+    expect(QUANTITIES.map((one) => valueAt(of(one), 10))).toEqual([10, 5, 0, 90]);
+    expect(valueAt(of('Height'), 5)).toBe(5);
+    expect([of('Height').top, of('Height').bottom, of('Height').end_s, of('Height').band]).toEqual([10, 0, 20, []]);
+    expect(of('Height', MANY).band[2]).toEqual([20, 9, 12]);
+    expect(of('Height', MANY).top).toBe(20);
+    expect(of('Speed', MANY).band).toEqual([]);
+    expect(drawn(of('Height'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', zero_y: 50 });
+    expect(drawn(of('Height', MANY), 100, 50).band).toMatch(/^M.*Z$/);
+    const path = { ...VIEW.nominal.path, battery_share: null };
+    expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
+  });
+
+  it('is moved through by keys, never beyond its ends', () => {
+    expect(movedBy('ArrowRight', false, 5, 20)).toBe(6);
+    expect(movedBy('ArrowLeft', true, 5, 20)).toBeCloseTo(4.9);
+    expect(movedBy('PageUp', false, 15, 20)).toBe(20);
+    expect([movedBy('Home', false, 5, 20), movedBy('End', false, 5, 20), movedBy('a', false, 5, 20)]).toEqual([0, 20, null]);
   });
 
   it('says its result in numbers', () => {
@@ -69,7 +116,19 @@ describe('a dry run', () => {
   });
 
   it('takes the wind from where it comes', () => {
-    expect(windOf({ wind_m_s: 5, from_deg: 270, flights: 0 }).map((axis) => Math.round(axis))).toEqual([0, 5, 0]);
+    expect(windOf({ ...CONDITIONS, wind_m_s: 5, from_deg: 270 }).map((axis) => Math.round(axis))).toEqual([0, 5, 0]);
+  });
+
+  it('takes mass, battery and endurance as a person states them', () => {
+    const stated = { ...CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
+    expect(asDryRun(stated)).toMatchObject({ conditions: { mass_scale: 1.1, battery_scale: 0.9 }, flights: 20, endurance_s: 1800, battery_reserve: 0.3 });
+    expect(asDryRun(CONDITIONS)).toMatchObject({ flights: null, endurance_s: null });
+    expect(powerOf(stated)).toBeNull();
+    expect(powerOf({ ...stated, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
+    const row = (name: string) => ROWS.filter((one) => one.name === name)[0] as ConditionRow;
+    expect(withCondition(stated, row('flights'), 7.6).flights).toBe(8);
+    expect(withCondition(stated, row('hover_power_w'), null).hover_power_w).toBeNull();
+    expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
   });
 
   it('is followed to its end, and belongs to the document that was flown', async () => {
@@ -82,7 +141,7 @@ describe('a dry run', () => {
     });
     const run = new DryRun(api);
     const event = (one: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation: one });
-    await run.start(EMPTY, '1');
+    await run.start(EMPTY, '1', CONDITIONS);
     await run.heard(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
     expect([run.running, run.of(EMPTY)]).toEqual([true, null]);
     await run.heard(event(operation('succeeded', { dry_run: 'd7' })));

@@ -1,10 +1,10 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { groundDistance_m, placeAt } from '../../vehicle/geo';
-import { PlanApi } from './api';
+import { PlanApi, type PlanVersion } from './api';
+import { CONDITIONS } from './conditions';
 import { EMPTY, placeOf } from './document';
 import { PlanEditor } from './editor.svelte';
-import { holdsText, VehicleMission } from './mission.svelte';
 import { Plans } from './plans.svelte';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -157,6 +157,21 @@ describe('plans on the server', () => {
     expect(plans.current?.id).toBe('new');
   });
 
+  it('have older versions that are looked at, and restored as the newest', async () => {
+    const editor = drawn();
+    const { api, asked } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY }], [200, version(4)]);
+    const plans = new Plans(api, editor, memory());
+    const [newest, older] = (await plans.versions('abc')) ?? [];
+    expect(await plans.look(older as PlanVersion, newest as PlanVersion)).toBe(true);
+    expect([editor.plan.items.length, plans.saved, plans.current?.version, plans.notice?.older]).toEqual([0, false, 3, true]);
+    expect(plans.notice?.text).toContain('Version 2 of 3, saved by anna.');
+    await plans.save();
+    expect(asked.map((one) => one.call)).toEqual(['GET /plans/abc/versions', 'GET /plans/abc?version=2', 'PUT /plans/abc']);
+    expect(asked[2]?.body).toMatchObject({ base_version: 3 });
+    editor.undo();
+    expect(editor.plan.items).toHaveLength(3);
+  });
+
   it('tell who saved the plan that is open', async () => {
     const editor = drawn();
     const { api } = server([201, version(1)]);
@@ -204,92 +219,33 @@ describe('plans on the server', () => {
     expect(editor.plan.items).toHaveLength(3);
   });
 
+  it('are checked anew for another vehicle, and with its battery', async () => {
+    const found = { findings: [], estimates: {}, not_known: [] };
+    const { api, asked } = server([200, found], [200, found]);
+    const storage = memory();
+    const plans = new Plans(api, drawn(), storage);
+    await plans.ask();
+    plans.vehicle = '7';
+    plans.setConditions({ ...CONDITIONS, hover_power_w: 200, battery_wh: 100, mass_kg: 2 });
+    expect(plans.isChecked).toBe(false);
+    await plans.ask();
+    expect(plans.isChecked).toBe(true);
+    expect(asked[1]?.body).toMatchObject({ vehicle: '7', power: { hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.2 } });
+    expect(new Plans(api, new PlanEditor(), storage).conditions.battery_wh).toBe(100);
+  });
+
   it('are checked as they are, and say so when the server does not answer', async () => {
     const editor = drawn();
     const { api } = server([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);
     const plans = new Plans(api, editor, memory());
-    await plans.ask(null);
+    await plans.ask();
     expect([plans.isChecked, plans.check?.findings]).toEqual([true, []]);
     editor.begin(HOME);
     expect([plans.isChecked, plans.check]).toEqual([false, null]);
     editor.undo();
     editor.press(at(40));
     expect(plans.isChecked).toBe(false);
-    await plans.ask(null);
+    await plans.ask();
     expect(plans.checkProblem).toBe('Not checked. Busy.');
-  });
-});
-
-describe('the plan on the vehicle', () => {
-  const operation = (over: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...over });
-  const view = (state: string, plan: object | null, transfer: string | null = null) => ({
-    vehicle: '1',
-    mission: null,
-    transfer,
-    holds: { state, plan, known_unix_s: 1 },
-  });
-  const named = { id: 'abc', version: 2, name: 'Tower' };
-  const event = (over: object) => ({ kind: 'operation', vehicle: '1', unix_s: 0, severity: null, text: '', operation: operation(over) });
-  /** Until what was asked has been answered. */
-  const settled = () => new Promise((done) => setTimeout(done));
-
-  function vehicle(...answers: readonly [number, unknown][]) {
-    const asked: string[] = [];
-    let turn = 0;
-    const api = new ApiClient('p', undefined, (path, init) => {
-      asked.push(`${init.method} ${path.replace('/api/v1', '')}`);
-      const [status, body] = answers[turn++] ?? [500, {}];
-      return Promise.resolve(new Response(JSON.stringify(body), { status }));
-    });
-    return { asked, mission: new VehicleMission(api) };
-  }
-
-  it('is this one only in the very version', async () => {
-    const { mission } = vehicle([200, view('plan', named)]);
-    mission.show('1');
-    await settled();
-    expect([mission.holds('abc', 2), mission.holds('abc', 3), mission.holds('other', 2)]).toEqual([true, false, false]);
-    expect(holdsText('101 Quad', mission, { id: 'abc', version: 2 })).toBe('101 Quad holds this plan.');
-    expect(holdsText('101 Quad', mission, { id: 'abc', version: 3 })).toBe('101 Quad holds version 2 of this plan.');
-    expect(holdsText('101 Quad', mission, null)).toBe('101 Quad holds the plan “Tower”.');
-  });
-
-  it('is never claimed where the vehicle reports another or nothing', async () => {
-    for (const state of ['another', 'not_known']) {
-      const { mission } = vehicle([200, view(state, named)]);
-      mission.show('1');
-      await settled();
-      expect(mission.holds('abc', 2)).toBe(false);
-    }
-  });
-
-  it('is uploaded with progress and asked for anew at the end', async () => {
-    const { mission, asked } = vehicle([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
-    mission.show('1');
-    await settled();
-    await mission.send('abc', 2);
-    mission.heard(event({ progress: 0.9 }));
-    mission.heard(event({ vehicle: '2', progress: 0.1 }));
-    expect([mission.running, mission.upload?.progress]).toEqual([true, 0.9]);
-    mission.heard(event({ state: 'succeeded', progress: 1 }));
-    await settled();
-    expect([mission.running, mission.holds('abc', 2)]).toEqual([false, true]);
-    expect(asked).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
-  });
-
-  it('is found again while it is uploaded, after a reload', async () => {
-    const { mission } = vehicle([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
-    mission.show('1');
-    await settled();
-    expect(mission.upload?.id).toBe('o1');
-  });
-
-  it('says why it was not uploaded', async () => {
-    const { mission } = vehicle([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
-    mission.show('1');
-    await settled();
-    await mission.send('abc', 2);
-    expect(mission.problem?.detail).toBe('anna has control.');
-    expect(mission.running).toBe(false);
   });
 });

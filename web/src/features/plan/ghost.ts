@@ -1,4 +1,4 @@
-/** A dry run on the map and in words: the flown path, the corridor of many flights, the vehicle at one moment. Pure. */
+/** A dry run on the map and in words: the flown path, the corridor of many flights, vehicle and gimbal at one moment. Pure. */
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { duration, fixed, metres } from '../../ui/format';
@@ -12,7 +12,18 @@ export interface Ghost extends Place {
   readonly up_m: number;
   readonly speed_m_s: number;
   readonly step: string;
+  /** Where nose and camera point, clockwise from north [deg]. */
+  readonly yaw_deg: number;
+  readonly look_deg: number;
+  /** Of the camera, up is positive [deg]. */
+  readonly pitch_deg: number;
 }
+
+const DEG = 180 / Math.PI;
+/** Half the camera's field of view that is drawn [deg]. */
+const HALF_VIEW_DEG = 27;
+/** How far the camera's look is drawn over the ground [m]. */
+const LOOK_M = { least: 4, most: 40 } as const;
 
 /** Where the vehicle is at a moment, between the samples; null: it never flew. */
 export function ghostAt({ nominal }: DryRunView, t_s: number): Ghost | null {
@@ -35,7 +46,27 @@ export function ghostAt({ nominal }: DryRunView, t_s: number): Ghost | null {
     up_m: -at(2) + 0,
     speed_m_s: Math.hypot(...((path.velocity_ned_m_s[low] ?? []) as Vector)),
     step: path.step_places[path.step[low] ?? -1] ?? '',
+    yaw_deg: yaw_deg((path.q_ned_frd[low] ?? [1, 0, 0, 0]) as Vector),
+    look_deg: (path.gimbal_rad[low]?.[1] ?? 0) * DEG,
+    pitch_deg: (path.gimbal_rad[low]?.[0] ?? 0) * DEG,
   };
+}
+
+function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
+  return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEG;
+}
+
+/** What the camera sees over the ground: to where it meets the ground, as far as is drawn; nothing while it looks straight down. */
+function lookRing(ghost: Ghost): Place[] {
+  const down = Math.tan(-ghost.pitch_deg / DEG);
+  const far_m = down > 1e-3 ? Math.max(0, ghost.up_m) / down : LOOK_M.most;
+  if (far_m < LOOK_M.least) return [];
+  const length_m = Math.min(LOOK_M.most, far_m);
+  const edge = (turn_deg: number): Place => {
+    const angle = (ghost.look_deg + turn_deg) / DEG;
+    return placeAt(ghost, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
+  };
+  return [{ lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
 }
 
 /** The 95th percentile over the ground, to both sides of the path. */
@@ -57,15 +88,28 @@ function corridorRing({ nominal, monte_carlo }: DryRunView): Place[] {
   return [...sides.map(({ left }) => left), ...sides.reverse().map(({ right }) => right)];
 }
 
-export function dryRunPicture(view: DryRunView, t_s: number): LayerPicture {
+/** What stays while one scrubs: all in the colour of what is planned. */
+export function flownPicture(view: DryRunView): LayerPicture {
   const flown = (view.nominal.path?.position_ned_m ?? []) as readonly Vector[];
   const places = flown.map(([north_m = 0, east_m = 0]) => placeAt(view.nominal.origin, { north_m, east_m }));
   const ring = corridorRing(view);
-  const ghost = ghostAt(view, t_s);
   return {
-    lines: places.length > 1 ? [{ places, tone: 'actual', style: 'dotted' }] : [],
-    areas: ring.length > 2 ? [{ ring, tone: 'actual' }] : [],
-    points: ghost === null ? [] : [{ id: 'ghost', lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg, mark: 'disc', tone: 'actual', text: '', selected: true }],
+    lines: places.length > 1 ? [{ places, tone: 'target', style: 'dotted' }] : [],
+    areas: ring.length > 2 ? [{ ring, tone: 'target' }] : [],
+    points: [],
+  };
+}
+
+/** The vehicle at a moment, and what its camera sees. */
+export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null {
+  const ghost = ghostAt(view, t_s);
+  if (ghost === null) return null;
+  const { lat_deg, lon_deg } = ghost;
+  const ring = lookRing(ghost);
+  return {
+    lines: [],
+    areas: ring.length > 2 ? [{ ring, tone: 'target' }] : [],
+    points: [{ id: 'ghost', lat_deg, lon_deg, mark: 'ghost', tone: 'target', text: '', selected: false, yaw_deg: ghost.yaw_deg }],
   };
 }
 

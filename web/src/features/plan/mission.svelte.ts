@@ -1,31 +1,39 @@
-/** Which plan the selected vehicle holds, and the upload that is under way; both are the server's, and found again after a reload. */
+/** Which plan the selected vehicle holds, and the transfer that is under way; both are the server's, and found again after a reload. */
 
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
+import type { Plan } from './document';
+import { isHeld, type Comparison } from './held';
 
 type View = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;
+export type Downloaded = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
+/** A version that the server keeps, or a plan as it is. */
+type Which = { readonly plan_id: string; readonly version: number } | { readonly plan: Plan };
 
-const UPLOAD = 'mission/upload';
+const TRANSFERS = ['mission/upload', 'mission/download'];
 
 export class VehicleMission {
   view = $state.raw<View | null>(null);
-  /** The upload that runs or ended last. */
-  upload = $state.raw<Operation | null>(null);
+  /** The upload or download that runs or ended last. */
+  transfer = $state.raw<Operation | null>(null);
+  private compared = $state.raw<{ readonly to: Plan; readonly found: Comparison } | null>(null);
+  /** What is compared once the download has ended. */
+  private wanted: { readonly download: string; readonly to: Plan; readonly which: Which } | null = null;
   problem = $state.raw<Problem | null>(null);
   private vehicle: string | null = null;
 
   constructor(private readonly api: ApiClient) {}
 
-  readonly running: boolean = $derived.by(() => this.upload?.state === 'running');
+  readonly running: boolean = $derived.by(() => this.transfer?.state === 'running');
 
   /** Another vehicle was selected. */
   show(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
-    this.view = this.upload = this.problem = null;
+    this.view = this.transfer = this.problem = this.compared = this.wanted = null;
     void this.ask();
   }
 
@@ -37,54 +45,81 @@ export class VehicleMission {
     this.view = view.ok ? view.value : null;
     if (this.view?.transfer == null || this.running) return;
     const all = await this.api.get<{ operations: readonly Operation[] }>(`/operations?vehicle=${encodeURIComponent(vehicle)}`);
-    const found = all.ok ? all.value.operations.find((one) => one.kind === UPLOAD && one.state === 'running') : undefined;
-    if (vehicle === this.vehicle && found !== undefined) this.upload = found;
+    const found = all.ok ? all.value.operations.find((one) => TRANSFERS.includes(one.kind) && one.state === 'running') : undefined;
+    if (vehicle === this.vehicle && found !== undefined) this.transfer = found;
   }
 
   /** Whether the vehicle holds just this version. */
   holds(id: string, version: number): boolean {
-    const plan = this.view?.holds.state === 'plan' ? this.view.holds.plan : null;
-    return plan?.id === id && plan.version === version;
+    return isHeld(this.view?.holds, { id, version });
   }
 
   async send(plan_id: string, version: number): Promise<void> {
-    this.problem = null;
-    const answer = await this.api.post<Operation>(this.path('/upload'), { plan_id, version });
-    if (answer.ok) this.upload = this.upload?.id === answer.value.id ? this.upload : answer.value;
-    else this.problem = answer.problem;
+    this.compared = null;
+    await this.begin('/upload', { plan_id, version });
+  }
+
+  /** Reads the vehicle's plan, then compares it with this one. */
+  async readBack(to: Plan, which: Which): Promise<void> {
+    this.compared = this.wanted = null;
+    const download = await this.begin('/download', {});
+    if (download !== null) this.wanted = { download, to, which };
+    // A short plan may have been read before the answer came.
+    if (this.transfer?.id === download && this.transfer?.state === 'succeeded') await this.compare();
+  }
+
+  /** What reading back has shown of just this plan. */
+  comparison(plan: Plan): Comparison | null {
+    return this.compared?.to === plan ? this.compared.found : null;
+  }
+
+  /** The plan that the vehicle held when it was read; null: `problem` says why not. */
+  async held(): Promise<Downloaded | null> {
+    const answer = await this.api.get<Downloaded>(this.path('/plan'));
+    this.problem = answer.ok ? null : answer.problem;
+    return answer.ok ? answer.value : null;
   }
 
   async cancel(): Promise<void> {
-    if (this.upload === null) return;
-    const answer = await this.api.delete(`/operations/${encodeURIComponent(this.upload.id)}`);
+    if (this.transfer === null) return;
+    const answer = await this.api.delete(`/operations/${encodeURIComponent(this.transfer.id)}`);
     if (!answer.ok) this.problem = answer.problem;
   }
 
   heard(event: WireEvent): void {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
     if (operation === undefined || operation.vehicle !== this.vehicle || !operation.kind.startsWith('mission/')) return;
-    if (operation.kind === UPLOAD) this.upload = operation;
-    if (operation.state !== 'running') void this.ask();
+    if (TRANSFERS.includes(operation.kind)) this.transfer = operation;
+    if (operation.state === 'running') return;
+    if (operation.state === 'succeeded' && operation.id === this.wanted?.download) void this.compare();
+    else void this.ask();
+  }
+
+  /** @returns the operation's id; null: it was refused. */
+  private async begin(what: string, body: object): Promise<string | null> {
+    this.problem = null;
+    const answer = await this.api.post<Operation>(this.path(what), body);
+    if (!answer.ok) {
+      this.problem = answer.problem;
+      return null;
+    }
+    // Its end may have been heard before.
+    if (this.transfer?.id !== answer.value.id) this.transfer = answer.value;
+    return answer.value.id;
+  }
+
+  private async compare(): Promise<void> {
+    const [wanted, vehicle] = [this.wanted, this.vehicle];
+    if (wanted === null) return;
+    this.wanted = null;
+    const found = await this.api.post<Comparison>(this.path('/compare'), wanted.which);
+    if (vehicle !== this.vehicle) return;
+    if (found.ok) this.compared = { to: wanted.to, found: found.value };
+    else this.problem = found.problem;
+    await this.ask();
   }
 
   private path(what: string): string {
     return `/vehicles/${encodeURIComponent(this.vehicle ?? '')}/mission${what}`;
   }
-}
-
-/** What the vehicle holds, as a sentence. */
-export function holdsText(
-  name: string,
-  mission: Pick<VehicleMission, 'view' | 'holds'>,
-  current: { readonly id: string; readonly version: number } | null,
-): string {
-  const holds = mission.view?.holds;
-  if (holds === undefined || holds.state === 'not_known') return `It is not known which plan ${name} holds.`;
-  if (holds.state === 'another') return `${name} holds another plan than the one uploaded last.`;
-  if (current !== null && mission.holds(current.id, current.version)) return `${name} holds this plan.`;
-  const older =
-    current !== null && holds.plan?.id === current.id
-      ? `version ${holds.plan.version ?? 0} of this plan`
-      : `the plan “${holds.plan?.name ?? 'without a name'}”`;
-  return `${name} holds ${older}.`;
 }

@@ -4,9 +4,11 @@ import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import type { Area, Check, Format, Imported, PlanApi, PlanVersion } from './api';
+import { CONDITIONS, powerOf, type Conditions } from './conditions';
 import { EMPTY, type Home } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './kinds';
+import type { Downloaded } from './mission.svelte';
 import { isMission } from './offboard/mission';
 import { frameOf } from './offboard/places';
 
@@ -24,6 +26,8 @@ export interface Notice {
   readonly text: string;
   /** Somebody else saved: theirs can be opened, ours saved beside it. */
   readonly conflict?: boolean;
+  /** An older version is looked at: saved, it becomes the newest. */
+  readonly older?: boolean;
   /** The file has points without an altitude. */
   readonly file?: File;
   readonly areas?: readonly Area[];
@@ -39,6 +43,7 @@ interface Stored {
 
 type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 const STORED = 'gcs.plan-draft';
+const STORED_CONDITIONS = 'gcs.plan-conditions';
 
 export class Plans {
   /** By document of the history: undo goes back to a document that is kept elsewhere. */
@@ -50,8 +55,13 @@ export class Plans {
   /** What `check` was made of. */
   private checked = $state.raw<Document | null>(null);
   private checkedFor = $state.raw(-1);
+  private checkedBy = $state.raw('');
   checkProblem = $state.raw<string | null>(null);
-  private checking = false;
+  /** A question is under way; what changes meanwhile is asked after it. */
+  checking = $state(false);
+  /** For whose parameters and home plans are checked; null: nobody's. */
+  vehicle = $state.raw<string | null>(null);
+  conditions = $state.raw<Conditions>(CONDITIONS);
 
   constructor(
     private readonly api: PlanApi,
@@ -71,7 +81,9 @@ export class Plans {
   });
   /** What the server said of this document, as it is now or before its last changes. */
   readonly check: Check | null = $derived.by(() => (this.checkedFor === this.editor.draft.document ? this.answer : null));
-  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document);
+  /** By which vehicle and which figures of it. */
+  private readonly by: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
+  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document && this.checkedBy === this.by);
 
   begin(home: Home | null): void {
     this.editor.begin(home);
@@ -116,6 +128,28 @@ export class Plans {
     return true;
   }
 
+  /** The versions of a plan that are kept, newest first; null: the notice says why not. */
+  async versions(id: string): Promise<readonly PlanVersion[] | null> {
+    const answer = await this.call(this.api.versions(id));
+    if (answer.ok) return answer.value.versions;
+    this.fail('The versions of the plan could not be read.', answer.problem);
+    return null;
+  }
+
+  /** Opens an older version of a plan, not saved: to save it adds it as the newest, based on what is the newest now. */
+  async look({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
+    const answer = await this.call(this.api.open(id, version));
+    if (!answer.ok) {
+      this.fail(`Version ${version} could not be opened.`, answer.problem);
+      return false;
+    }
+    const { name, plan } = answer.value;
+    this.keep(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY, ...plan }), { id, version: newest.version, name, plan: { ...EMPTY } });
+    const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. Nothing is changed until it is saved: then it becomes version ${newest.version + 1}.`;
+    this.notice = { tone: 'caution', text, older: true };
+    return true;
+  }
+
   /** @param asNew beside the one that is kept. */
   async save(asNew = false): Promise<void> {
     const draft = this.editor.draft;
@@ -151,6 +185,13 @@ export class Plans {
     return true;
   }
 
+  /** The plan that a vehicle holds, as a new one; undo brings back what was edited. */
+  takeHeld(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: Home | null): void {
+    this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
+    const text = [`The plan that ${vehicleName} holds, not saved yet.`, ...notes].join(' ');
+    this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
+  }
+
   /** @returns the file; null: it could not be written, the notice says why. */
   async export(format: Format): Promise<Blob | null> {
     const answer = await this.call(this.api.export(this.editor.document, format));
@@ -178,16 +219,22 @@ export class Plans {
   }
 
   /** Asks the server what is wrong with the plan as it is now; one question at a time. */
-  async ask(vehicle: string | null): Promise<void> {
+  async ask(): Promise<void> {
     const { document: number, plan } = this.editor.draft;
+    const by = this.by;
     if (this.checking) return;
     this.checking = true;
-    const answer = await this.api.check(plan, vehicle);
+    const answer = await this.api.check(plan, this.vehicle, powerOf(this.conditions));
     this.checking = false;
-    this.checked = plan;
-    this.checkedFor = number;
+    [this.checked, this.checkedFor, this.checkedBy] = [plan, number, by];
     this.answer = answer.ok ? answer.value : null;
     this.checkProblem = answer.ok ? null : sentence('Not checked.', answer.problem);
+  }
+
+  /** Kept in the browser: they are of the aircraft at hand. */
+  setConditions(conditions: Conditions): void {
+    this.conditions = conditions;
+    this.memory.setItem(STORED_CONDITIONS, JSON.stringify(conditions));
   }
 
   /** Where the mission lies and how it is flown, for the map; the path of another document is not shown. */
@@ -228,6 +275,8 @@ export class Plans {
 
   private restore(): void {
     try {
+      const known = JSON.parse(this.memory.getItem(STORED_CONDITIONS) ?? '{}') as Conditions;
+      this.conditions = { ...CONDITIONS, ...known };
       const stored = JSON.parse(this.memory.getItem(STORED) ?? 'null') as Stored | null;
       if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
       const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY, ...stored.plan };
@@ -235,6 +284,7 @@ export class Plans {
       if (stored.kept !== null) this.keep(document, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
     } catch {
       this.memory.removeItem(STORED);
+      this.memory.removeItem(STORED_CONDITIONS);
     }
   }
 

@@ -10,7 +10,7 @@ const SOURCE = 'edited';
 const PREFIX = 'edited-';
 const RATIO = 2;
 /** Of a point's disc. */
-export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { middle: 5, corner: 6.5, cross: 9, disc: 13, home: 13 };
+export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { middle: 5, corner: 6.5, cross: 9, disc: 13, home: 13, ghost: 16 };
 /** Half a picture's side [px]. */
 const HALF_PX = 18;
 const TONES: Readonly<Record<Tone, string>> = {
@@ -21,7 +21,7 @@ const TONES: Readonly<Record<Tone, string>> = {
   text2: '--text-2',
 };
 
-type Drawn = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number }>;
+type Drawn = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number; yaw_deg?: number }>;
 
 const coordinates = (places: readonly Place[]): [number, number][] => places.map((place) => [place.lon_deg, place.lat_deg]);
 
@@ -43,7 +43,8 @@ export function features(pictures: readonly LayerPicture[]): FeatureCollection {
     }
     for (const point of points) {
       const sort = point.selected ? 2 : point.mark === 'middle' ? 0 : 1;
-      const properties = { kind: 'point', icon: iconName(point), sort };
+      const icon = iconName(point);
+      const properties = point.mark === 'ghost' ? { kind: 'ghost', icon, yaw_deg: point.yaw_deg ?? 0 } : { kind: 'point', icon, sort };
       found.push({ type: 'Feature', properties, geometry: { type: 'Point', coordinates: [point.lon_deg, point.lat_deg] } });
     }
   }
@@ -74,6 +75,19 @@ export function layers(palette: Palette): LayerSpecification[] {
       filter: of('point'),
       layout: { 'icon-image': ['get', 'icon'], 'icon-allow-overlap': true, 'icon-ignore-placement': true, 'symbol-sort-key': ['get', 'sort'] },
     },
+    {
+      id: `${PREFIX}ghost`,
+      type: 'symbol',
+      source: SOURCE,
+      filter: of('ghost'),
+      layout: {
+        'icon-image': ['get', 'icon'],
+        'icon-rotate': ['get', 'yaw_deg'],
+        'icon-rotation-alignment': 'map',
+        'icon-allow-overlap': true,
+        'icon-ignore-placement': true,
+      },
+    },
   ];
 }
 
@@ -96,6 +110,22 @@ export function drawIcon(name: string, palette: Palette): ImageData | null {
     disc(ctx, radius, palette.panel, colour, 1.6);
     ctx.strokeStyle = colour;
     ctx.stroke(new Path2D('M0-5v10M-5 0h10'));
+  } else if (mark === 'ghost') {
+    // A vehicle from above, hollow: four rotors, and an arrow ahead.
+    ctx.strokeStyle = colour;
+    ctx.stroke(new Path2D('M-6-6L6 6M6-6L-6 6'));
+    for (const [x, y] of [
+      [-7, -7],
+      [7, -7],
+      [-7, 7],
+      [7, 7],
+    ] as const) {
+      ctx.translate(x, y);
+      disc(ctx, 4.5, palette.panel, colour, 1.8);
+      ctx.translate(-x, -y);
+    }
+    ctx.fillStyle = colour;
+    ctx.fill(new Path2D('M-4-11L0-17L4-11Z'));
   } else if (mark === 'home') {
     disc(ctx, radius, palette.panel, colour, palette.stroke);
     ctx.strokeStyle = palette.text;

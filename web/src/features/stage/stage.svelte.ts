@@ -3,7 +3,7 @@
 import { covered } from '../../app/covers.svelte';
 import { freeMiddle } from '../../app/free';
 import type { Camera } from '../../app/services';
-import type { ScenePreview } from '../../app/preview.svelte';
+import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
 import type { Place } from '../../vehicle/geo';
 
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
@@ -14,6 +14,7 @@ export interface SceneView {
   theme: 'light' | 'dark';
   /** What is not sent yet; null: nothing. */
   preview: ScenePreview | null;
+  dry_run: SceneDryRun | null;
 }
 
 /** What the keyboard may ask of the map while it is shown. */
@@ -40,6 +41,7 @@ class StageState {
   /** The middle of what panels leave free, right of and below the stage's own [px]: there map and 3D view have their vehicle. */
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
+  private toTell: SceneView | null = null;
   private wantsMap = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.wantsMap ? 'scene' : 'map');
 
@@ -73,11 +75,18 @@ class StageState {
     return `${SCENE_URL}?${query}`;
   }
 
-  /** Tells the running 3D view; that it fails is seen, not worth a message. */
+  /** Tells the running 3D view, one request at a time and then the newest; that it fails is seen, not worth a message. */
   async show(view: SceneView): Promise<void> {
-    const { vehicle, ...rest } = view;
-    const body = JSON.stringify(vehicle === null ? rest : view);
-    await fetch(`${SCENE_URL}view/${this.token}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
+    const telling = this.toTell !== null;
+    this.toTell = view;
+    if (telling) return;
+    for (let told: SceneView | null = null; told !== this.toTell;) {
+      told = this.toTell;
+      const { vehicle, ...rest } = told;
+      const body = JSON.stringify(vehicle === null ? rest : told);
+      await fetch(`${SCENE_URL}view/${this.token}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
+    }
+    this.toTell = null;
   }
 
   /** Asks for the 3D view until it is there. */

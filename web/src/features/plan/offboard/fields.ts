@@ -24,6 +24,9 @@ export interface Field<T> {
   readonly options?: readonly { readonly value: string; readonly text: string }[];
 }
 
+/** What a row shows of it. */
+export type ShownField = Omit<Field<never>, 'name' | 'set'>;
+
 /** What fields of a step depend on besides it. */
 export interface Context {
   readonly mission: Mission;

@@ -1,5 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { deviationWords, isOver, notFlyable, orderQuestion, orders, progress, startQuestion, stateWords, type Flown } from './flown';
+import type { Finding } from '../fixes';
 import type { Mission } from './mission';
 
 const FLOWN: Flown = {
@@ -24,6 +25,14 @@ const MISSION = {
   steps: [{ step: 'take_off' }, { step: 'land' }],
   actions: { failure: 'hold', low_battery: 'land', link_loss: 'hold', control_lost: 'hold' },
 } as unknown as Mission;
+
+const error = (text: string): Finding => ({
+  code: 'fence_crossed',
+  severity: 'error',
+  text,
+  place: { row: null, zone: null, rally_point: null, step: 'step 2' },
+  fix: null,
+});
 
 describe('an offboard mission in flight', () => {
   it('offers only the orders that the state takes', () => {
@@ -56,9 +65,9 @@ describe('an offboard mission in flight', () => {
 
 describe('starting an offboard mission', () => {
   it('is not offered with an error, unchecked, or while another is flown', () => {
-    expect(notFlyable([{ severity: 'warning', text: 'w' }], null)).toBeNull();
+    expect(notFlyable([], null)).toBeNull();
     expect(notFlyable(null, null)).toContain('not been checked');
-    expect(notFlyable([{ severity: 'error', text: 'It leaves the fence.' }], null)).toBe('An error to mend first: It leaves the fence.');
+    expect(notFlyable([error('It leaves the fence.')], null)).toBe('An error to mend or to accept below: It leaves the fence.');
     expect(notFlyable([], FLOWN)).toContain('abort that first');
     expect(notFlyable([], as({ state: 'aborted' }))).toBeNull();
   });
@@ -70,5 +79,8 @@ describe('starting an offboard mission', () => {
     expect(effect).toContain('Low battery: it lands. Nobody in control: it holds. Link lost and found again: it holds.');
     expect(effect).toContain('If the server or its link dies: after 1 s the vehicle lands. Hold stops it');
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
+    const despite = startQuestion(MISSION, '1 Quad', null, 0, null, [error('It leaves the fence.')]);
+    expect(despite.effect).toContain('Despite an error: step 2: It leaves the fence. Low battery');
+    expect([startQuestion(MISSION, '1 Quad', null, 0, null).danger, despite.danger]).toEqual([false, true]);
   });
 });

@@ -3,11 +3,12 @@
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
+import { despiteText } from '../accepted.svelte';
+import type { Finding } from '../fixes';
 import type { Mission } from './mission';
 
 export type Flown = components['schemas']['OffboardMissionStatus'];
 type State = Flown['state'];
-type Finding = { readonly severity: string; readonly text: string };
 export type Order = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
 
 const WORDS: Readonly<Record<State, string>> = {
@@ -81,26 +82,36 @@ export function orderQuestion(order: Order, flown: Flown, vehicleName: string): 
 
 const ACTIONS: Readonly<Record<string, string>> = { continue: 'goes on', hold: 'holds', return: 'returns', land: 'lands' };
 
-/** Why a mission cannot be started from the page; null: it can. */
-export function notFlyable(findings: readonly Finding[] | null, flown: Flown | null): string | null {
+/**
+ * Why a mission cannot be started from the page; null: it can.
+ * @param open errors that nobody has accepted; null: it has not been checked.
+ */
+export function notFlyable(open: readonly Finding[] | null, flown: Flown | null): string | null {
   if (flown !== null && !isOver(flown)) return 'It flies a mission: abort that first.';
-  if (findings === null) return 'The mission has not been checked for this vehicle yet.';
-  const errors = findings.filter((finding) => finding.severity === 'error');
-  if (errors.length === 0) return null;
-  return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to mend first: ${errors[0]?.text ?? ''}`;
+  if (open === null) return 'The mission has not been checked for this vehicle yet.';
+  if (open.length === 0) return null;
+  return `${open.length === 1 ? 'An error' : `${open.length} errors`} to mend or to accept below: ${open[0]?.text ?? ''}`;
 }
 
-/** What is asked before the start: how long it flies, and what happens when something is lost. */
-export function startQuestion(mission: Mission, vehicleName: string, time_s: number | null, warnings: number, ifStreamStops: string | null): Question {
+/** What is asked before the start: how long it flies, what is wrong with it, and what happens when something is lost. */
+export function startQuestion(
+  mission: Mission,
+  vehicleName: string,
+  time_s: number | null,
+  warnings: number,
+  ifStreamStops: string | null,
+  despite: readonly Finding[] = [],
+): Question {
   const { link_loss, low_battery, control_lost } = mission.actions;
   const does = (action: string): string => ACTIONS[action] ?? action;
   const parts = [
     `${mission.steps.length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
+    despiteText(despite),
     `Low battery: it ${does(low_battery)}. Nobody in control: it ${does(control_lost)}. Link lost and found again: it ${does(link_loss)}.`,
     `If the server or its link dies: ${ifStreamStops ?? 'not known yet; the vehicle has not told its parameters'}.`.replace(/\.\.$/, '.'),
     'Hold stops it at any time.',
   ];
-  return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.join(' '), verb: 'Fly', danger: false };
+  return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.filter((part) => part !== '').join(' '), verb: 'Fly', danger: despite.length > 0 };
 }
 
 /** How far the vehicle is from the setpoint, in words; null where it is not known. */

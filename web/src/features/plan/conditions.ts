@@ -1,0 +1,110 @@
+/** What a flight meets and what flies it, as a person states it: for the dry run and for the estimates. Pure. */
+
+import type { components } from '../../api/schema';
+
+type Schemas = components['schemas'];
+export type Power = Schemas['Power'];
+
+export interface Conditions {
+  readonly wind_m_s: number;
+  /** Where it comes from, clockwise from north. */
+  readonly from_deg: number;
+  /** One sigma. */
+  readonly gusts_m_s: number;
+  /** 100: as the simulated airframe. */
+  readonly mass_percent: number;
+  /** 100: its whole capacity. */
+  readonly battery_percent: number;
+  /** 0: once, in just these conditions. */
+  readonly flights: number;
+  /** Of the real vehicle; null: not known. */
+  readonly hover_power_w: number | null;
+  readonly battery_wh: number | null;
+  readonly mass_kg: number | null;
+  /** Of the battery, that is to be left at the end. */
+  readonly reserve_percent: number;
+}
+
+export const CONDITIONS: Conditions = {
+  wind_m_s: 0,
+  from_deg: 0,
+  gusts_m_s: 0,
+  mass_percent: 100,
+  battery_percent: 100,
+  flights: 0,
+  hover_power_w: null,
+  battery_wh: null,
+  mass_kg: null,
+  reserve_percent: 20,
+};
+
+export interface ConditionRow {
+  readonly name: keyof Conditions;
+  readonly label: string;
+  readonly unit: string;
+  readonly min: number;
+  readonly max: number;
+  readonly step?: number;
+  /** It may be left empty. */
+  readonly optional?: boolean;
+}
+
+/** The rows of the form; bounds as the server's. */
+export const ROWS: readonly ConditionRow[] = [
+  { name: 'wind_m_s', label: 'Wind', unit: 'm/s', min: 0, max: 30 },
+  { name: 'from_deg', label: 'From', unit: '°', min: 0, max: 360, step: 10 },
+  { name: 'gusts_m_s', label: 'Gusts (one sigma)', unit: 'm/s', min: 0, max: 20, step: 0.5 },
+  { name: 'mass_percent', label: 'Mass, of the simulated one', unit: '%', min: 30, max: 300, step: 5 },
+  { name: 'battery_percent', label: 'Battery, of its capacity', unit: '%', min: 5, max: 300, step: 5 },
+  { name: 'flights', label: 'Flights in varied wind, mass, battery', unit: '', min: 0, max: 200, step: 10 },
+  { name: 'hover_power_w', label: 'Power in hover', unit: 'W', min: 1, max: 1e6, step: 10, optional: true },
+  { name: 'battery_wh', label: 'Full battery', unit: 'Wh', min: 1, max: 1e6, step: 5, optional: true },
+  { name: 'mass_kg', label: 'Mass with battery and load', unit: 'kg', min: 0.01, max: 1e4, step: 0.1, optional: true },
+  { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
+];
+
+/** With a value typed into a row; an empty one that may not be empty stays as it was. */
+export function withCondition(conditions: Conditions, { name, optional }: ConditionRow, value: number | null): Conditions {
+  if (value === null && optional !== true) return conditions;
+  return { ...conditions, [name]: name === 'flights' && value !== null ? Math.round(value) : value };
+}
+
+/** Where the air moves to, north, east, down [m/s]. */
+export function windOf({ wind_m_s, from_deg }: Conditions): [number, number, number] {
+  const from_rad = (from_deg * Math.PI) / 180;
+  return [-wind_m_s * Math.cos(from_rad) + 0, -wind_m_s * Math.sin(from_rad) + 0, 0];
+}
+
+/** For the estimate of energy; null where one of its three figures is missing: then no energy is estimated. */
+export function powerOf({ hover_power_w, battery_wh, mass_kg, reserve_percent }: Conditions): Power | null {
+  if (hover_power_w === null || battery_wh === null || mass_kg === null) return null;
+  return { hover_power_w, battery_wh, mass_kg, reserve: reserve_percent / 100 };
+}
+
+/** The conditions as a dry run takes them. */
+export function asDryRun(conditions: Conditions): object {
+  const { flights, hover_power_w, battery_wh } = conditions;
+  return {
+    conditions: {
+      wind_ned_m_s: windOf(conditions),
+      gusts_m_s: conditions.gusts_m_s,
+      mass_scale: conditions.mass_percent / 100,
+      battery_scale: conditions.battery_percent / 100,
+    },
+    flights: flights === 0 ? null : flights,
+    endurance_s: hover_power_w === null || battery_wh === null ? null : Math.min(100_000, (battery_wh / hover_power_w) * 3600),
+    battery_reserve: conditions.reserve_percent / 100,
+  };
+}
+
+/** What differs from a calm day with the vehicle as it is; empty where nothing does. */
+export function conditionsText(conditions: Conditions): string {
+  const said: string[] = [];
+  const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, flights } = conditions;
+  if (wind_m_s > 0) said.push(`wind ${wind_m_s} m/s from ${from_deg}°`);
+  if (gusts_m_s > 0) said.push(`gusts ${gusts_m_s} m/s`);
+  if (mass_percent !== 100) said.push(`mass ${mass_percent} %`);
+  if (battery_percent !== 100) said.push(`battery ${battery_percent} %`);
+  if (flights > 0) said.push(`${flights} flights`);
+  return said.length === 0 ? '' : `: ${said.join(', ')}`;
+}

@@ -1,0 +1,155 @@
+import { describe, expect, it } from 'vitest';
+import { ApiClient } from '../../api/client';
+import { placeAt } from '../../vehicle/geo';
+import { Accepted } from './accepted.svelte';
+import { DEFAULT_ALTITUDE, EMPTY } from './document';
+import type { Finding } from './fixes';
+import { comparisonText, differenceText, holdsText, type Comparison } from './held';
+import { freshItem } from './items';
+import { VehicleMission } from './mission.svelte';
+import { startBody, startQuestion } from './start';
+
+describe('the plan on the vehicle', () => {
+  const operation = (over: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...over });
+  const view = (state: string, plan: object | null, transfer: string | null = null) => ({
+    vehicle: '1',
+    mission: null,
+    transfer,
+    holds: { state, plan, known_unix_s: 1 },
+  });
+  const named = { id: 'abc', version: 2, name: 'Tower' };
+  const event = (over: object) => ({ kind: 'operation', vehicle: '1', unix_s: 0, severity: null, text: '', operation: operation(over) });
+  /** Until what was asked has been answered. */
+  const settled = () => new Promise((done) => setTimeout(done));
+
+  function vehicle(...answers: readonly [number, unknown][]) {
+    const asked: string[] = [];
+    let turn = 0;
+    const api = new ApiClient('p', undefined, (path, init) => {
+      asked.push(`${init.method} ${path.replace('/api/v1', '')}`);
+      const [status, body] = answers[turn++] ?? [500, {}];
+      return Promise.resolve(new Response(JSON.stringify(body), { status }));
+    });
+    return { asked, mission: new VehicleMission(api) };
+  }
+
+  it('is this one only in the very version', async () => {
+    const { mission } = vehicle([200, view('plan', named)]);
+    mission.show('1');
+    await settled();
+    expect([mission.holds('abc', 2), mission.holds('abc', 3), mission.holds('other', 2)]).toEqual([true, false, false]);
+    expect(holdsText('101 Quad', mission.view?.holds, { id: 'abc', version: 2 })).toBe('101 Quad holds this plan.');
+    expect(holdsText('101 Quad', mission.view?.holds, { id: 'abc', version: 3 })).toBe('101 Quad holds version 2 of this plan.');
+    expect(holdsText('101 Quad', mission.view?.holds, null)).toBe('101 Quad holds the plan “Tower”.');
+  });
+
+  it('is never claimed where the vehicle reports another or nothing', async () => {
+    for (const state of ['another', 'not_known']) {
+      const { mission } = vehicle([200, view(state, named)]);
+      mission.show('1');
+      await settled();
+      expect(mission.holds('abc', 2)).toBe(false);
+    }
+  });
+
+  it('is uploaded with progress and asked for anew at the end', async () => {
+    const { mission, asked } = vehicle([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
+    mission.show('1');
+    await settled();
+    await mission.send('abc', 2);
+    mission.heard(event({ progress: 0.9 }));
+    mission.heard(event({ vehicle: '2', progress: 0.1 }));
+    expect([mission.running, mission.transfer?.progress]).toEqual([true, 0.9]);
+    mission.heard(event({ state: 'succeeded', progress: 1 }));
+    await settled();
+    expect([mission.running, mission.holds('abc', 2)]).toEqual([false, true]);
+    expect(asked).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
+  });
+
+  it('is found again while it is uploaded, after a reload', async () => {
+    const { mission } = vehicle([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
+    mission.show('1');
+    await settled();
+    expect(mission.transfer?.id).toBe('o1');
+  });
+
+  it('says why it was not uploaded', async () => {
+    const { mission } = vehicle([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
+    mission.show('1');
+    await settled();
+    await mission.send('abc', 2);
+    expect(mission.problem?.detail).toBe('anna has control.');
+    expect(mission.running).toBe(false);
+  });
+
+  it('is read back, compared and said value by value', async () => {
+    const difference = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true };
+    const found = { vehicle: '1', equal: false, differences: [difference], read_unix_s: 1, still_held: true };
+    const download = operation({ kind: 'mission/download' });
+    const { mission, asked } = vehicle([200, view('another', null)], [202, download], [200, found], [200, view('another', null)]);
+    mission.show('1');
+    await settled();
+    await mission.readBack(EMPTY, { plan_id: 'abc', version: 2 });
+    expect([mission.running, mission.comparison(EMPTY)]).toEqual([true, null]);
+    mission.heard(event({ kind: 'mission/download', state: 'succeeded' }));
+    await settled();
+    expect(mission.comparison(EMPTY)).toEqual(found);
+    expect(mission.comparison({ ...EMPTY })).toBeNull();
+    expect(asked.slice(1, 3)).toEqual(['POST /vehicles/1/mission/download', 'POST /vehicles/1/mission/compare']);
+  });
+
+  it('differs in words that name item, value and both sides', () => {
+    const found = (over: object): Comparison => ({ vehicle: '1', equal: true, differences: [], read_unix_s: 1, still_held: true, ...over });
+    const one = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true } as const;
+    expect(differenceText(one)).toBe('Item 2 of the mission, altitude: 35.0 m in the plan, 20.0 m on the vehicle.');
+    expect(differenceText({ ...one, field: 'x', planned: 473977420, held: 473977421 })).toContain('latitude: 47.3977420° in the plan');
+    expect(differenceText({ ...one, field: 'y', planned: 1, held: 0 })).toContain('parameter 6: 1 in the plan, 0 on');
+    expect(differenceText({ ...one, field: 'param2', planned: null, held: 0 })).toContain('parameter 2: not set in the plan');
+    expect(differenceText({ ...one, part: 'fence', seq: null, field: 'count' })).toBe('The geofence: 35 items in the plan, 20 on the vehicle.');
+    expect(comparisonText('1 Quad', found({}))).toContain('nothing differs');
+    expect(comparisonText('1 Quad', found({ differences: [one] }))).toContain('does not keep a value');
+    expect(comparisonText('1 Quad', found({ equal: false }))).toContain('a plan that differs');
+    expect(comparisonText('1 Quad', found({ still_held: false }))).toContain('Read it back again');
+  });
+});
+
+describe('flying the plan that the vehicle holds', () => {
+  const finding = (over: object): Finding => ({
+    code: 'fence_crossed',
+    severity: 'error',
+    text: 'It leaves the fence.',
+    place: { row: 1, zone: null, rally_point: null, step: null },
+    fix: null,
+    ...over,
+  });
+
+  it('despite an error takes a person who accepts it, in just this plan, for just this vehicle', () => {
+    const accepted = new Accepted();
+    const [one, other] = [finding({}), finding({ text: 'It leaves it again.' })];
+    accepted.set(one, EMPTY, '1', true);
+    expect(accepted.split([one, other, finding({ severity: 'warning' })], EMPTY, '1')).toEqual({ open: [other], despite: [one] });
+    for (const [plan, id] of [[{ ...EMPTY }, '1'] as const, [EMPTY, '2'] as const]) expect(accepted.split([one], plan, id).open).toEqual([one]);
+    accepted.set(one, EMPTY, '1', false);
+    expect(accepted.has(one, EMPTY, '1')).toBe(false);
+  });
+
+  it('names what is flown despite, and asks as before a danger', () => {
+    const question = startQuestion('1 Quad', false, null, [finding({})]);
+    expect(question.effect).toBe(
+      'Arms, takes off and flies the mission stored on the vehicle from its first step. Despite an error: It leaves the fence. Hold pauses it.',
+    );
+    expect([question.danger, startQuestion('1 Quad', true, 3, []).danger]).toEqual([true, false]);
+    expect(startQuestion('1 Quad', true, 3, [])).toMatchObject({
+      title: 'Fly the mission of 1 Quad from step 4',
+      effect: expect.stringContaining('Flies to step 4'),
+    });
+  });
+
+  it('begins at the item of a step, behind all items of the patterns before it', () => {
+    const items = [10, 20, 30].map((north_m) => freshItem('waypoint', placeAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
+    const plan = { ...EMPTY, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
+    expect(startBody(plan, false, 2, [])).toEqual({ item: 3, despite: [] });
+    expect(startBody(plan, false, null, [finding({}), finding({ text: 'again' })])).toEqual({ item: 0, despite: ['fence_crossed'] });
+    expect(startBody(plan, true, null, [])).toEqual({ despite: [] });
+  });
+});

@@ -1,0 +1,62 @@
+/** What a vehicle holds, and what differs from the plan that is edited, in words. Pure. */
+
+import type { components } from '../../api/schema';
+import { fixed } from '../../ui/format';
+
+type Schemas = components['schemas'];
+export type Holds = Readonly<Schemas['MissionView']['holds']>;
+export type Comparison = Readonly<Schemas['MissionComparison']>;
+export type Difference = Comparison['differences'][number];
+
+const PARTS = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
+const FIELDS: Readonly<Record<string, string>> = {
+  command: 'kind of item',
+  frame: 'what the altitude counts from',
+  z: 'altitude',
+  autocontinue: 'autocontinue',
+};
+
+/** What the vehicle holds, as a sentence. */
+export function holdsText(name: string, holds: Holds | undefined, current: { readonly id: string; readonly version: number } | null): string {
+  if (holds === undefined || holds.state === 'not_known') return `It is not known which plan ${name} holds.`;
+  if (holds.state === 'another') return `${name} holds another plan than the one uploaded last.`;
+  if (isHeld(holds, current)) return `${name} holds this plan.`;
+  const older =
+    current !== null && holds.plan?.id === current.id
+      ? `version ${holds.plan.version ?? 0} of this plan`
+      : `the plan “${holds.plan?.name ?? 'without a name'}”`;
+  return `${name} holds ${older}.`;
+}
+
+/** Whether the vehicle holds just this version. */
+export function isHeld(holds: Holds | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
+  const plan = holds?.state === 'plan' ? holds.plan : null;
+  return current !== null && plan?.id === current.id && plan.version === current.version;
+}
+
+/** What came of reading the vehicle's plan back. */
+export function comparisonText(name: string, { equal, differences, still_held }: Comparison): string {
+  if (still_held === false) return `${name} holds something else than what was read. Read it back again.`;
+  if (equal && differences.length === 0) return `Read back: ${name} holds this plan, nothing differs.`;
+  if (equal) return `Read back: ${name} holds this plan, but does not keep ${differences.length === 1 ? 'a value' : `${differences.length} values`}:`;
+  return `Read back: ${name} holds a plan that differs:`;
+}
+
+export function differenceText({ part, seq, field, planned, held }: Difference): string {
+  const [inPlan, onVehicle] = [valueText(field, planned), valueText(field, held)];
+  if (seq === null) return `The ${PARTS[part]}: ${inPlan} items in the plan, ${onVehicle} on the vehicle.`;
+  const placed = isPlace(field, planned) || isPlace(field, held);
+  const words = field === 'x' ? (placed ? 'latitude' : 'parameter 5') : field === 'y' ? (placed ? 'longitude' : 'parameter 6') : null;
+  return `Item ${seq + 1} of the ${PARTS[part]}, ${words ?? FIELDS[field] ?? field.replace('param', 'parameter ')}: ${inPlan} in the plan, ${onVehicle} on the vehicle.`;
+}
+
+/** Places are sent in 1e-7 degrees; of items without a place these fields are small numbers. */
+function isPlace(field: string, value: number | null): boolean {
+  return (field === 'x' || field === 'y') && value !== null && Math.abs(value) > 1000;
+}
+
+function valueText(field: string, value: number | null): string {
+  if (value === null) return 'not set';
+  if (isPlace(field, value)) return `${fixed(value / 1e7, 7)}°`;
+  return field === 'z' ? `${fixed(value, 1)} m` : String(Number(value.toFixed(4)));
+}

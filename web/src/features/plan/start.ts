@@ -1,0 +1,28 @@
+/** Starting the mission that a vehicle holds: at its beginning, where it stands, or at an item. Pure. */
+
+import type { Question } from '../../app/actions/actions';
+import { codesOf, despiteText } from './accepted.svelte';
+import { simpleItems, type Plan } from './document';
+import type { Finding } from './fixes';
+
+/** The index under which the vehicle holds the first item of a row: a pattern's row is several items. */
+export function itemOfRow(plan: Plan, row: number): number {
+  return simpleItems({ ...plan, items: plan.items.slice(0, row) }).length;
+}
+
+/** @param row where it begins; null: at the beginning, in flight where it stood. */
+export function startQuestion(vehicleName: string, inAir: boolean, row: number | null, despite: readonly Finding[]): Question {
+  const from = row === null ? (inAir ? 'its current step' : 'its first step') : `step ${row + 1}`;
+  const flies = inAir ? `Flies to ${from} and goes on from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
+  return {
+    title: `Fly the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
+    effect: [flies, despiteText(despite), 'Hold pauses it.'].filter((part) => part !== '').join(' '),
+    verb: 'Fly',
+    danger: despite.length > 0,
+  };
+}
+
+export function startBody(plan: Plan, inAir: boolean, row: number | null, despite: readonly Finding[]): object {
+  const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
+  return { ...(item === null ? {} : { item }), despite: codesOf(despite) };
+}

@@ -1,0 +1,96 @@
+/** What a dry run shows over time: a quantity of the flight, and where many flights lie. Pure. */
+
+import type { DryRunView } from './dry-run.svelte';
+
+export const QUANTITIES = ['Height', 'Speed', 'Tilt', 'Battery'] as const;
+export type Quantity = (typeof QUANTITIES)[number];
+
+export interface Trace {
+  readonly unit: string;
+  readonly decimals: number;
+  readonly end_s: number;
+  /** Moment [s] and value; null: it is not known. */
+  readonly points: readonly (readonly [number, number])[];
+  /** Moment [s], lower and upper value: where 90 % of many flights lie. */
+  readonly band: readonly (readonly [number, number, number])[];
+  readonly top: number;
+  readonly bottom: number;
+}
+
+const MOST_POINTS = 600;
+type Path = NonNullable<DryRunView['nominal']['path']>;
+
+const DEG = 180 / Math.PI;
+const HOW: Readonly<Record<Quantity, { unit: string; decimals: number; round: number; value: (path: Path, i: number) => number | null }>> = {
+  Height: { unit: 'm', decimals: 1, round: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
+  Speed: { unit: 'm/s', decimals: 1, round: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
+  Tilt: { unit: '°', decimals: 0, round: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
+  Battery: { unit: '%', decimals: 0, round: 100, value: (path, i) => (path.battery_share === null ? null : 100 * (path.battery_share[i] ?? 0)) },
+};
+
+function tilt_deg([, x, y]: readonly number[]): number {
+  return Math.acos(Math.min(1, Math.max(-1, 1 - 2 * ((x ?? 0) ** 2 + (y ?? 0) ** 2)))) * DEG;
+}
+
+/** @returns null: the vehicle never flew, or this quantity is not known. */
+export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity): Trace | null {
+  const { path } = nominal;
+  if (path === null || path.t_s.length === 0) return null;
+  const { unit, decimals, round, value } = HOW[quantity];
+  const every = Math.max(1, Math.floor(path.t_s.length / MOST_POINTS));
+  const shown = path.t_s.flatMap((t_s, i) => (i % every === 0 || i === path.t_s.length - 1 ? [[t_s, value(path, i)] as const] : []));
+  const points = shown.filter((point): point is readonly [number, number] => point[1] !== null);
+  if (points.length === 0) return null;
+  const corridor = quantity === 'Height' ? (monte_carlo?.corridor ?? null) : null;
+  const band = (corridor?.t_s ?? []).map((t_s, i): [number, number, number] => {
+    const up_m = 0 - (corridor?.position_ned_m[i]?.[2] ?? 0);
+    return [t_s, up_m + (corridor?.vertical_m.p5[i] ?? 0), up_m + (corridor?.vertical_m.p95[i] ?? 0)];
+  });
+  const values = [...points.map(([, one]) => one), ...band.flatMap(([, low, high]) => [low, high])];
+  const bottom = Math.min(0, Math.floor(Math.min(...values) / round + 0.05) * round);
+  return { unit, decimals, end_s: path.t_s.at(-1) ?? 0, points, band, top: Math.max(round, Math.ceil(Math.max(...values) / round) * round), bottom };
+}
+
+/** The value at a moment, between the points. */
+export function valueAt({ points }: Trace, t_s: number): number {
+  const after = points.findIndex(([t]) => t >= t_s);
+  const [to, from] = [points[after] ?? points.at(-1), points[Math.max(0, after - 1)]];
+  if (to === undefined || from === undefined || after < 0 || to[0] <= from[0]) return to?.[1] ?? 0;
+  return from[1] + ((t_s - from[0]) / (to[0] - from[0])) * (to[1] - from[1]);
+}
+
+export interface Drawing {
+  readonly line: string;
+  /** Empty without many flights. */
+  readonly band: string;
+  readonly zero_y: number;
+}
+
+/** As paths in a box of this size, y downwards. */
+export function drawn({ points, band, end_s, top, bottom }: Trace, width: number, height: number): Drawing {
+  const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
+  const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);
+  const upper = band.map(([t_s, , high]) => `${x(t_s)} ${y(high)}`);
+  const lower = band.map(([t_s, low]) => `${x(t_s)} ${y(low)}`).reverse();
+  return {
+    line: `M${points.map(([t_s, value]) => `${x(t_s)} ${y(value)}`).join('L')}`,
+    band: band.length < 2 ? '' : `M${[...upper, ...lower].join('L')}Z`,
+    zero_y: (top / (top - bottom)) * height,
+  };
+}
+
+/** Where a key moves the moment to; null: the key moves nothing. */
+export function movedBy(key: string, isFine: boolean, t_s: number, end_s: number): number | null {
+  const step_s: Readonly<Record<string, number>> = {
+    ArrowRight: isFine ? 0.1 : 1,
+    ArrowUp: isFine ? 0.1 : 1,
+    ArrowLeft: isFine ? -0.1 : -1,
+    ArrowDown: isFine ? -0.1 : -1,
+    PageUp: 10,
+    PageDown: -10,
+    Home: -Infinity,
+    End: Infinity,
+  };
+  const by_s = step_s[key];
+  return by_s === undefined ? null : Math.min(end_s, Math.max(0, t_s + by_s));
+}
