@@ -7,84 +7,23 @@ States that fail are named at the end, the others are kept. `--only offboard,los
 from __future__ import annotations
 
 import argparse
-import base64
 import contextlib
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from playwright.sync_api import Browser, Page
 
 from gcs_server.client import SyncGcs, SyncVehicle
+from tests.e2e import plan_pictures
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, same_client
 from tests.e2e.fast_station import FAST
+from tests.e2e.pictures import CLIENT_ID, SCHEMES, SIZE, TABLET, Set, save, shoot, until_pill
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
 IMAGES = REPOSITORY / "docs" / "images"
-LARGEST_BYTES = 100_000
-QUALITIES = (85, 78, 70, 60, 50)
-SCHEMES: tuple[Any, ...] = ("dark", "light")
-SIZE, TABLET = (1440, 900), (1024, 768)
-SETTLE_S = 1.6
-"""Both views draw themselves anew after a change of theme, in software."""
-CLIENT_ID = "pictures"
-"""Page and programs are one client, in control of what they fly."""
-
-
-@dataclass
-class Set:
-    """Where the pictures are taken."""
-
-    browser: Browser
-    page: Page
-    url: str
-    drone: SyncVehicle
-    simulator: subprocess.Popen[bytes]
-    port: int
-    folder: Path
-    stack: contextlib.ExitStack
-
-
-def save(page: Page, path: Path) -> None:
-    """The window as WebP, as good as fits into the limit."""
-    session = page.context.new_cdp_session(page)
-    data = b""
-    for quality in QUALITIES:
-        answer = session.send("Page.captureScreenshot", {"format": "webp", "quality": quality})
-        data = base64.b64decode(answer["data"])
-        if len(data) <= LARGEST_BYTES:
-            break
-    path.write_bytes(data)
-    session.detach()
-    print(f"  {path.name}: {len(data) / 1000:.0f} kB", flush=True)
-
-
-def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lambda: None) -> None:
-    """One state in both themes; `keep` brings back what would have expired meanwhile."""
-    for theme in SCHEMES:
-        page.emulate_media(color_scheme=theme)
-        time.sleep(SETTLE_S)
-        keep()
-        time.sleep(0.3)
-        save(page, folder / f"{name}-{theme}.webp")
-    page.emulate_media(color_scheme="dark")
-
-
-def pill(page: Page) -> str:
-    """What the vehicle does, in the page's words."""
-    return page.locator(".pill b").inner_text()
-
-
-def until_pill(page: Page, *words: str) -> None:
-    """Waits until the page says one of them."""
-    wait_until(lambda: pill(page) in words, " or ".join(words), 60)
 
 
 def flying(at: Set) -> None:
@@ -158,41 +97,6 @@ def room(at: Set) -> None:
     page.keyboard.press("Tab")
     dock.get_by_role("button", name="Stop", exact=True).click()
     page.get_by_role("button", name="Close the offboard room").click()
-    page.keyboard.press("m")
-
-
-def plan(at: Set) -> None:
-    """A waypoint plan: steps, fence, a point selected, a finding, the altitudes."""
-    page = at.page
-    page.keyboard.press("w")
-    room = page.get_by_role("region", name="Plan room")
-    room.wait_for()
-    page.get_by_role("toolbar", name="Map").wait_for()
-    page.get_by_role("button", name="Zoom out").click()
-    time.sleep(2)
-    room.get_by_label("Name of the plan").fill("Tower inspection")
-
-    def click(*places: tuple[float, float]) -> None:
-        for x, y in places:
-            page.mouse.click(SIZE[0] * x, SIZE[1] * y)
-            time.sleep(0.3)
-
-    click((0.5, 0.46), (0.53, 0.32), (0.64, 0.3), (0.7, 0.44), (0.63, 0.58))
-    page.keyboard.press("Escape")
-    add = room.get_by_label("Add step")
-    add.select_option(label="Take off")
-    add.select_option(label="Return")
-    add.select_option(label="Geofence: stay inside")
-    click((0.48, 0.25), (0.74, 0.22), (0.75, 0.65), (0.47, 0.63))
-    room.get_by_role("button", name="Add geofence").click()
-    for row, altitude_m in ((2, 24), (3, 40), (4, 130)):
-        room.get_by_role("option", name="Waypoint").nth(row - 1).click()
-        page.get_by_role("group", name="Selection").get_by_label("Altitude", exact=True).fill(str(altitude_m))
-    room.get_by_role("option", name="Waypoint").nth(2).click()
-    page.mouse.move(0, 0)
-    time.sleep(3)
-    shoot(page, at.folder, "plan")
-    page.get_by_role("button", name="Close the plan room").click()
     page.keyboard.press("m")
 
 
@@ -329,7 +233,9 @@ STATES: tuple[Callable[[Set], None], ...] = (
     flying,
     places,
     confirmation,
-    plan,
+    plan_pictures.plan,
+    plan_pictures.mission,
+    plan_pictures.dry_run,
     gimbal,
     tablet,
     offboard,

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from gcs_server.client import SyncGcs
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, opened
 from tests.e2e.fast_station import Station
+from tests.e2e.plan_page import (
+    EXAMPLES,
+    PLACES,
+    flown,
+    home_of,
+    on_map,
+    plan_room,
+    saved_by_anna,
+    steps_of,
+    uploaded,
+)
 from tests.station import wait_until
 from tools import build_page
 
 pytestmark = pytest.mark.browser
-
-EXAMPLES = REPOSITORY / "missions" / "examples"
-PLACES = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
-"""Clicked, as shares of the map."""
 
 
 @pytest.fixture(scope="module")
@@ -30,27 +35,10 @@ def browser() -> Iterator[Browser]:
         yield one
 
 
-def plan_room(page: Page) -> Locator:
-    """The plan room, open, with a map that takes clicks."""
-    page.get_by_role("toolbar", name="Map").wait_for()
-    expect(page.locator(".bar")).to_have_text("10 m")
-    page.keyboard.press("w")
-    room = page.get_by_role("region", name="Plan room")
-    room.wait_for()
-    page.get_by_role("toolbar", name="Map").wait_for()
-    return room
-
-
-def on_map(page: Page, place: tuple[float, float]) -> tuple[float, float]:
-    box = page.get_by_role("application").bounding_box()
-    assert box is not None
-    return box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
-
-
 def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, station: Station) -> None:
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
-        steps = room.get_by_role("listbox", name="Steps").get_by_role("option")
+        steps = steps_of(room)
         waypoints = steps.filter(has_text="Waypoint")
         for count, place in enumerate(PLACES, 1):
             page.mouse.click(*on_map(page, place))
@@ -89,9 +77,7 @@ def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, s
 
 
 def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, station: Station) -> None:
-    wait_until(lambda: station.drone.topic("home") is not None, "the vehicle's home")
-    home = station.drone.topic("home")
-    assert home is not None
+    home = home_of(station)
     start = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
     far = {
         **start,
@@ -103,9 +89,7 @@ def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, statio
         {"kind": "waypoint", **far, "altitude": altitude},
         {"kind": "return_home"},
     ]
-    station.gcs.request(
-        "POST", "/plans", {"name": "Far", "plan": {"planned_home": home_of(home), "items": items}}
-    )
+    station.gcs.request("POST", "/plans", {"name": "Far", "plan": {"planned_home": home, "items": items}})
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
         page.get_by_role("button", name="Open", exact=True).click()
@@ -118,7 +102,7 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
     with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
         room = plan_room(page)
         page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
-        steps = room.get_by_role("listbox", name="Steps").get_by_role("option")
+        steps = steps_of(room)
         expect(room).to_contain_text("Offboard mission")
         expect(steps.filter(has_text="Down around the mast")).to_contain_text("Helix")
         expect(steps.filter(has_text="round: Orbit").first).to_contain_text("R 12 m")
@@ -186,19 +170,9 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         expect(card).to_be_hidden()
 
 
-def home_of(topic: dict[str, Any]) -> dict[str, float]:
-    return {name: topic[name] for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
-
-
 def uploaded_and_flown(page: Page, room: Locator, station: Station) -> None:
     """The vehicle gets the plan, flies it once that is confirmed, and holds at the key H."""
-    on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
-    on_vehicle.get_by_role("button", name="Upload").click()
-    expect(on_vehicle).to_contain_text("101 Quad holds this plan.")
-    on_vehicle.get_by_role("button", name="Fly…").click()
-    hold_space(page)
-    wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
-    expect(on_vehicle).to_contain_text("It flies its mission")
+    flown(page, uploaded(room), station)
     page.keyboard.press("w")
     expect(page.get_by_role("region", name="Mission", exact=True)).to_contain_text("of 3")
     page.keyboard.press("w")
@@ -228,9 +202,7 @@ def two_people_at_one_plan(page: Page, room: Locator, station: Station) -> None:
     assert [(plan["name"], plan["version"]) for plan in plans] == [("Tower", 1)]
     path = f"/plans/{plans[0]['id']}"
     kept = station.gcs.request("GET", path)
-    theirs = {"name": "Tower", "plan": {**kept["plan"], "items": []}, "base_version": 1}
-    with SyncGcs(station.url, client="anna", client_id="anna") as anna:
-        anna.request("PUT", path, theirs)
+    saved_by_anna(station, path, 1, {**kept["plan"], "items": []})
     expect(room).to_contain_text("anna saved version 2 of this plan.")
     page.get_by_role("group", name="Selection").wait_for()
     room.get_by_role("option", name="Waypoint").first.click()

@@ -1,0 +1,75 @@
+"""What a picture of a state is taken with: a page in front of a flying vehicle, a shot in both themes."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Browser, Page
+
+from gcs_server.client import SyncVehicle
+from tests.station import wait_until
+
+LARGEST_BYTES = 100_000
+QUALITIES = (85, 78, 70, 60, 50)
+SCHEMES: tuple[Any, ...] = ("dark", "light")
+SIZE, TABLET = (1440, 900), (1024, 768)
+SETTLE_S = 1.6
+"""Both views draw themselves anew after a change of theme, in software."""
+CLIENT_ID = "pictures"
+"""Page and programs are one client, in control of what they fly."""
+
+
+@dataclass
+class Set:
+    """Where the pictures are taken."""
+
+    browser: Browser
+    page: Page
+    url: str
+    drone: SyncVehicle
+    simulator: subprocess.Popen[bytes]
+    port: int
+    folder: Path
+    stack: contextlib.ExitStack
+
+
+def save(page: Page, path: Path) -> None:
+    """The window as WebP, as good as fits into the limit."""
+    session = page.context.new_cdp_session(page)
+    data = b""
+    for quality in QUALITIES:
+        answer = session.send("Page.captureScreenshot", {"format": "webp", "quality": quality})
+        data = base64.b64decode(answer["data"])
+        if len(data) <= LARGEST_BYTES:
+            break
+    path.write_bytes(data)
+    session.detach()
+    print(f"  {path.name}: {len(data) / 1000:.0f} kB", flush=True)
+
+
+def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lambda: None) -> None:
+    """One state in both themes; `keep` brings back what would have expired meanwhile."""
+    for theme in SCHEMES:
+        page.emulate_media(color_scheme=theme)
+        time.sleep(SETTLE_S)
+        keep()
+        time.sleep(0.3)
+        save(page, folder / f"{name}-{theme}.webp")
+    page.emulate_media(color_scheme="dark")
+
+
+def pill(page: Page) -> str:
+    """What the vehicle does, in the page's words."""
+    return page.locator(".pill b").inner_text()
+
+
+def until_pill(page: Page, *words: str) -> None:
+    """Waits until the page says one of them."""
+    wait_until(lambda: pill(page) in words, " or ".join(words), 60)

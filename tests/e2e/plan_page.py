@@ -1,0 +1,96 @@
+"""What stories about the plan room do in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Locator, Page, expect
+
+from gcs_server.client import SyncGcs
+from tests.e2e.browser import REPOSITORY, hold_space
+from tests.e2e.fast_station import Station
+from tests.station import wait_until
+
+EXAMPLES: Path = REPOSITORY / "missions" / "examples"
+PLACES = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
+"""Clicked, as shares of the map."""
+
+
+def plan_room(page: Page) -> Locator:
+    """The plan room, open, with a map that takes clicks."""
+    page.get_by_role("toolbar", name="Map").wait_for()
+    expect(page.locator(".bar")).to_have_text("10 m")
+    page.keyboard.press("w")
+    room = page.get_by_role("region", name="Plan room")
+    room.wait_for()
+    page.get_by_role("toolbar", name="Map").wait_for()
+    return room
+
+
+def steps_of(room: Locator) -> Locator:
+    """The entries of its list."""
+    return room.get_by_role("listbox", name="Steps").get_by_role("option")
+
+
+def on_map(page: Page, place: tuple[float, float]) -> tuple[float, float]:
+    """Where a place of the map is in the window [px]."""
+    box = page.get_by_role("application").bounding_box()
+    assert box is not None
+    return box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
+
+
+def undo_and_redo_everything(page: Page, room: Locator) -> None:
+    """Back to where the page began and forth again: the list is what it was."""
+    steps = steps_of(room)
+    undo, redo = (page.get_by_role("button", name=name, exact=True) for name in ("Undo", "Redo"))
+    before = steps.all_inner_texts()
+    changes = 0
+    while undo.is_enabled():
+        page.keyboard.press("Control+z")
+        changes += 1
+    expect(redo).to_be_enabled()
+    expect(steps.filter(has_text="Waypoint")).to_have_count(0)
+    for _ in range(changes):
+        page.keyboard.press("Control+Shift+z")
+    expect(redo).to_be_disabled()
+    assert steps.all_inner_texts() == before
+
+
+def dry_run(page: Page, room: Locator) -> Locator:
+    """Flies the plan in simulation; the scrub bar of what came of it."""
+    bar = room.get_by_role("region", name="Dry run")
+    bar.get_by_role("button", name="Dry run", exact=True).click()
+    expect(bar).to_contain_text("Flown: ", timeout=120_000)
+    return page.get_by_role("slider", name="Moment of the dry run")
+
+
+def uploaded(room: Locator) -> Locator:
+    """The vehicle gets the plan; the part of the room that says so."""
+    on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
+    on_vehicle.get_by_role("button", name="pload").click()
+    expect(on_vehicle).to_contain_text("101 Quad holds this plan.")
+    return on_vehicle
+
+
+def flown(page: Page, on_vehicle: Locator, station: Station) -> None:
+    """The vehicle flies the plan that it holds, once that is confirmed."""
+    on_vehicle.get_by_role("button", name="Fly…").click()
+    hold_space(page)
+    wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
+    expect(on_vehicle).to_contain_text("It flies its mission")
+
+
+def home_of(station: Station) -> dict[str, float]:
+    """Of the vehicle, as a plan has it."""
+    wait_until(lambda: station.drone.topic("home") is not None, "the vehicle's home")
+    topic = station.drone.topic("home")
+    assert topic is not None
+    return {name: topic[name] for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
+
+
+def saved_by_anna(station: Station, path: str, version: int, plan: dict[str, Any]) -> None:
+    """Somebody else saves a plan, as its next version."""
+    body = {"name": "Tower", "plan": plan, "base_version": version}
+    with SyncGcs(station.url, client="anna", client_id="anna") as anna:
+        anna.request("PUT", path, body)

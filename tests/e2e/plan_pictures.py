@@ -1,0 +1,98 @@
+"""The plan room in pictures: a survey with what is wrong with it, an offboard mission, its dry run."""
+
+from __future__ import annotations
+
+import time
+
+from playwright.sync_api import Locator, Page
+
+from tests.e2e.pictures import SIZE, Set, shoot
+from tests.e2e.plan_page import EXAMPLES
+from tests.e2e.plan_page import dry_run as flown_in_simulation
+
+FIELD = ((0.49, 0.32), (0.62, 0.28), (0.68, 0.5), (0.52, 0.58))
+FENCE = ((0.46, 0.24), (0.7, 0.22), (0.7, 0.62), (0.56, 0.66), (0.46, 0.5))
+"""Corners, as shares of the window."""
+
+
+def opened_room(page: Page, zoom: str | None = None) -> Locator:
+    """The plan room over the map."""
+    page.keyboard.press("w")
+    room = page.get_by_role("region", name="Plan room")
+    room.wait_for()
+    page.get_by_role("toolbar", name="Map").wait_for()
+    if zoom is not None:
+        page.get_by_role("button", name=zoom).click()
+    time.sleep(2)
+    return room
+
+
+def left(page: Page) -> None:
+    """Back where the other states begin."""
+    page.get_by_role("button", name="Close the plan room").click()
+    page.keyboard.press("m")
+
+
+def click(page: Page, places: tuple[tuple[float, float], ...]) -> None:
+    """Several places, one after the other."""
+    for x, y in places:
+        page.mouse.click(SIZE[0] * x, SIZE[1] * y)
+        time.sleep(0.3)
+
+
+def plan(at: Set) -> None:
+    """A waypoint plan: a survey, a geofence that it leaves, a point selected, the altitudes."""
+    page = at.page
+    room = opened_room(page, "Zoom out")
+    room.get_by_label("Name of the plan").fill("Field survey")
+    add = room.get_by_label("Add step")
+    add.select_option(label="Survey of an area")
+    click(page, FIELD)
+    room.get_by_label("Altitude above home").fill("25")
+    room.get_by_role("button", name="Add survey").click()
+    findings = room.get_by_role("region", name="Findings")
+    findings.get_by_role("button", name="Take off at the beginning").click()
+    add.select_option(label="Return")
+    add.select_option(label="Geofence: stay inside")
+    click(page, FENCE)
+    room.get_by_role("button", name="Add geofence").click()
+    room.get_by_role("option", name="Waypoint").nth(2).click()
+    page.mouse.move(0, 0)
+    time.sleep(3)
+    shoot(page, at.folder, "plan")
+    left(page)
+
+
+def mission(at: Set) -> None:
+    """An offboard mission: its steps as a tree, the path that will be flown, a step selected."""
+    page = at.page
+    room = opened_room(page)
+    page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
+    room.get_by_role("option", name="Up beside the tower").click()
+    page.mouse.move(0, 0)
+    time.sleep(4)
+    shoot(page, at.folder, "mission")
+    left(page)
+
+
+def dry_run(at: Set) -> None:
+    """The same mission flown in simulation twenty times: ghost, gimbal and corridor at one moment."""
+    page = at.page
+    room = opened_room(page)
+    page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
+    room.get_by_role("button", name="Conditions").click()
+    for label, value in (
+        ("Wind", "4"),
+        ("From", "270"),
+        ("Gusts (one sigma)", "1"),
+        ("Flights in varied", "20"),
+    ):
+        room.get_by_label(label).fill(value)
+    room.get_by_role("button", name="Conditions").click()
+    scrub = flown_in_simulation(page, room)
+    for _ in range(4):
+        scrub.press("PageUp")
+    page.mouse.move(0, 0)
+    time.sleep(3)
+    shoot(page, at.folder, "dry-run")
+    left(page)

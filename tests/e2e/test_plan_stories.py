@@ -1,0 +1,221 @@
+"""Whole stories in the plan room: survey and tower inspection from drawing to flight, keyboard, files."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, opened, press, tab_to
+from tests.e2e.fast_station import Station
+from tests.e2e.plan_page import (
+    EXAMPLES,
+    dry_run,
+    flown,
+    home_of,
+    on_map,
+    plan_room,
+    saved_by_anna,
+    steps_of,
+    undo_and_redo_everything,
+    uploaded,
+)
+from tests.station import wait_until
+from tools import build_page
+
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
+FIELD = ((0.5, 0.3), (0.64, 0.3), (0.64, 0.5), (0.5, 0.5))
+"""Corners of an area, as shares of the map."""
+DROP = """
+(text) => {
+  const data = new DataTransfer();
+  data.items.add(new File([text], 'dropped.plan'));
+  const options = { dataTransfer: data, bubbles: true, cancelable: true };
+  for (const type of ['dragover', 'drop']) document.body.dispatchEvent(new DragEvent(type, options));
+}
+"""
+MAP = "Map from above. Arrows move the crosshair, Enter opens what can be done there, plus and minus zoom."
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium; the page is built first if it is older than its sources."""
+    build_page.build(REPOSITORY)
+    with chromium() as one:
+        yield one
+
+
+def test_a_survey_is_drawn_mended_flown_in_simulation_and_then_by_the_vehicle(
+    browser: Browser, station: Station
+) -> None:
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        room.get_by_label("Add step").select_option(label="Survey of an area")
+        for place in FIELD:
+            page.mouse.click(*on_map(page, place))
+        expect(room.get_by_text("(4 so far)")).to_be_visible()
+        room.get_by_label("Altitude above home").fill("30")
+        room.get_by_role("button", name="Add survey").click()
+        waypoints = steps_of(room).filter(has_text="Waypoint")
+        expect(waypoints.first).to_contain_text("30.0 m above home")
+        assert waypoints.count() >= 4
+
+        findings = room.get_by_role("region", name="Findings")
+        expect(findings).to_contain_text("The plan has no take-off")
+        findings.get_by_role("button", name="Take off at the beginning").click()
+        expect(findings).not_to_contain_text("The plan has no take-off")
+        undo_and_redo_everything(page, room)
+
+        scrub = dry_run(page, room)
+        press(scrub, "End")
+        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^0\d:\d\d, \d+\.\d m$"))
+        page.get_by_role("group", name="Shown over time").get_by_role("button", name="Battery").click()
+        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"%$"))
+        press(scrub, "Home")
+        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:00"))
+
+        flown(page, uploaded(room), station)
+        page.keyboard.press("h")
+        wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
+        waypoints.nth(2).click()
+        room.get_by_role("button", name=re.compile(r"^Fly from step \d+…$")).click()
+        expect(page.get_by_role("alertdialog")).to_contain_text("and goes on from there")
+        page.keyboard.press("Escape")
+
+
+def test_a_tower_inspection_is_imported_mended_flown_in_simulation_and_then_begun(
+    browser: Browser, station: Station
+) -> None:
+    with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
+        room = plan_room(page)
+        page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
+        steps, findings = steps_of(room), room.get_by_role("region", name="Findings")
+        expect(findings).to_contain_text("nothing found")
+        steps.filter(has_text="Down around the mast").click()
+        turns = page.get_by_role("group", name="Selection").get_by_label("Turns")
+        turns.fill("1")
+        climb = page.get_by_role("group", name="Selection").get_by_label("Climb")
+        climb.fill("-40")
+        expect(findings.get_by_label("Fly despite this")).to_have_count(0)  # a warning, no error
+        expect(findings).to_contain_text("above home")
+        climb.fill("-18")
+        expect(findings).to_contain_text("nothing found")
+
+        scrub = dry_run(page, room)
+        press(scrub, "PageUp")
+        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:10"))
+        room.get_by_role("button", name="ly…").click()  # "Save and fly…"
+        expect(page.get_by_role("alertdialog")).to_contain_text("If the server or its link dies:")
+        hold_space(page)
+
+        def state() -> str | None:
+            mission = station.drone.request("GET", "/offboard_mission")["mission"]
+            return None if mission is None else mission["state"]
+
+        wait_until(lambda: state() == "flying", "the mission's flight", 60)
+        page.keyboard.press("h")
+        wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
+
+
+def test_the_way_from_an_empty_plan_to_its_flight_goes_by_keyboard_only(
+    browser: Browser, station: Station
+) -> None:
+    home_of(station)
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        steps, keyboard = steps_of(room), page.keyboard
+        tab_to(page, MAP)
+        for keys in (("ArrowUp",) * 4, ("ArrowRight",) * 4):
+            for key in keys:
+                keyboard.press(key)
+            keyboard.press("Enter")
+        expect(steps.filter(has_text="Waypoint")).to_have_count(2)
+        keyboard.press("Escape")
+        for letter, title in (("t", "Take off"), ("r", "Return")):
+            tab_to(page, "Add step")
+            keyboard.press(letter)
+            expect(steps.filter(has_text=title)).to_have_count(1)
+        keyboard.press("Control+z")
+        expect(steps.filter(has_text="Return")).to_have_count(0)
+        keyboard.press("Control+Shift+z")
+        expect(steps.filter(has_text="Return")).to_have_count(1)
+        expect(room.get_by_role("region", name="Findings")).not_to_contain_text("Error:")
+
+        tab_to(page, "Dry run")
+        keyboard.press("Enter")
+        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Flown: ", timeout=120_000)
+        tab_to(page, "Moment of the dry run")
+        keyboard.press("PageUp")
+        keyboard.press("ArrowRight")
+        scrub = page.get_by_role("slider", name="Moment of the dry run")
+        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:11"))
+
+        tab_to(page, "Save and upload")
+        keyboard.press("Enter")
+        on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
+        expect(on_vehicle).to_contain_text("101 Quad holds this plan.")
+        tab_to(page, "Fly…")
+        keyboard.press("Enter")
+        hold_space(page)
+        wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
+        keyboard.press("h")
+        wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
+
+
+def test_files_go_in_by_dropping_and_out_again_and_older_versions_come_back(
+    browser: Browser, station: Station
+) -> None:
+    home = home_of(station)
+    place = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
+    altitude = {"value_m": 20, "reference": "home"}
+    items = [{"kind": kind, **place, "altitude": altitude} for kind in ("takeoff", "waypoint", "land")]
+    plan = {"planned_home": home, "items": items}
+    with opened(browser, station.url, scene=False) as page:
+        room = plan_room(page)
+        file = station.gcs.request("POST", "/plans", {"name": "Tower", "plan": plan})
+        path = f"/plans/{file['id']}"
+        page.get_by_role("button", name="Open", exact=True).click()
+        room.get_by_role("button", name=re.compile("^Tower Waypoint plan · 3 items")).click()
+        with page.expect_download() as download:
+            page.get_by_label("Export as").select_option("plan")
+        written = Path(download.value.path()).read_text(encoding="utf-8")
+        assert [item["command"] for item in json.loads(written)["mission"]["items"]] == [22, 16, 21]
+
+        page.evaluate(DROP, written)
+        expect(room.get_by_label("Name of the plan")).to_have_value("dropped")
+        expect(steps_of(room).filter(has_text="Waypoint")).to_have_count(1)
+        page.evaluate(DROP, "{")
+        expect(room.get_by_role("alert")).to_contain_text("“dropped.plan” was not imported.")
+        expect(steps_of(room).filter(has_text="Waypoint")).to_have_count(1)
+        dragged_by_a_finger(page)
+
+        saved_by_anna(station, path, 1, {**plan, "items": items[:1]})
+        page.get_by_role("button", name="Open", exact=True).click()
+        room.get_by_role("button", name="Versions of Tower").click()
+        room.get_by_role("button", name=re.compile(r"^Version 1 3 items")).click()
+        expect(room).to_contain_text("Version 1 of 2, saved by e2e.")
+        room.get_by_role("button", name="Restore it").click()
+        expect(room).to_contain_text("Saved as version 3.")
+    assert len(station.gcs.request("GET", path)["plan"]["items"]) == 3
+
+
+def dragged_by_a_finger(page: Page) -> None:
+    """A point follows a touch."""
+    room = page.get_by_role("region", name="Plan room")
+    x, y = on_map(page, (0.4, 0.35))
+    room.get_by_label("Add step").select_option(label="Waypoint")
+    page.mouse.click(x, y)
+    latitude = page.get_by_role("group", name="Selection").get_by_label("Latitude")
+    page.keyboard.press("Escape")
+    before = latitude.input_value()
+    session = page.context.new_cdp_session(page)
+    for kind, moved in (("touchStart", 0), ("touchMove", -20), ("touchMove", -60), ("touchEnd", None)):
+        points = [] if moved is None else [{"x": x, "y": y + moved}]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    expect(latitude).not_to_have_value(before)
+    session.detach()
