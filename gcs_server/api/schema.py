@@ -15,6 +15,7 @@ from gcs_server.api import (
     dry_run_routes,
     gimbal_routes,
     group_routes,
+    hold_routes,
     map_routes,
     mission_routes,
     offboard_mission_routes,
@@ -42,6 +43,7 @@ def api_router() -> APIRouter:
     for part in (
         station_routes,
         vehicle_routes,
+        hold_routes,
         control_routes,
         offboard_routes,
         group_routes,

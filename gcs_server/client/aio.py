@@ -108,6 +108,18 @@ class Gcs:
         """A vehicle by its id, without asking the server whether it exists."""
         return Vehicle(self, vehicle_id)
 
+    async def hold(self, vehicles: Sequence[str] | None = None) -> list[dict[str, Any]]:
+        """Switches several vehicles to Hold at once, whoever has control.
+
+        Args:
+            vehicles: their ids; all that are armed unless given.
+
+        Returns:
+            For each `vehicle` whether it is `held`, else its `problem`.
+        """
+        body = {"vehicles": None if vehicles is None else list(vehicles)}
+        return (await self.request("POST", "/hold", body))["results"]
+
     def operations(self) -> Operations:
         """Operations (long-running work of the server): list, wait for the end, cancel."""
         return Operations(self)

@@ -78,6 +78,17 @@ class SyncGcs(LoopThread):
         """A vehicle by its id, without asking the server whether it exists."""
         return SyncVehicle(self._inner.vehicle(vehicle_id), self._portal)
 
+    def hold(self, vehicles: Sequence[str] | None = None) -> list[dict[str, Any]]:
+        """Switches several vehicles to Hold at once, whoever has control.
+
+        Args:
+            vehicles: their ids; all that are armed unless given.
+
+        Returns:
+            For each `vehicle` whether it is `held`, else its `problem`.
+        """
+        return self._portal.call(lambda: self._inner.hold(vehicles))
+
     def operations(self) -> SyncOperations:
         """Operations (long-running work of the server): list, wait for the end, cancel."""
         return SyncOperations(self._inner.operations(), self._portal)

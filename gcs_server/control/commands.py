@@ -173,7 +173,7 @@ ALL: tuple[Command, ...] = (
     _flies("offboard_mission/abort", "POST /vehicles/{v}/offboard_mission/abort", confirmed=True),
     _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # open to all: who sees danger stops it
-    _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /groups/{g}/hold"),
+    _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
     _stops("land_now", "Land now", "POST /vehicles/{v}/land_now", words="vehicle {vehicle} lands now"),
     _stops("kill", "Kill", "POST /vehicles/{v}/kill", words="motors stop, vehicle {vehicle} falls"),
     # payload

@@ -72,6 +72,7 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
         row, (method, path) = BY_CALL[call], path_of(call)
         if row.permission is None:
             continue
+        first = row.name not in refused  # equal refusals are one line
         refused.add(row.name)
         if method == "WS":
             with (
@@ -85,7 +86,7 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
         assert (answer.status_code, answer.json()["code"]) == (403, "not_permitted"), call
         assert answer.json()["permission"] == row.permission
         newest = app.state.station.journal.tail(1)
-        if row.journaled:
+        if row.journaled and first:
             assert (newest[0].command, newest[0].result) == (row.name, "not_permitted")
     assert refused == {row.name for row in ALL if row.permission is not None}
 

@@ -9,6 +9,7 @@ from . import (
     consumers,
     dry_run,
     faults,
+    fleet_page,
     flight_spread,
     latency,
     page,
@@ -39,6 +40,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "telemetry": ("Telemetry of one vehicle", telemetry_bytes.table),
     "trajectories": ("Trajectories, our solver beside libraries", trajectories.table),
     "page": ("The page in a browser", page.table),
+    "fleet_page": ("The page with a hundred vehicles", fleet_page.table),
 }
 
 

@@ -422,6 +422,29 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/hold": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Hold Several
+         * @description Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
+         *
+         *     The command goes to all of them before any answer is waited for, and one that fails keeps none of the
+         *     others from holding. Answers once each has shown Hold or failed.
+         */
+        post: operations["hold_several_api_v1_hold_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/me": {
         parameters: {
             query?: never;
@@ -5838,6 +5861,52 @@ export interface components {
              * @default 5
              */
             hold_for_s: number;
+        };
+        /**
+         * HoldRequest
+         * @description Which vehicles are to hold.
+         * @example {
+         *       "vehicles": [
+         *         "1",
+         *         "2"
+         *       ]
+         *     }
+         */
+        HoldRequest: {
+            /**
+             * Vehicles
+             * @description Their ids; all that are armed unless given.
+             */
+            vehicles?: string[] | null;
+        };
+        /**
+         * HoldResult
+         * @description One vehicle's result.
+         */
+        HoldResult: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /**
+             * Held
+             * @description Whether it has shown Hold.
+             */
+            held: boolean;
+            /** @description Why it has not; null where it has. */
+            problem: components["schemas"]["Problem"] | null;
+        };
+        /**
+         * HoldResults
+         * @description What came of it, for each vehicle.
+         */
+        HoldResults: {
+            /**
+             * Results
+             * @description In the order of the request.
+             */
+            results: components["schemas"]["HoldResult"][];
         };
         /**
          * Home
@@ -14236,6 +14305,67 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    hold_several_api_v1_hold_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["HoldRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["HoldResults"];
                 };
             };
             400: components["responses"]["Refused400"];

@@ -41,19 +41,28 @@ describe('list of vehicles', () => {
     expect(stepped(0, 0, 'ArrowDown')).toBeNull();
   });
 
-  it('holds each vehicle once, and names those that did not take it', async () => {
-    const asked: string[] = [];
-    const fetch = vi.fn((url: string) => {
-      asked.push(url);
-      const ok = !url.includes('/7/');
-      return Promise.resolve(new Response(JSON.stringify(ok ? {} : { title: 'No answer', code: 'no_reply' }), { status: ok ? 200 : 504 }));
+  it('holds all in one request, and names those that did not', async () => {
+    const asked: { url: string; vehicles: string[] }[] = [];
+    const fetch = vi.fn((url: string, init?: RequestInit) => {
+      const { vehicles } = JSON.parse(String(init?.body)) as { vehicles: string[] };
+      asked.push({ url, vehicles });
+      const results = vehicles.map((vehicle) => ({ vehicle, held: vehicle !== '7', problem: vehicle === '7' ? { code: 'no_reply' } : null }));
+      return Promise.resolve(new Response(JSON.stringify({ results }), { status: 200 }));
     });
     const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
-    expect(asked).toHaveLength(20);
-    expect(new Set(asked).size).toBe(20);
+    expect(asked).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((one) => one.id) }]);
     expect(list.said).toEqual({ text: '19 of 20 vehicles switched to Hold. Not: 7 Quad.', refused: true });
+    expect(list.holding).toBe(false);
     expect(heldWords(3, [])).toBe('All 3 vehicles switched to Hold.');
+  });
+
+  it('says why none was asked to hold', async () => {
+    const refusal = { title: 'Signed out', code: 'token', detail: 'The token is not valid.', remedy: 'Sign in again.' };
+    const fetch = vi.fn(() => Promise.resolve(new Response(JSON.stringify(refusal), { status: 401 })));
+    await list.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: '1 Quad' }]);
+    expect(list.said).toEqual({ text: 'The token is not valid. Sign in again.', refused: true });
+    expect(list.holding).toBe(false);
   });
 
   it('removes a silent vehicle, and says why one stays', async () => {

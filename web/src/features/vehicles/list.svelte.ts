@@ -1,17 +1,20 @@
 /** The list of vehicles: open or not, holding all that fly, removing those that are silent. */
 
 import type { ApiClient } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import type { components } from '../../api/schema';
 import { heldWords, type Filter } from './fleet';
 
-/** So many requests are under way at a time: a browser opens no more connections to one server anyway. */
-const AT_ONCE = 6;
+type HoldResults = components['schemas']['HoldResults'];
+
+const wordsOf = (problem: Problem): string => [problem.detail, problem.remedy].filter(Boolean).join(' ');
 
 class VehicleList {
   open = $state(false);
   text = $state('');
   filter = $state<Filter>('all');
-  /** How many vehicles still have to answer; null: none was asked. */
-  holding = $state<number | null>(null);
+  /** Whether vehicles were asked to hold and their answers are awaited. */
+  holding = $state(false);
   /** What came of it; null: nothing yet. */
   said = $state.raw<{ text: string; refused: boolean } | null>(null);
 
@@ -25,29 +28,26 @@ class VehicleList {
     this.said = null;
   }
 
-  /** Hold for each of them, at once and without a question, as Hold is everywhere. */
+  /** Hold for all of them in one request and without a question, as Hold is everywhere. */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
-    if (this.holding !== null || vehicles.length === 0) return;
+    if (this.holding || vehicles.length === 0) return;
     this.said = null;
-    this.holding = vehicles.length;
-    const refused: string[] = [];
-    const waiting = [...vehicles];
-    const worker = async (): Promise<void> => {
-      for (let one = waiting.shift(); one !== undefined; one = waiting.shift()) {
-        const outcome = await api.post(`/vehicles/${encodeURIComponent(one.id)}/hold`);
-        if (!outcome.ok) refused.push(one.name);
-        this.holding = (this.holding ?? 1) - 1;
-      }
-    };
-    await Promise.all(Array.from({ length: AT_ONCE }, worker));
-    this.holding = null;
-    this.said = { text: heldWords(vehicles.length, refused), refused: refused.length > 0 };
+    this.holding = true;
+    const outcome = await api.post<HoldResults>('/hold', { vehicles: vehicles.map((one) => one.id) });
+    this.holding = false;
+    if (outcome.ok) {
+      const failed = new Set(outcome.value.results.filter((one) => !one.held).map((one) => one.vehicle));
+      const refused = vehicles.filter((one) => failed.has(one.id)).map((one) => one.name);
+      this.said = { text: heldWords(vehicles.length, refused), refused: refused.length > 0 };
+    } else {
+      this.said = { text: wordsOf(outcome.problem), refused: true };
+    }
   }
 
   /** Forgets a vehicle that is not heard any more; a refusal says why. */
   async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
     const outcome = await api.delete(`/vehicles/${encodeURIComponent(vehicle.id)}`);
-    const text = outcome.ok ? `${vehicle.name} is removed.` : [outcome.problem.detail, outcome.problem.remedy].filter(Boolean).join(' ');
+    const text = outcome.ok ? `${vehicle.name} is removed.` : wordsOf(outcome.problem);
     this.said = { text, refused: !outcome.ok };
   }
 }

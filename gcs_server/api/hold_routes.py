@@ -1,0 +1,78 @@
+"""Hold for several vehicles in one request."""
+
+from __future__ import annotations
+
+import asyncio
+
+from fastapi import APIRouter, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from gcs_server.api.authorized import authorized_command, progress_to
+from gcs_server.api.group_models import VehicleId
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.problems import RESPONSES, Problem, problem_of
+from gcs_server.api.responses import answer
+from gcs_server.api.setpoint_fields import example
+from gcs_server.api.station import StationDep
+from gcs_server.api.strict_body import StrictBody
+from gcs_server.errors import GcsError
+
+MOST_VEHICLES = 1000
+
+router = APIRouter(tags=["commands"], responses=RESPONSES)
+
+
+class HoldRequest(StrictBody):
+    """Which vehicles are to hold."""
+
+    model_config = example(vehicles=["1", "2"])
+
+    vehicles: tuple[VehicleId, ...] | None = Field(
+        default=None, max_length=MOST_VEHICLES, description="Their ids; all that are armed unless given."
+    )
+
+
+class HoldResult(BaseModel):
+    """One vehicle's result."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vehicle: str = Field(description="The vehicle's id.")
+    held: bool = Field(description="Whether it has shown Hold.")
+    problem: Problem | None = Field(description="Why it has not; null where it has.")
+
+
+class HoldResults(BaseModel):
+    """What came of it, for each vehicle."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    results: list[HoldResult] = Field(description="In the order of the request.")
+
+
+@router.post("/hold", response_model=HoldResults)
+async def hold_several(body: HoldRequest, station: StationDep, principal: PrincipalDep) -> Response:
+    """Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
+
+    The command goes to all of them before any answer is waited for, and one that fails keeps none of the
+    others from holding. Answers once each has shown Hold or failed.
+    """
+
+    async def hold(vehicle_id: str) -> dict[str, object]:
+        problem: dict[str, object] | None = None
+        try:
+            with authorized_command(station, principal, "hold", vehicle_id, {}):
+                vehicle = station.fleet.get(vehicle_id)
+                progress = progress_to(vehicle, principal, "hold")
+                await vehicle.command.hold(by=principal.name, progress=progress)
+        except GcsError as error:
+            problem = problem_of(error)
+        return {"vehicle": vehicle_id, "held": problem is None, "problem": problem}
+
+    armed = (vehicle.id for vehicle in station.fleet.all() if vehicle.facts.armed)
+    wanted = dict.fromkeys(armed if body.vehicles is None else body.vehicles)
+    results = await asyncio.gather(*map(hold, wanted), return_exceptions=True)
+    for result in results:
+        if isinstance(result, BaseException):  # of one; the others have been held by now
+            raise result
+    return answer({"results": results})

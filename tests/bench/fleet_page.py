@@ -1,0 +1,115 @@
+"""The page with a hundred simulated vehicles: what list, selection, Hold for all and the 3D view cost it."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import httpx
+from playwright.sync_api import CDPSession, Page, sync_playwright
+
+from tests.station import free_port, server, vehicle, wait_until
+from tools.ensure_browser import installed_chromium
+
+from .page import FLAGS
+from .process import cpu_share, load_average
+
+VEHICLES = 100
+ALT_HOME_M = 10.0
+SETTLE_S, WINDOW_S = 5.0, 15.0
+AT_ONCE = 8
+"""Vehicles that are armed and sent up side by side."""
+
+
+@contextlib.contextmanager
+def flying(count: int) -> Generator[tuple[str, int]]:
+    """So many vehicles in the air: the page's address, and the server's process id."""
+    port = free_port()
+    with (
+        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        vehicle(port, instances=count, more=["--no-log"]),
+        httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api,
+    ):
+        wait_until(lambda: len(_vehicles(api)) == count, f"{count} vehicles", 120)
+
+        def up(vehicle_id: str) -> None:
+            path = f"/vehicles/{vehicle_id}"
+            wait_until(lambda: api.post(f"{path}/arm").is_success, f"arming {vehicle_id}", 120)
+            api.post(f"{path}/takeoff", json={"alt_home_m": ALT_HOME_M}).raise_for_status()
+
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            list(pool.map(up, [v["id"] for v in _vehicles(api)]))
+        yield url, process.pid
+
+
+def _vehicles(api: httpx.Client) -> list[dict[str, Any]]:
+    return api.get("/vehicles").raise_for_status().json()
+
+
+class Meter:
+    """Processor time of the page's main thread and of the server over a window.
+
+    Args:
+        page: whose.
+        server_pid: the server's process.
+    """
+
+    def __init__(self, page: Page, server_pid: int) -> None:
+        self._cdp: CDPSession = page.context.new_cdp_session(page)
+        self._cdp.send("Performance.enable", {"timeDomain": "threadTicks"})
+        self._server_pid = server_pid
+
+    def row(self, title: str) -> str:
+        """A row of the table, of what is shown now."""
+        time.sleep(SETTLE_S)
+        before, began_s = self._used_s(), time.monotonic()
+        server_share = cpu_share(self._server_pid, WINDOW_S)
+        after, took_s = self._used_s(), time.monotonic() - began_s
+        whole, script = ((after[name] - before[name]) / took_s for name in ("TaskDuration", "ScriptDuration"))
+        return f"| {title} | {load_average()} | {whole:.0%} | {script:.0%} | {server_share:.0%} |"
+
+    def _used_s(self) -> dict[str, float]:
+        return {m["name"]: m["value"] for m in self._cdp.send("Performance.getMetrics")["metrics"]}
+
+
+def _took_ms(page: Page, act: Callable[[], None], shown: str) -> float:
+    """From an act until the page shows what `shown` (JavaScript) asks for [ms]."""
+    began_s = time.monotonic()
+    act()
+    page.wait_for_function(shown, timeout=60_000, polling=20)
+    return (time.monotonic() - began_s) * 1000
+
+
+def table(count: int = VEHICLES) -> Iterator[str]:
+    """Rows of Markdown, as they become known."""
+    yield f"{count} vehicles at {ALT_HOME_M:.0f} m, 1280 × 800; shares of one core.\n"
+    yield "| shown | load average | page's main thread | of it script | server |"
+    yield "|---|---|---|---|---|"
+    with sync_playwright() as playwright, flying(count) as (url, server_pid):
+        browser = playwright.chromium.launch(executable_path=installed_chromium(), args=list(FLAGS))
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(url)
+        page.locator("canvas").first.wait_for(state="visible", timeout=60_000)
+        print(f"page: {count} vehicles", file=sys.stderr, flush=True)
+        meter = Meter(page, server_pid)
+        yield meter.row("3D and map")
+        listed = f"document.querySelectorAll('section[aria-label=\"Vehicle list\"] li').length === {count}"
+        opened_ms = _took_ms(page, lambda: page.keyboard.press("j"), f"() => {listed}")
+        yield meter.row("with the list")
+        last = page.get_by_role("list", name="Vehicles found").get_by_role("button").last
+        chosen = "document.querySelector('.row[aria-pressed=true]')"
+        selected = f"() => {chosen} === document.querySelector('li:last-child .row')"
+        selected_ms = _took_ms(page, last.click, selected)
+        hold = page.get_by_role("button", name="Hold all flying")
+        with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api:
+            began_s = time.monotonic()
+            hold.click()
+            wait_until(lambda: all(v["status"]["mode"] == "hold" for v in _vehicles(api)), "Hold", 120)
+            held_ms = (time.monotonic() - began_s) * 1000
+        browser.close()
+    yield f"\nList shown after {opened_ms:.0f} ms, another vehicle selected after {selected_ms:.0f} ms."
+    yield f"Hold all: the last vehicle showed Hold after {held_ms:.0f} ms."

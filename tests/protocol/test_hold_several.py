@@ -1,0 +1,76 @@
+"""Hold for several vehicles in one request: sent to all at once, one that fails keeps none of the others."""
+
+import pytest
+
+from gcs_server.api import hold_routes
+from tests.protocol.api_calls import lines, view
+from tests.protocol.fake_autopilot import HOLD, MANUAL
+from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, begin, desk, modes
+from tests.protocol.offboard_world import asks, seconds
+
+
+async def held(at, vehicles, client=BOB):
+    body = hold_routes.HoldRequest(vehicles=vehicles)
+    return view(await hold_routes.hold_several(body, at.station, client))["results"]
+
+
+def test_all_hold_at_once_whoever_has_control_and_their_streams_end(jump):
+    async def story(at):
+        await begin(at, ALL_NORTH, ANNA)
+        began_s = at.world.clock.monotonic_s()
+        results = await held(at, ("3", "1", "2", "1"))
+        assert [(r["vehicle"], r["held"], r["problem"]) for r in results] == [
+            (v, True, None) for v in ("3", "1", "2")
+        ]
+        assert at.world.clock.monotonic_s() - began_s < 1.5  # one heartbeat, not three
+        assert set(modes(at).values()) == {HOLD}
+        assert [len(asks(pilot, HOLD)) for pilot in at.pilots.values()] == [1, 1, 1]
+        assert sorted(lines(at.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
+        await seconds(0.5)
+        before = {v: len(pilot.setpoints) for v, pilot in at.pilots.items()}
+        await seconds(2)
+        assert {v: len(pilot.setpoints) for v, pilot in at.pilots.items()} == before
+
+    desk(jump, story)
+
+
+def test_one_that_is_silent_or_unknown_is_named_and_keeps_none_of_the_others(jump):
+    async def story(at):
+        for pilot in at.pilots.values():
+            pilot.mode = MANUAL
+        at.pilots["2"].silent_commands.add(176)
+        await seconds(2)
+        results = {r["vehicle"]: r for r in await held(at, ("9", "2", "1", "3"))}
+        assert {v: r["held"] for v, r in results.items()} == {"9": False, "2": False, "1": True, "3": True}
+        assert results["9"]["problem"]["code"] == "unknown_vehicle"
+        assert (results["2"]["problem"]["code"], results["2"]["problem"]["status"]) == ("no_reply", 504)
+        assert modes(at) == {"1": HOLD, "2": MANUAL, "3": HOLD}
+
+    desk(jump, story)
+
+
+def test_without_names_those_that_are_armed_hold(jump):
+    async def story(at):
+        at.pilots["1"].armed = False
+        await seconds(2)
+        assert [r["vehicle"] for r in await held(at, None)] == ["2", "3"]
+        assert asks(at.pilots["1"], HOLD) == []
+
+    desk(jump, story)
+
+
+def test_a_fault_in_one_is_raised_after_the_others_have_held(jump):
+    async def story(at):
+        for pilot in at.pilots.values():
+            pilot.mode = MANUAL
+        await seconds(2)
+
+        async def broken(**_):
+            raise RuntimeError("broken")
+
+        at.vehicles["1"].command.hold = broken
+        with pytest.raises(RuntimeError, match="broken"):
+            await held(at, ("1", "2", "3"))
+        assert modes(at) == {"1": MANUAL, "2": HOLD, "3": HOLD}
+
+    desk(jump, story)
