@@ -117,7 +117,7 @@ class Gcs:
         Returns:
             For each `vehicle` whether it is `held`, else its `problem`.
         """
-        body = {"vehicles": None if vehicles is None else list(vehicles)}
+        body: Body = {"vehicles": None if vehicles is None else list(vehicles)}
         return (await self.request("POST", "/hold", body))["results"]
 
     def operations(self) -> Operations:
