@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from gcs_server.api.plan_models import DocumentBody, OriginModel
 from gcs_server.api.reflect import model_of
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.strict_body import AnswerBody, StrictBody
 from missions.documents import Kind
 from missions.dry_run.spread import Chance, Quantiles
 
@@ -103,15 +103,11 @@ class DryRunRequest(StrictBody):
         return self
 
 
-class _Out(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
 ChanceModel = model_of(Chance, "DryRunChance")
 QuantilesModel = model_of(Quantiles, "DryRunQuantiles")
 
 
-class DryRunStep(_Out):
+class DryRunStep(AnswerBody):
     """When a step was flown; one that is flown again is listed again."""
 
     place: str = Field(description="`item 3` of a waypoint plan, `step 4.2` of an offboard mission.")
@@ -127,7 +123,7 @@ class DryRunStep(_Out):
     )
 
 
-class DryRunFindingModel(_Out):
+class DryRunFindingModel(AnswerBody):
     """One thing that the flight has shown to be wrong."""
 
     code: str = Field(description="Stable; `docs/missions.md` has all.", examples=["fence_touched"])
@@ -140,7 +136,7 @@ class DryRunFindingModel(_Out):
     position_ned_m: Vector3 | None = Field(description="Where the vehicle was, from `origin` [m].")
 
 
-class DryRunPath(_Out):
+class DryRunPath(AnswerBody):
     """The flown path; all lists are equally long."""
 
     t_s: list[float] = Field(description="Since the start [s]; 10 Hz, long flights thinned to 4000 samples.")
@@ -155,7 +151,7 @@ class DryRunPath(_Out):
     step_places: list[str] = Field(description="The steps that were flown.")
 
 
-class DryRunFlight(_Out):
+class DryRunFlight(AnswerBody):
     """The flight in the stated conditions."""
 
     origin: OriginModel = Field(description="Where the vehicle stands; zero of all local places.")  # type: ignore[valid-type]
@@ -178,7 +174,7 @@ class DryRunFlight(_Out):
     times_real_time: float = Field(description="How much faster than real time it was flown.")
 
 
-class DryRunBand(_Out):
+class DryRunBand(AnswerBody):
     """Quantiles of a deviation at each place of the corridor [m]."""
 
     p5: list[float] = Field(description="5 % are smaller.")
@@ -187,7 +183,7 @@ class DryRunBand(_Out):
     greatest: list[float] = Field(description="The greatest by size.")
 
 
-class DryRunCorridor(_Out):
+class DryRunCorridor(AnswerBody):
     """How far the flights lie from the nominal one along its path, at up to 400 places."""
 
     t_s: list[float] = Field(description="Since the start of the nominal flight [s].")
@@ -196,7 +192,7 @@ class DryRunCorridor(_Out):
     vertical_m: DryRunBand = Field(description="Positive: higher.")
 
 
-class DryRunSummary(_Out):
+class DryRunSummary(AnswerBody):
     """One of the flights."""
 
     wind_ned_m_s: Vector3 = Field(description="Steady wind [m/s].")
@@ -212,7 +208,7 @@ class DryRunSummary(_Out):
     findings: list[str] = Field(description="Codes.")
 
 
-class DryRunMonteCarlo(_Out):
+class DryRunMonteCarlo(AnswerBody):
     """Many flights, each in conditions of its own."""
 
     spread: DryRunSpread = Field(description="How the conditions varied.")
@@ -230,7 +226,7 @@ class DryRunMonteCarlo(_Out):
     times_real_time: float = Field(description="Simulated time over time spent, all flights at once.")
 
 
-class DryRunView(_Out):
+class DryRunView(AnswerBody):
     """What came of a dry run."""
 
     id: str = Field(description="Its id, as the operation's `result` names it.")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from gcs_server.api.plan_models import PlanBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.strict_body import AnswerBody, StrictBody
 from gcs_server.vehicle.services.mission_compare import Difference
 from gcs_server.vehicle.services.mission_held import PlanName
 from missions.plan import Plan
@@ -61,16 +61,12 @@ class StartRequest(StrictBody):
     )
 
 
-class _Out(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
 MissionTopic = TOPIC_MODELS["mission"]
 PlanNameModel = model_of(PlanName, "HeldPlanName")
 DifferenceModel = model_of(Difference, "PlanDifference")
 
 
-class HeldView(_Out):
+class HeldView(AnswerBody):
     """Which plan the vehicle holds."""
 
     state: Literal["plan", "another", "not_known"] = Field(
@@ -85,7 +81,7 @@ class HeldView(_Out):
     )
 
 
-class MissionView(_Out):
+class MissionView(AnswerBody):
     """What a vehicle flies by itself."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -96,7 +92,7 @@ class MissionView(_Out):
     transfer: str | None = Field(description="What transfer is under way; null: none.")
 
 
-class DownloadedPlan(_Out):
+class DownloadedPlan(AnswerBody):
     """What a vehicle held when it was last read."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -111,7 +107,7 @@ class DownloadedPlan(_Out):
     notes: list[str] = Field(description="What could not be put into the plan; sentences.")
 
 
-class MissionComparison(_Out):
+class MissionComparison(AnswerBody):
     """What differs between a plan and what the vehicle held when it was last read."""
 
     vehicle: str = Field(description="The vehicle's id.")

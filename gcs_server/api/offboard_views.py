@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gcs_server.api.offboard_models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
 from gcs_server.api.reflect import model_of
+from gcs_server.api.strict_body import AnswerBody
 from gcs_server.streamer.offboard import status
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.validation.availability import Available
@@ -32,11 +33,7 @@ SetpointType = Literal[
 ]
 
 
-class _Out(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class StreamedSetpoint(_Out):
+class StreamedSetpoint(AnswerBody):
     """What goes out to the vehicle now; fields of other types are left out."""
 
     type: SetpointType = Field(description="Of what goes out: a path or follow goes out as trajectory.")
@@ -70,7 +67,7 @@ OffboardModel = model_of(
 )
 
 
-class FenceView(_Out):
+class FenceView(AnswerBody):
     """The operator's fence: a polygon's corners, or a circle's middle and radius."""
 
     kind: Literal["polygon", "circle"] = Field(description="Which.")
@@ -113,7 +110,7 @@ class OffboardView(OffboardModel):  # type: ignore[misc,valid-type]
     )
 
 
-class SetpointAck(_Out):
+class SetpointAck(AnswerBody):
     """Over the WebSocket: what became of one order."""
 
     seq: int | None = Field(default=None, description="As the client gave it.")

@@ -7,7 +7,7 @@ import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Body, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
@@ -15,7 +15,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import answer
 from gcs_server.api.station import StationDep, VehicleDep
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.strict_body import AnswerBody, StrictBody
 from gcs_server.control.commands import API
 from gcs_server.errors import Refused
 from gcs_server.operations.operations import Report
@@ -39,11 +39,7 @@ FactsModel = model_of(
 ListModel = model_of(ParamList, "ParameterList")
 
 
-class _Out(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ParameterView(_Out):
+class ParameterView(AnswerBody):
     """A parameter as the vehicle reports it, with its description."""
 
     name: str = Field(description="Up to 16 of A–Z, 0–9, _.")
@@ -57,7 +53,7 @@ class ParameterView(_Out):
     )
 
 
-class ParametersView(_Out):
+class ParametersView(AnswerBody):
     """All parameters that are known."""
 
     vehicle: str = Field(description="The vehicle's id.")

@@ -10,10 +10,10 @@ import json
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
 from gcs_server.api.reflect import model_of
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.strict_body import AnswerBody, StrictBody
 from gcs_server.plans.files import PlanVersion
 from missions import documents
 from missions import plan as plan_document
@@ -124,21 +124,17 @@ class PlanToConvert(StrictBody):
     )
 
 
-class _Out(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
 PlanVersionModel = model_of(PlanVersion, "PlanVersion")
 EstimateModel = model_of(Estimate, "PlanEstimates")
 
 
-class PlanList(_Out):
+class PlanList(AnswerBody):
     """All plans."""
 
     plans: list[PlanVersionModel] = Field(description="The newest version of each, by name.")  # type: ignore[valid-type]
 
 
-class PlanVersions(_Out):
+class PlanVersions(AnswerBody):
     """The versions of one plan that are kept."""
 
     versions: list[PlanVersionModel] = Field(description="Newest first.")  # type: ignore[valid-type]
@@ -150,7 +146,7 @@ class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
     plan: AnyDocument = Field(description="The plan's document.")
 
 
-class FindingPlace(_Out):
+class FindingPlace(AnswerBody):
     """What a finding is about; all null: the whole plan."""
 
     row: int | None = Field(description="Index in `items`.")
@@ -159,7 +155,7 @@ class FindingPlace(_Out):
     step: str | None = Field(description="Step of an offboard mission: `step 3`, `step 4.2`.")
 
 
-class FindingModel(_Out):
+class FindingModel(AnswerBody):
     """One thing that is wrong with a plan."""
 
     code: str = Field(description="Stable; `docs/missions.md` has all.", examples=[next(iter(CODES))])
@@ -176,7 +172,7 @@ StepTimeModel = model_of(StepTime, "PlanStepTime")
 OriginModel = model_of(LocalOrigin, "PlanOrigin")
 
 
-class OffboardFlight(_Out):
+class OffboardFlight(AnswerBody):
     """An offboard mission as it will be flown, from the ground at home."""
 
     steps: list[StepTimeModel] = Field(description="On the way that takes longest, in their order.")  # type: ignore[valid-type]
@@ -188,7 +184,7 @@ class OffboardFlight(_Out):
     )
 
 
-class PlanCheck(_Out):
+class PlanCheck(AnswerBody):
     """What is wrong with a plan, and what its flight takes."""
 
     kind: Kind = Field(description="Which kind of plan it is.")
@@ -199,7 +195,7 @@ class PlanCheck(_Out):
     not_known: list[str] = Field(description="What was not known of the vehicle; sentences.")
 
 
-class ImportedArea(_Out):
+class ImportedArea(AnswerBody):
     """An area of a file: for a survey or a fence, as a person decides."""
 
     name: str = Field(description="As the file calls it.")
@@ -207,7 +203,7 @@ class ImportedArea(_Out):
     holes: list[list[Point]] = Field(description="Areas in it that do not belong to it.")
 
 
-class ImportedPlan(_Out):
+class ImportedPlan(AnswerBody):
     """A plan from a file; nothing is saved."""
 
     format: FormatName = Field(description="In which format the file is.")
@@ -217,14 +213,14 @@ class ImportedPlan(_Out):
     notes: list[str] = Field(description="What was understood and what was not; sentences.")
 
 
-class ConvertedPlan(_Out):
+class ConvertedPlan(AnswerBody):
     """An offboard mission made of a waypoint plan; nothing is saved."""
 
     plan: OffboardMission = Field(description="The mission.")
     notes: list[str] = Field(description="What the plan had and the mission has not; sentences.")
 
 
-class PatternFigures(_Out):
+class PatternFigures(AnswerBody):
     """What a pattern does."""
 
     lines_length_m: float = Field(description="Of the lines where pictures are taken [m].")
@@ -236,7 +232,7 @@ class PatternFigures(_Out):
     heading_deg: float | None = Field(description="Of the lines, clockwise from north [deg].")
 
 
-class PatternPlan(_Out):
+class PatternPlan(AnswerBody):
     """The items of a pattern, as a plan without anything else."""
 
     plan: Plan = Field(description="The items, and nothing else.")

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from gcs_server.api.offboard_views import OffboardModel
 from gcs_server.api.reflect import model_of
+from gcs_server.api.strict_body import AnswerBody
 from gcs_server.control.authority import ControlStatus
 from gcs_server.control.journal import Entry
 from gcs_server.control.lease import ControlRequest
@@ -32,10 +33,6 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 LINES_A_TURN = 500
 """Lines of a history that are encoded in one turn of the event loop."""
-
-
-class _Out(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 _SEVERAL: dict[str, dict[str, Any]] = {
@@ -82,7 +79,7 @@ class ControlView(ControlModel):  # type: ignore[misc,valid-type]
     your_key: str = Field(description="The caller's key.")
 
 
-class Me(_Out):
+class Me(AnswerBody):
     """Who the caller is."""
 
     name: str = Field(description="As the journal and the others see it.")
@@ -131,7 +128,7 @@ VehicleModel = create_model(
 )
 
 
-class HistorySample(_Out):
+class HistorySample(AnswerBody):
     """One sample of the past."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -141,13 +138,13 @@ class HistorySample(_Out):
     value: dict[str, Any] = Field(description="As in `topics` of the vehicle.")
 
 
-class History(_Out):
+class History(AnswerBody):
     """The last minutes at up to 4 Hz, oldest first."""
 
     samples: list[HistorySample] = Field(description="Of all topics asked for, by time.")
 
 
-class Message(_Out):
+class Message(AnswerBody):
     """One event of a vehicle."""
 
     index: int = Field(description="Counts up within the vehicle's feed; give it as `since`.")
@@ -159,13 +156,13 @@ class Message(_Out):
     data: dict[str, Any] = Field(description="What else the kind carries.")
 
 
-class Messages(_Out):
+class Messages(AnswerBody):
     """Status texts and events, oldest first."""
 
     messages: list[Message] = Field(description="The last thousand at most.")
 
 
-class CommandDone(_Out):
+class CommandDone(AnswerBody):
     """The command's result: the vehicle's own state shows the change."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -183,7 +180,7 @@ class GimbalPointed(CommandDone):
     )
 
 
-class GimbalView(_Out):
+class GimbalView(AnswerBody):
     """The gimbal as it reports itself."""
 
     vehicle: str = Field(description="The vehicle's id.")
@@ -195,13 +192,13 @@ class GimbalView(_Out):
     gimbal: GimbalModel | None = Field(description="State, limits, and who is in control.")  # type: ignore[valid-type]
 
 
-class Links(_Out):
+class Links(AnswerBody):
     """All links."""
 
     links: list[LinkModel] = Field(description="By name.")  # type: ignore[valid-type]
 
 
-class MapFile(_Out):
+class MapFile(AnswerBody):
     """An offline map of the operator's own."""
 
     name: str = Field(description="The file's name in the maps folder.")
@@ -218,7 +215,7 @@ class MapFile(_Out):
     bytes: int = Field(description="Size of the file.")
 
 
-class Maps(_Out):
+class Maps(AnswerBody):
     """Offline maps."""
 
     folder: str = Field(description="Where to put PMTiles and MBTiles files.")
@@ -226,31 +223,31 @@ class Maps(_Out):
     unreadable: list[str] = Field(description="Files there that cannot be shown, each with the reason.")
 
 
-class Recordings(_Out):
+class Recordings(AnswerBody):
     """Recorded flights, newest first."""
 
     recordings: list[RecordingModel] = Field(description="Of the data folder.")  # type: ignore[valid-type]
 
 
-class Replays(_Out):
+class Replays(AnswerBody):
     """The recordings that are played."""
 
     replays: list[ReplayModel] = Field(description="Empty where none is open.")  # type: ignore[valid-type]
 
 
-class Journal(_Out):
+class Journal(AnswerBody):
     """Commands, newest first."""
 
     entries: list[JournalEntryModel] = Field(description="At most `limit`.")  # type: ignore[valid-type]
 
 
-class Warnings(_Out):
+class Warnings(AnswerBody):
     """The present warnings."""
 
     warnings: list[NoticeModel] = Field(description="Empty where all is well.")  # type: ignore[valid-type]
 
 
-class Health(_Out):
+class Health(AnswerBody):
     """The server is up."""
 
     status: str = Field(description="Always `ok`: a server that is not well does not answer.")
@@ -258,7 +255,7 @@ class Health(_Out):
     vehicles: int = Field(description="How many it knows.")
 
 
-class Version(_Out):
+class Version(AnswerBody):
     """Which server this is."""
 
     name: str = Field(description="The program.")

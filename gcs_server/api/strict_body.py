@@ -1,4 +1,4 @@
-"""Base class of request bodies: unknown fields are refused, and numbers must be JSON numbers.
+"""Base classes of bodies. Of requests unknown fields are refused, and numbers must be JSON numbers.
 
 Pydantic would take `true` for 1.0 and `"30"` for 30, and a vehicle would climb to it. Here floats take whole
 numbers too, and nothing else takes anything but its own JSON type; NaN and infinities are no numbers.
@@ -40,3 +40,9 @@ class StrictBody(BaseModel):
         schema = handler(source)
         _make_strict(schema)
         return schema
+
+
+class AnswerBody(BaseModel):
+    """Base of the bodies of answers: no other fields than those that are described."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")

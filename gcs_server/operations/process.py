@@ -11,6 +11,8 @@ import asyncio
 import contextlib
 import json
 import os
+import resource
+import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -21,6 +23,7 @@ from gcs_server.operations.operations import LARGEST_RESULT, Report
 
 END_WITHIN_S = 2.0
 LONGEST_LINE = 4 * LARGEST_RESULT
+NICENESS = 10
 
 
 class WorkerFailed(GcsError):
@@ -97,6 +100,20 @@ def _object(line: bytes) -> dict[str, Any]:
 def read_request() -> bytes:
     """What `run_process` was given to send; called once, before `serve`."""
     return sys.stdin.buffer.readline().rstrip(b"\n")
+
+
+def limit(*, memory_bytes: int, computing_s: int, within_s: int) -> None:
+    """Bounds this process, and lets everything else go first; called before `read_request`.
+
+    Args:
+        memory_bytes: of address space.
+        computing_s: processor time.
+        within_s: wall time, on a busy machine.
+    """
+    os.nice(NICENESS)
+    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    resource.setrlimit(resource.RLIMIT_CPU, (computing_s, computing_s))
+    signal.alarm(within_s)
 
 
 def serve(work: Callable[[Report], dict[str, object]]) -> None:
