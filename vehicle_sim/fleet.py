@@ -16,7 +16,7 @@ from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.payload.camera import Camera
 from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.shell.commands import Shell
-from vehicle_sim.simulation import STEP_S, Home, Simulation
+from vehicle_sim.simulation import STEP_S, ControlLevel, Home, Simulation
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
 from vehicle_sim.topics.states import States
@@ -113,6 +113,7 @@ class VehicleSim:
         """(row, link) of the links that are cut now."""
         self._script = ScriptRunner(script, self) if script is not None else None
         self._debt_s = 0.0
+        self._deciding, self._speaking = list(self.autopilots), list(self.nodes)
 
     @property
     def time_s(self) -> float:
@@ -182,14 +183,22 @@ class VehicleSim:
         for collision in self.simulation.take_collisions():
             self._end_flight(collision)
         if self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0:
-            for autopilot in self.autopilots:
+            for autopilot in self._deciding:
                 autopilot.update()
             if self._script is not None:
                 self._script.step()
-        for node in self.nodes:
+        for node in self._speaking:
             node.step()
         if self._logbook is not None:
             self._logbook.step(self.simulation.steps * STEP_US)
+
+    def retire(self, instance: int) -> None:
+        """Stop the motors and the autopilot of a vehicle that nobody watches any more, for good."""
+        self._deciding = [each for each in self._deciding if each is not self.autopilots[instance]]
+        self._speaking = [each for each in self._speaking if each is not self.nodes[instance]]
+        setpoints = self.simulation.setpoints
+        setpoints.clear(instance)
+        setpoints.level[instance], setpoints.armed[instance] = ControlLevel.DISARMED, False
 
     def _end_flight(self, collision: Collision) -> None:
         """A vehicle that hit an obstacle has no propellers left; no PX4 message would report it."""

@@ -73,6 +73,14 @@ class Fleet:
         """One tick later."""
         self.sim.step(TICK_S)
 
+    def collided(self, row: int) -> bool:
+        """Whether it flew into an obstacle, which broke its rotors."""
+        return bool((self.sim.simulation.motor_health[row] == 0.0).all())
+
+    def retire(self, row: int) -> None:
+        """Its flight is over: it costs nothing from now on."""
+        self.sim.retire(row)
+
 
 MISSION_REFUSALS = {
     "navigator_mis_unsup_cmd": "an item has a command that multicopters do not fly",

@@ -59,23 +59,24 @@ def fly(
     fleet = Fleet(aircraft, conditions, seed=seed, first=first, obstacles=obstacles)
     pilots = [pilot_of(vehicle) for vehicle in fleet.vehicles]
     recorder = Recorder(fleet, pilots)
-    ticks, running = 0, list(pilots)
+    flights: dict[int, Flight] = {}
+    ticks, running = 0, list(enumerate(pilots))
     while running:
         fleet.tick()
         now_s = fleet.time_s
-        for pilot in running:
+        for _, pilot in running:
             pilot.tick(now_s)
         ticks += 1
         if ticks % EVERY_TICKS == 0:
             recorder.sample()
-            running = [pilot for pilot in running if not pilot.done and not _is_late(pilot, now_s, longest_s)]
+            for row, pilot in running:
+                if pilot.done or _is_late(pilot, now_s, longest_s):
+                    flights[row] = _flight(fleet, row, pilot, recorder, conditions[row], longest_s)
+                    fleet.retire(row)
+            running = [(row, pilot) for row, pilot in running if row not in flights]
         if report is not None and ticks % REPORT_EVERY_TICKS == 0:
-            report(now_s, len(pilots) - len(running))
-    recorder.sample()
-    return [
-        _flight(fleet, row, pilot, recorder, each, longest_s)
-        for row, (pilot, each) in enumerate(zip(pilots, conditions, strict=True))
-    ]
+            report(now_s, len(flights))
+    return [flights[row] for row in range(len(pilots))]
 
 
 def _is_late(pilot: Pilot, now_s: float, longest_s: float) -> bool:
@@ -87,7 +88,7 @@ def _flight(
 ) -> Flight:
     vehicle = fleet.vehicles[row]
     findings = list(pilot.findings)
-    collided = bool((fleet.sim.simulation.motor_health[row] == 0.0).all())
+    collided = fleet.collided(row)
     if not pilot.done:
         message = f"The flight has not ended after {longest_s:.0f} s."
         findings.append(found("not_finished", message, pilot.step, longest_s, vehicle))

@@ -9,13 +9,14 @@ import pytest
 
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
 from missions.dry_run.corridor import corridor, deviation
+from missions.dry_run.fleet import Fleet
 from missions.dry_run.pilot import Step
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.spread import Chance, Spread
 from missions.dry_run.track import Track
 from missions.errors import PlanError
 from missions.values import FenceCircle, Point
-from tests.support.dry_runs import HOME, ORIGIN
+from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
 
 WALL = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0)
 STEPS = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
@@ -124,3 +125,17 @@ def test_a_corridor_has_the_quantiles_of_its_flights():
     assert found.vertical.greatest[20] == pytest.approx(0.0, abs=1e-9)
     document = found.document()
     assert len(document["t_s"]) == len(document["position_ned_m"]) == len(document["horizontal_m"]["p95"])
+
+
+def test_a_vehicle_whose_flight_is_over_costs_nothing_more():
+    def decide() -> None:
+        raise AssertionError("its autopilot still decides")
+
+    fleet = Fleet(AIRCRAFT, [Conditions(), Conditions()])
+    fleet.vehicles[1].autopilot.update = decide
+    with pytest.raises(AssertionError):
+        fleet.tick()
+    fleet.retire(1)
+    before = fleet.vehicles[0].autopilot.view.time_s
+    fleet.tick()
+    assert fleet.vehicles[0].autopilot.view.time_s > before
