@@ -225,7 +225,7 @@ class Estimator:
             state.position_ned_m[:, 0], state.position_ned_m[:, 1], state.origin_lat_deg, state.origin_lon_deg
         )
         np.subtract(state.origin_alt_amsl_m, state.position_ned_m[:, 2], out=state.alt_amsl_m)
-        variance = np.einsum("nii->ni", self.kalman.covariance)[:, VELOCITY : POSITION + 3]
+        variance = self.kalman.variances(VELOCITY, POSITION + 3)
         state.horizontal_accuracy_m[:] = np.sqrt(variance[:, 3] + variance[:, 4])
         state.vertical_accuracy_m[:] = np.sqrt(variance[:, 5])
         state.speed_accuracy_m_s[:] = np.sqrt(variance[:, 0] + variance[:, 1])
@@ -248,24 +248,30 @@ class Estimator:
     def _fuse(self, sensors: SensorState, counts: list[int], stands: bool) -> None:
         """Take what is new; outputs follow smoothly, except where a reset was made."""
         kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
+        old, self._counts = self._counts, counts
+        located = counts[0] != old[0]
+        pressed = counts[1] != old[1] and counts[1] % _BARO_EVERY == 0
+        if counts[2] != old[2]:
+            self._add_mag(sensors)
+        turned = self._mag_samples == _MAG_SAMPLES
+        if not (located or pressed or turned or stands or self._vision.waits):
+            return
         before = kalman.motion.copy()
         resets = fusion.resets.tobytes()
         kalman.catch_up()
-        old, self._counts = self._counts, counts
-        if counts[0] != old[0]:
+        if located:
             aided = self._gnss.fuse(now_s, sensors, state, self._started)
             self._aided_at_s[aided] = now_s
             state.gps_rejected[:] = self._gnss.rejected
             state.valid_position |= aided
             state.valid_velocity |= aided
-        pressed = counts[1] != old[1] and counts[1] % _BARO_EVERY == 0
         if pressed:
             self._barometer.fuse(now_s, now_s - self._baro_at_s, sensors, self._started)
             self._baro_at_s = now_s
-        if pressed or counts[0] != old[0]:
+        if pressed or located:
             self._show_ratios(now_s)
-        if counts[2] != old[2]:
-            self._take_mag(sensors)
+        if turned:
+            self._fuse_mag()
         if self._vision.waits:
             self._fuse_vision()
         if stands:
@@ -291,20 +297,20 @@ class Estimator:
         fusion.judge_accelerometer(now_s, pressure, np.where(fusion.gps_hgt, self._gnss.falling, 0.0))
         np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
 
-    def _take_mag(self, sensors: SensorState) -> None:
+    def _add_mag(self, sensors: SensorState) -> None:
         """Samples are averaged, as PX4's sensor hub does, before one is fused."""
         fresh = self._mag_fresh & sensors.mag_fresh if self._mag_samples else sensors.mag_fresh.copy()
         self._mag_fresh = fresh
         self._mag_sum += sensors.mag_frd_gauss
         self._mag_samples += 1
-        if self._mag_samples < _MAG_SAMPLES:
-            return
+
+    def _fuse_mag(self) -> None:
         state, now_s = self.state, self._now_s
         height = np.where(
             np.isnan(state.height_above_ground_m), -self.kalman.position[:, 2], state.height_above_ground_m
         )
         self._magnetometer.fuse(
-            now_s, now_s - self._mag_at_s, self._mag_sum / _MAG_SAMPLES, fresh & self._started,
+            now_s, now_s - self._mag_at_s, self._mag_sum / _MAG_SAMPLES, self._mag_fresh & self._started,
             height > ABOVE_ANOMALIES_M,
         )  # fmt: skip
         state.innovation_ratio_mag[:] = self._magnetometer.ratio

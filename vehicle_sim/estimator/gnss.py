@@ -180,7 +180,7 @@ class Gnss:
             self._renew(now_s, renewed, places, moves, measured, variances)
 
         believed = kalman.vector[:, :6]
-        covariance = np.einsum("nii->ni", kalman.covariance)[:, VELOCITY : POSITION + 3]
+        covariance = kalman.variances(VELOCITY, POSITION + 3)
         innovation = np.where(passed[:, None], measured - believed, 0.0)
         sigma = np.sqrt(covariance + variances)
         over = innovation / sigma

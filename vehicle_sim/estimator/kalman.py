@@ -19,6 +19,7 @@ from vehicle_sim.frames import (
     rotation_matrix,
     row_norm,
 )
+from vehicle_sim.masks import any_of
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +37,11 @@ _MAG_NOISE_START_GAUSS = 0.01
 _LEAST_VARIANCE = 1e-12
 UNUSED = 1e18
 """Variance of a measurement that is not to count."""
+
+
+def _diagonal(matrices: FloatArray) -> FloatArray:
+    """(N, m) of (N, m, m), to read and to write."""
+    return np.einsum("nii->ni", matrices)
 
 
 class Kalman:
@@ -76,6 +82,15 @@ class Kalman:
         self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2 * dt_s], (count, 1))
         self._advance = np.zeros((count, _MOVING, SIZE))
         self._advance[:, range(_MOVING), range(_MOVING)] = 1.0
+        # Views of arrays that are only ever written in place.
+        advance = self._advance
+        self._turned = advance[:, TILT:VELOCITY, GYRO_BIAS:ACCEL_BIAS]
+        self._leant = advance[:, VELOCITY:POSITION, TILT:VELOCITY]
+        self._pushed = advance[:, VELOCITY:POSITION, ACCEL_BIAS:FIELD]
+        self._moved_by_lean = advance[:, POSITION:GYRO_BIAS, TILT:VELOCITY]
+        self._moved_by_push = advance[:, POSITION:GYRO_BIAS, ACCEL_BIAS:FIELD]
+        self._coasted = _diagonal(advance[:, POSITION:GYRO_BIAS, VELOCITY:POSITION])
+        self._variances = _diagonal(self.covariance)
         # Row j, columns (k, i): how a turn about i moves a gain of velocity along j to k.
         self._lean = cross_table().transpose(1, 2, 0).reshape(3, 9)
         self._biases = self.vector[:, GYRO_BIAS - VELOCITY : FIELD - VELOCITY]
@@ -140,6 +155,10 @@ class Kalman:
         for first in (FIELD, MAG_BIAS):
             self.reset_covariance(mask, first, self._start[:, FIELD : FIELD + 3])
 
+    def variances(self, first: int, last: int) -> FloatArray:
+        """(N, m) of neighbouring states, a view; `last` is the first one that does not belong to them."""
+        return self._variances[:, first:last]
+
     # --- prediction ------------------------------------------------------------------------------------
 
     def predict(self, delta_angle: FloatArray, delta_velocity: FloatArray) -> None:
@@ -168,19 +187,18 @@ class Kalman:
             return
         advance, turned = self._advance, self.matrix * -dt_s
         lean = (self._impulse[:, None, :] @ self._lean).reshape(-1, 3, 3)
-        advance[:, TILT:VELOCITY, GYRO_BIAS:ACCEL_BIAS] = turned
-        advance[:, VELOCITY:POSITION, TILT:VELOCITY] = lean
-        advance[:, VELOCITY:POSITION, ACCEL_BIAS:FIELD] = turned
-        advance[:, POSITION:GYRO_BIAS, TILT:VELOCITY] = 0.5 * dt_s * lean
-        advance[:, POSITION:GYRO_BIAS, ACCEL_BIAS:FIELD] = 0.5 * dt_s * turned
-        advance[:, range(POSITION, GYRO_BIAS), range(VELOCITY, POSITION)] = dt_s
+        self._turned[:] = self._pushed[:] = turned
+        self._leant[:] = lean
+        np.multiply(lean, 0.5 * dt_s, out=self._moved_by_lean)
+        np.multiply(turned, 0.5 * dt_s, out=self._moved_by_push)
+        self._coasted[:] = dt_s
         self._impulse.fill(0.0)
         covariance = self.covariance
         covariance[:, :_MOVING, :] = advance @ covariance
         covariance[:, :, :_MOVING] = covariance @ advance.transpose(0, 2, 1)
-        diagonal = np.einsum("nii->ni", covariance)
+        diagonal = self._variances
         diagonal += self._noise * dt_s
-        if self.bad_accel.any():
+        if any_of(self.bad_accel):
             diagonal[self.bad_accel, VELOCITY + 2] += BAD_ACCEL_NOISE_M_S2**2 * PREDICTION_S * dt_s
 
     # --- fusion ----------------------------------------------------------------------------------------
@@ -213,7 +231,8 @@ class Kalman:
         count = innovation.shape[1]
         seen = self.covariance[:, :, first : first + count].copy()
         total = seen[:, first : first + count].copy()
-        total[:, range(count), range(count)] += variance
+        diagonal = _diagonal(total)
+        diagonal += variance
         gain = seen @ np.linalg.inv(total)
         self.covariance -= gain @ seen.transpose(0, 2, 1)
         self._correct((gain @ innovation[:, :, None])[:, :, 0])
@@ -230,8 +249,8 @@ class Kalman:
         """
         seen = self.covariance @ sensitivity.transpose(0, 2, 1)
         total = sensitivity @ seen
-        count = sensitivity.shape[1]
-        total[:, range(count), range(count)] += variance[:, None]
+        diagonal = _diagonal(total)
+        diagonal += variance[:, None]
         return seen, total
 
     def fuse_seen(
@@ -257,11 +276,10 @@ class Kalman:
         covariance = self.covariance
         covariance += covariance.transpose(0, 2, 1).copy()
         covariance *= 0.5
-        diagonal = np.einsum("nii->ni", covariance)
-        np.maximum(diagonal, _LEAST_VARIANCE, out=diagonal)
+        np.maximum(self._variances, _LEAST_VARIANCE, out=self._variances)
 
     def _correct(self, correction: FloatArray) -> None:
-        if self.bad_accel.any():
+        if any_of(self.bad_accel):
             correction[self.bad_accel, ACCEL_BIAS + 2] = 0.0
         self.vector += correction[:, VELOCITY:]
         np.clip(self._biases, -self._bias_limit, self._bias_limit, out=self._biases)
@@ -269,7 +287,7 @@ class Kalman:
 
     def turn(self, turn_ned_rad: FloatArray) -> None:
         """Turn the attitudes by small angles (N, 3) about north, east and down."""
-        turned = turn_ned_rad.any(axis=1, keepdims=True)
+        turned = np.logical_or.reduce(turn_ned_rad, axis=1, keepdims=True)
         self._delta[:, 1:] = 0.5 * turn_ned_rad
         q = quaternion_product(self._delta, self.q_ned_frd)
         # Who is not turned keeps its last bit, whoever else is.
