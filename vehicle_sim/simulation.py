@@ -103,7 +103,10 @@ class Simulation:
         self.home = home or Home()
         self.parameters: tuple[Parameters, ...] = tuple(stores)
         self.setpoints = Setpoints.idle(count)
-        self._steps = 0
+        self.steps = 0
+        """Since boot."""
+        self.time_s = 0.0
+        """Seconds since boot: the step count times the step."""
         self._estimate_rows: EstimateRows | None = None
         self._start_ned_m = row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
         self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
@@ -130,16 +133,6 @@ class Simulation:
         for i in range(count):
             self._take_parameters(i)
             self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
-
-    @property
-    def time_s(self) -> float:
-        """Seconds since boot: the step count times the step."""
-        return self._steps * STEP_S
-
-    @property
-    def steps(self) -> int:
-        """Steps since boot."""
-        return self._steps
 
     @property
     def truth(self) -> TruthState:
@@ -197,19 +190,20 @@ class Simulation:
         """Move all vehicles by `dt_s`."""
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
-        if self._steps % RANGE_EVERY_STEPS == 0:
+        if self.steps % RANGE_EVERY_STEPS == 0:
             self._estimator.take_ranges(self._distances_down_m(), self.setpoints.in_air, self.setpoints.armed)
         self._cascade.update(self.setpoints, self._estimator.state)
-        if self._steps % WIND_EVERY_STEPS == 0:
+        if self.steps % WIND_EVERY_STEPS == 0:
             self._bodies.wind_ned_m_s[:] = self._wind.step()
         if self._contact is not None:
             self._contact.before(self._bodies.state.velocity_ned_m_s)
         self._bodies.step(self._cascade.motor_signal * self.motor_health)
-        if self._steps % BATTERY_EVERY_STEPS == 0:
+        if self.steps % BATTERY_EVERY_STEPS == 0:
             self._batteries.step(self.setpoints.armed)
         if self._contact is not None:
             self._touch(self._contact)
-        self._steps += 1
+        self.steps += 1
+        self.time_s = self.steps * STEP_S
         self._estimate_rows = None
 
     def _touch(self, contact: Contact) -> None:
@@ -231,15 +225,15 @@ class Simulation:
         return float(self._distances_down_m()[i])
 
     def _distances_down_m(self) -> FloatArray:
-        return self._range_finder.measured_m(self._lidar.down_m(self._steps, self._bodies.matrix))
+        return self._range_finder.measured_m(self._lidar.down_m(self.steps, self._bodies.matrix))
 
     def distance_forward_m(self, i: int) -> float:
         """What its forward lidar measures (`World.lidars`)."""
-        return float(self._lidar.forward_m(self._steps, self._bodies.matrix)[i])
+        return float(self._lidar.forward_m(self.steps, self._bodies.matrix)[i])
 
     def distances_around_m(self, i: int) -> FloatArray:
         """(72,) what its lidar all around measures, clockwise from the nose (`World.lidars`)."""
-        return self._lidar.around_m(self._steps, self._bodies.matrix)[i]
+        return self._lidar.around_m(self.steps, self._bodies.matrix)[i]
 
     def reset_vehicle(self, i: int) -> None:
         """Put vehicle `i` back where it started, as after a reboot: nothing moves, nothing is remembered."""

@@ -5,13 +5,15 @@ Reading single elements of NumPy arrays is the main cost of a Python autopilot, 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
 
 from vehicle_sim.frames import angles_of
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
 from vehicle_sim.simulation import Simulation
 
 Vector = tuple[float, float, float]
+Number = TypeVar("Number", float, int)
 
 
 class VehicleEstimate(NamedTuple):
@@ -36,6 +38,19 @@ class VehicleEstimate(NamedTuple):
     valid_altitude: bool
 
 
+class _Known(dict[str, Number], Generic[Number]):
+    """Parameters as one type, each converted once: a dictionary answers an autopilot's 70 questions a tick
+    four times as fast as a method does."""
+
+    def __init__(self, read: Callable[[str], Number]) -> None:
+        super().__init__()
+        self._read = read
+
+    def __missing__(self, name: str) -> Number:
+        value = self[name] = self._read(name)
+        return value
+
+
 class VehicleView:
     """Vehicle `row` of a simulation, for its autopilot and its telemetry."""
 
@@ -45,8 +60,12 @@ class VehicleView:
         self.parameters: Parameters = simulation.parameters[row]
         self.boot_time_unix_s = boot_time_unix_s
         self._estimate: VehicleEstimate | None = None
-        self._floats: dict[str, float] = {}
-        self._choices: dict[str, int] = {}
+        self._floats = _Known[float](lambda name: float(self.parameters.get(name)))
+        self._choices = _Known[int](lambda name: int(self.parameters.get(name)))
+        self.parameter: Callable[[str], float] = self._floats.__getitem__
+        """A parameter's value as a float."""
+        self.choice: Callable[[str], int] = self._choices.__getitem__
+        """An integer parameter's value."""
         self.parameter_changes = 0
         """Rises with each parameter change, so that values derived from parameters are computed again."""
         self.parameters.add_listener(self._forget)
@@ -69,20 +88,6 @@ class VehicleView:
         """UTC as the vehicle believes it."""
         return int((self.boot_time_unix_s + self.simulation.time_s) * 1e6)
 
-    def parameter(self, name: str) -> float:
-        """A parameter's value as a float."""
-        value = self._floats.get(name)
-        if value is None:
-            value = self._floats[name] = float(self.parameters.get(name))
-        return value
-
-    def choice(self, name: str) -> int:
-        """An integer parameter's value."""
-        value = self._choices.get(name)
-        if value is None:
-            value = self._choices[name] = int(self.parameters.get(name))
-        return value
-
     def _forget(self, _name: str, _value: ParameterValue) -> None:
         self.parameter_changes += 1
         self._floats.clear()
@@ -98,37 +103,25 @@ class VehicleView:
     @property
     def estimate(self) -> VehicleEstimate:
         """The estimate of this step."""
-        if self._estimate is None or self._step != self.simulation.steps:
-            self._estimate = self._read()
-            self._step = self.simulation.steps
+        step = self.simulation.steps
+        if self._estimate is None or self._step != step:
+            self._estimate, self._step = self._read(), step
         return self._estimate
 
     def _read(self) -> VehicleEstimate:
         rows, i = self.simulation.estimate_rows, self.row
         w, x, y, z = rows.q_ned_frd[i]
-        roll, pitch, yaw = angles_of((w, x, y, z))
         north, east, down = rows.position_ned_m[i]
         vn, ve, vd = rows.velocity_ned_m_s[i]
         an, ae, ad = rows.acceleration_ned_m_s2[i]
         roll_rate, pitch_rate, yaw_rate = rows.rates_frd_rad_s[i]
+        # In the order of the fields: naming them takes a third of the time again.
         return VehicleEstimate(
-            position_ned_m=(north, east, down),
-            velocity_ned_m_s=(vn, ve, vd),
-            acceleration_ned_m_s2=(an, ae, ad),
-            q_ned_frd=(w, x, y, z),
-            rates_frd_rad_s=(roll_rate, pitch_rate, yaw_rate),
-            roll_rad=roll,
-            pitch_rad=pitch,
-            yaw_ned_rad=yaw,
-            lat_deg=rows.lat_deg[i],
-            lon_deg=rows.lon_deg[i],
-            alt_amsl_m=rows.alt_amsl_m[i],
-            height_above_ground_m=rows.height_above_ground_m[i],
-            valid_position=rows.valid_position[i],
-            valid_velocity=rows.valid_velocity[i],
-            valid_attitude=rows.valid_attitude[i],
-            valid_altitude=rows.valid_altitude[i],
-        )
+            (north, east, down), (vn, ve, vd), (an, ae, ad), (w, x, y, z),
+            (roll_rate, pitch_rate, yaw_rate), *angles_of((w, x, y, z)),
+            rows.lat_deg[i], rows.lon_deg[i], rows.alt_amsl_m[i], rows.height_above_ground_m[i],
+            rows.valid_position[i], rows.valid_velocity[i], rows.valid_attitude[i], rows.valid_altitude[i],
+        )  # fmt: skip
 
     @property
     def origin(self) -> tuple[float, float, float]:

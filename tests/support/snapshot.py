@@ -78,6 +78,11 @@ def _bytes_of(whole: np.ndarray) -> np.ndarray:
     return whole.reshape(-1).view(np.uint8)
 
 
+def _memory(view: memoryview, memo: Memo) -> memoryview:
+    made = memo[id(view)] = memoryview(copy.deepcopy(view.obj, memo)).cast("B").cast(view.format)
+    return made
+
+
 def _same(value: T, _memo: Memo) -> T:
     return value
 
@@ -86,6 +91,7 @@ COPIERS: dict[type, Any] = {
     types.FunctionType: _function,
     types.BuiltinMethodType: _builtin,
     np.ndarray: _array,
+    memoryview: _memory,
     struct.Struct: _same,
     Message: _same,
 }

@@ -1,8 +1,9 @@
-"""What keeps a vehicle from being armed, and what PX4 counts of its flights."""
+"""Why a vehicle was armed, what keeps it from being armed, and what PX4 counts of its flights."""
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 
 from vehicle_sim.autopilot.health import Report
 from vehicle_sim.autopilot.modes import NavState
@@ -13,6 +14,30 @@ from vehicle_sim.vehicle_view import VehicleView
 THROTTLE_ABOVE_CENTRE, THROTTLE_LOW = 0.2, -0.8
 """Of the stick, -1..1: what climbs at once, and what gives no thrust."""
 _LOW_WORD = 0xFFFFFFFF
+
+
+class Reason(IntEnum):
+    """Why the vehicle was armed or disarmed, as its events number it."""
+
+    INTERNAL_COMMAND = 3
+    EXTERNAL_COMMAND = 4
+    MISSION_START = 5
+    LANDING = 6
+    PREFLIGHT = 7
+    KILL = 8
+    FAILSAFE = 14
+
+
+REASONS = {
+    Reason.INTERNAL_COMMAND: "internal command",
+    Reason.EXTERNAL_COMMAND: "external command",
+    Reason.MISSION_START: "mission start",
+    Reason.LANDING: "landing",
+    Reason.PREFLIGHT: "auto preflight disarming",
+    Reason.FAILSAFE: "failsafe",
+    Reason.KILL: "kill-switch",
+}
+"""In the words of its texts."""
 
 
 def why_denied(

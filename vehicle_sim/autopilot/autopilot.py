@@ -92,23 +92,20 @@ class Autopilot:
         # A horizontal velocity that is not known keeps nobody from having landed.
         vn, ve, vd = estimate.velocity_ned_m_s
         down_m, self._down_m = self._down_m, estimate.position_ned_m[2]
-        self.land_detector.update(
-            self.view.time_s,
-            Motion(
-                armed=self.commander.armed,
-                thrust=thrust,
-                hover_thrust=float(target.hover_thrust[i]),
-                hover_thrust_known=estimates_hover,
-                velocity_ned_m_s=(vn, ve, vd) if estimate.valid_velocity else (0.0, 0.0, vd),
-                down_by_position_m_s=(self._down_m - down_m) / TICK_S,
-                vertical_known=estimate.valid_altitude,
-                rates_frd_rad_s=estimate.rates_frd_rad_s,
-                height_above_ground_m=estimate.height_above_ground_m,
-                climb_rate_controlled=not direct,
-                asked_down_m_s=self._asked_down_m_s,
-            ),
-            self._limits(),
+        motion = Motion(
+            self.commander.armed,
+            thrust,
+            float(target.hover_thrust[i]),
+            estimates_hover,
+            (vn, ve, vd) if estimate.valid_velocity else (0.0, 0.0, vd),
+            (self._down_m - down_m) / TICK_S,
+            estimate.valid_altitude,
+            estimate.rates_frd_rad_s,
+            estimate.height_above_ground_m,
+            not direct,
+            self._asked_down_m_s,
         )
+        self.land_detector.update(self.view.time_s, motion, self._limits())
         self._row.in_air(not self.land_detector.landed)
 
     def _limits(self) -> Limits:
@@ -188,13 +185,13 @@ class Autopilot:
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._by_sticks:
             self._manual.run(commander.active)
-            self._asked_down_m_s = self._row.asked()[1][2]
+            self._asked_down_m_s = self._row.asked_down_m_s
         elif commander.active is NavState.OFFBOARD:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif not self._manual.wait(commander.active):
             self.navigator.run(commander.active)
-            self._asked_down_m_s = self._row.asked()[1][2]
+            self._asked_down_m_s = self._row.asked_down_m_s
             return
         if commander.active is not NavState.OFFBOARD:
             # keep the trajectory at the vehicle while it cannot follow
@@ -205,7 +202,8 @@ class Autopilot:
 
         A vehicle that is asked to fly away before it lifts would tip over without it.
         """
-        low, high = (math.radians(self.view.parameter(f"MPC_TILTMAX_{what}")) for what in ("LND", "AIR"))
+        parameter = self.view.parameter
+        low, high = math.radians(parameter("MPC_TILTMAX_LND")), math.radians(parameter("MPC_TILTMAX_AIR"))
         if not self.takeoff.flying:
             self._tilt_allowed_rad = low
         else:

@@ -55,49 +55,64 @@ class Checks:
         self.gcs_heard_at_s = -math.inf
         self.companion_heard_at_s = -math.inf
         self._companion_was_lost = False
-        self._facts = self.facts(NavState.HOLD, armed=False, terminated=False)
-        self.report = self._examined = health.examine(self._facts)
+        self._battery_levels: tuple[tuple[int, float], ...] = ()
+        self._settings: tuple[object, ...] = ()
+        self._settings_of = -1
+        """Of which change of parameters these two are."""
+        self._now: tuple[object, ...] = ()
+        self.report = self.fresh(NavState.HOLD, armed=False, terminated=False)
         self._announced: health.Report | None = None
         self._announced_at_s = -math.inf
         self._changed = True
         """Something changed that was not told yet."""
 
-    def facts(self, mode: NavState, *, armed: bool, terminated: bool) -> health.Facts:
-        """What the checks look at, for the mode asked for."""
-        view, estimate, monitors = self._view, self._view.estimate, self.monitors
-        return health.Facts(
-            mode=mode,
-            armed=armed,
-            valid_attitude=estimate.valid_attitude,
-            valid_local_position=self.position_good and estimate.valid_velocity,
-            valid_global_position=self.position_good and self._home.valid,
-            has_mission=self.has_mission,
-            offboard_signal=self._offboard.signal(),
-            manual_control=self.manual_control(),
-            gcs_missing=view.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
-            mission_required=bool(view.choice("COM_ARM_MIS_REQ")),
-            battery_warning=self.battery_warning,
-            terminated=terminated,
-            fence=self.fence,
-            roll_failure=monitors.roll_failure,
-            pitch_failure=monitors.pitch_failure,
-            motor_failure=monitors.motor_failure,
-            wind_too_high=monitors.wind_too_high,
-            wind_m_s=round(monitors.wind_m_s, 1) if monitors.wind_too_high else 0.0,
-            flight_time_over=monitors.flight_time_over,
-            uncalibrated=tuple(sensor for sensor, name in CALIBRATIONS if not view.choice(name)),
-            compasses_required=view.choice("SYS_HAS_MAG"),
-            open_drone_id=view.choice("COM_ARM_ODID"),
-            parachute_required=view.choice("COM_PARACHUTE") > 0,
-            distance_sensors=2 if view.simulation.world.lidars.forward else 1,
-            distance_sensors_required=view.choice("SYS_HAS_NUM_DIST"),
-            optical_flow_required=view.choice("SYS_HAS_NUM_OF") > 0,
-            logging=self.logging,
-            baro_silent=self._sensors.silent("baro"),
-            mag_silent=self._sensors.silent("mag"),
-            gnss_used=bool(view.simulation.fusion.gnss_pos[view.row]),
-            gps_problem="" if armed else self._sensors.gps_problem(),
+    def _look(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
+        """What may change in flight, in the order of `health.Facts`, for the mode asked for."""
+        view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self._sensors
+        good = self.position_good
+        windy = monitors.wind_too_high
+        return (
+            mode,
+            armed,
+            estimate.valid_attitude,
+            good and estimate.valid_velocity,
+            good and self._home.valid,
+            self.has_mission,
+            self._offboard.signal(),
+            self.manual_control(),
+            view.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
+            self.battery_warning,
+            terminated,
+            self.fence,
+            monitors.roll_failure,
+            monitors.pitch_failure,
+            monitors.motor_failure,
+            windy,
+            round(monitors.wind_m_s, 1) if windy else 0.0,
+            monitors.flight_time_over,
+            self.logging,
+            sensors.silent("baro"),
+            sensors.silent("mag"),
+            bool(view.simulation.fusion.gnss_pos[view.row]),
+            "" if armed else sensors.gps_problem(),
+            2 if view.simulation.world.lidars.forward else 1,
         )
+
+    def _take_settings(self) -> None:
+        """The parameters among `health.Facts`, in their order, and the battery's levels."""
+        view = self._view
+        self._settings_of = view.parameter_changes
+        self._settings = (
+            bool(view.choice("COM_ARM_MIS_REQ")),
+            tuple(sensor for sensor, name in CALIBRATIONS if not view.choice(name)),
+            view.choice("SYS_HAS_MAG"),
+            view.choice("COM_ARM_ODID"),
+            view.choice("COM_PARACHUTE") > 0,
+            view.choice("SYS_HAS_NUM_DIST"),
+            view.choice("SYS_HAS_NUM_OF") > 0,
+        )
+        self._battery_levels = tuple((level, view.parameter(name)) for level, name in _BATTERY_LEVELS)
+        self._now = ()
 
     @property
     def position_good(self) -> bool:
@@ -163,17 +178,20 @@ class Checks:
     @property
     def battery_warning(self) -> int:
         """0 fine, 1 low, 2 critical, 3 emergency."""
-        remaining = float(self._view.simulation.battery.remaining[self._view.row])
-        for level, name in _BATTERY_LEVELS:
-            if remaining < self._view.parameter(name):
+        if self._settings_of != self._view.parameter_changes:
+            self._take_settings()
+        remaining = self._view.simulation.battery.remaining[self._view.row]
+        for level, least in self._battery_levels:
+            if remaining < least:
                 return level
         return 0
 
     def fresh(self, mode: NavState, *, armed: bool, terminated: bool) -> health.Report:
         """The report as of now, without saying anything; unchanged facts are not examined again."""
-        facts = self.facts(mode, armed=armed, terminated=terminated)
-        if facts != self._facts:
-            self._facts, self._examined = facts, health.examine(facts)
+        now = self._look(mode, armed=armed, terminated=terminated)
+        if now != self._now:
+            self._now = now
+            self._examined = health.examine(health.Facts._make((*now, *self._settings)))
         return self._examined
 
     def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.arming import FlightCount, why_denied
+from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, why_denied
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
@@ -24,29 +23,8 @@ from vehicle_sim.vehicle_view import VehicleView
 
 REFUSAL_EVERY_S = 1.0
 """A refused change of mode is told at most this often."""
-
-
-class Reason(IntEnum):
-    """Why the vehicle was armed or disarmed, as its events number it."""
-
-    INTERNAL_COMMAND = 3
-    EXTERNAL_COMMAND = 4
-    MISSION_START = 5
-    LANDING = 6
-    PREFLIGHT = 7
-    KILL = 8
-    FAILSAFE = 14
-
-
-_TEXTS = {
-    Reason.INTERNAL_COMMAND: "internal command",
-    Reason.EXTERNAL_COMMAND: "external command",
-    Reason.MISSION_START: "mission start",
-    Reason.LANDING: "landing",
-    Reason.PREFLIGHT: "auto preflight disarming",
-    Reason.FAILSAFE: "failsafe",
-    Reason.KILL: "kill-switch",
-}
+CHECK_EVERY_TICKS = 5
+"""PX4's commander checks at 10 Hz, and when its own state changes."""
 
 
 class Commander:
@@ -89,6 +67,9 @@ class Commander:
         self._armed_at_s = 0.0
         self._landed_at_s = 0.0
         self._flew = False
+        self._ticks = 0
+        self._checked_for: tuple[object, ...] = ()
+        """The commander's own state when it checked last."""
 
     # --- commands --------------------------------------------------------------------------------------
 
@@ -107,7 +88,7 @@ class Commander:
         self._watch.reset()
         self._row.armed(True)
         self.home.armed_or_lifted()
-        self._announcer.both(6, f"Armed by {_TEXTS[reason]}", "commander_armed_by", "B", reason)
+        self._announcer.both(6, f"Armed by {REASONS[reason]}", "commander_armed_by", "B", reason)
         self._navigator.enter(self.active, self.active, in_air=False)
         return True
 
@@ -121,7 +102,7 @@ class Commander:
         self.armed = False
         self._row.armed(False)
         self._row.idle()
-        self._announcer.both(6, f"Disarmed by {_TEXTS[reason]}", "commander_disarmed_by", "B", reason)
+        self._announcer.both(6, f"Disarmed by {REASONS[reason]}", "commander_disarmed_by", "B", reason)
         self._view.simulation.refill_battery(self._view.row)
         self._watch.reset()
         self._flights.disarmed()
@@ -238,14 +219,22 @@ class Commander:
         navigator.watch()
         self._notice_plans()
         self.monitors.update(armed=self.armed, landed=landed)
-        self.checks.fence = navigator.fence.breached
-        self.checks.watch_links()
-        self._check()
-        self._run_failsafe()
+        if self._check_is_due():
+            self.checks.fence = navigator.fence.breached
+            self.checks.watch_links()
+            self._check()
+            self._run_failsafe()
         if self.armed and not self.terminated:
             navigator.think(self.active, landed=landed)
             self._end_task()
         self._auto_disarm()
+
+    def _check_is_due(self) -> bool:
+        """Ten times a second, after each change of the commander's own state, and while a failsafe counts."""
+        self._ticks += 1
+        state = self.armed, self.intended, self.active, self.landed, self.checks.has_mission
+        changed, self._checked_for = state != self._checked_for, state
+        return changed or self._ticks % CHECK_EVERY_TICKS == 0 or self.failsafe.action is not Action.NONE
 
     def _notice_plans(self) -> None:
         """Take over a changed mission: at each tick, and before a command that may want to fly it."""

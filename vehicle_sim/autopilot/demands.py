@@ -31,41 +31,41 @@ RC_IN_DISABLED = 4
 
 
 class Conditions(NamedTuple):
-    """What may be wrong with an armed vehicle, and the parameters that say what to do then.
+    """What may be wrong with an armed vehicle, then the parameters that say what to do about it.
 
-    Made 50 times a second: tuples are made and compared fastest.
+    `FailsafeWatch` makes the first part 50 times a second, the second when a parameter changes.
     """
 
     mode: NavState
     """The mode asked for."""
     offboard_lost: bool = False
-    offboard_loss_action: int = 0
     position_lost: bool = False
     """The mode needs a position and there is none."""
     sticks: bool = False
     """Somebody steers by hand."""
-    position_loss_lands: bool = False
-    """COM_POSCTL_NAVL: land, where sticks could still hold the altitude."""
     manual_lost: bool = False
     """There were sticks since arming, and there are no more."""
-    manual_loss_action: int = 0
-    manual_loss_except: int = 0
     gcs_lost: bool = False
-    gcs_loss_action: int = 0
-    gcs_loss_except: int = 0
     battery_warning: int = 0
-    low_battery_action: int = 0
     fence_breached: bool = False
-    fence_action: int = 0
     wind_too_high: bool = False
-    wind_action: int = 0
     flight_time_over: bool = False
     attitude_failure: bool = False
     just_armed: bool = False
     """Within three seconds after spool-up."""
+    motor_failure: bool = False
+    offboard_loss_action: int = 0
+    position_loss_lands: bool = False
+    """COM_POSCTL_NAVL: land, where sticks could still hold the altitude."""
+    manual_loss_action: int = 0
+    manual_loss_except: int = 0
+    gcs_loss_action: int = 0
+    gcs_loss_except: int = 0
+    low_battery_action: int = 0
+    fence_action: int = 0
+    wind_action: int = 0
     may_terminate: bool = False
     """CBRK_FLIGHTTERM is not set."""
-    motor_failure: bool = False
     motor_action: int = 0
 
 

@@ -35,7 +35,11 @@ class FailsafeWatch:
         self._offboard, self._fence, self._monitors = offboard, fence, monitors
         self._machine = Failsafe()
         self._had_sticks = False
-        self._conditions_before: Conditions | None = None
+        self._settings: tuple[int, ...] = ()
+        self._settings_of = -1
+        """Of which change of parameters these are."""
+        self._now: tuple[object, ...] = ()
+        self._conditions = Conditions(NavState.HOLD)
         self._demands: list[Demand] = []
         self.decision = Decision()
 
@@ -56,11 +60,12 @@ class FailsafeWatch:
             acts: the vehicle flies (or has flown), so that something may be done about it; about the
                 battery and a lost position PX4 does it on the ground as well.
         """
-        self._had_sticks = self._had_sticks or self._checks.manual_control()
-        conditions = self._conditions(intended, armed_for_s)
-        if conditions != self._conditions_before:
-            self._conditions_before, self._demands = conditions, demands(conditions)
-        wanted = self._demands if acts else ground_demands(conditions)
+        now = self._look(intended, armed_for_s)
+        if now != self._now:
+            self._now = now
+            self._conditions = Conditions._make((*now, *self._settings))
+            self._demands = demands(self._conditions)
+        wanted = self._demands if acts else ground_demands(self._conditions)
         before = self.decision
         self.decision = self._machine.update(
             self._view.time_s,
@@ -77,36 +82,48 @@ class FailsafeWatch:
         needs = MODES[mode]
         return self._checks.position_good or not needs.needs_position
 
-    def _conditions(self, mode: NavState, armed_for_s: float) -> Conditions:
+    def _look(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
+        """What may be wrong, in the order of `Conditions`."""
         view, checks, monitors = self._view, self._checks, self._monitors
+        if self._settings_of != view.parameter_changes:
+            self._take_settings()
         sticks = checks.manual_control()
-        early_s = view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
-        return Conditions(
-            mode=mode,
-            offboard_lost=not self._offboard.signal(),
-            offboard_loss_action=view.choice("COM_OBL_RC_ACT"),
-            position_lost=self._needs_position(mode) and not checks.position_good,
-            sticks=sticks,
-            position_loss_lands=view.choice("COM_POSCTL_NAVL") == 1,
-            manual_lost=self._had_sticks and not sticks and view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED,
-            manual_loss_action=view.choice("NAV_RCL_ACT"),
-            manual_loss_except=view.choice("COM_RCL_EXCEPT"),
-            gcs_lost=checks.gcs_lost(),
-            gcs_loss_action=view.choice("NAV_DLL_ACT"),
-            gcs_loss_except=view.choice("COM_DLL_EXCEPT"),
-            battery_warning=checks.battery_warning,
-            low_battery_action=view.choice("COM_LOW_BAT_ACT"),
-            fence_breached=bool(self._fence.breached),
-            fence_action=view.choice("GF_ACTION"),
-            wind_too_high=monitors.wind_too_high,
-            wind_action=view.choice("COM_WIND_MAX_ACT"),
-            flight_time_over=monitors.flight_time_over,
-            attitude_failure=monitors.attitude_failure,
-            just_armed=armed_for_s < early_s,
-            may_terminate=view.choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
-            motor_failure=monitors.motor_failure,
-            motor_action=view.choice("COM_ACT_FAIL_ACT"),
+        self._had_sticks = self._had_sticks or sticks
+        receiver = view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED
+        return (
+            mode,
+            not self._offboard.signal(),
+            self._needs_position(mode) and not checks.position_good,
+            sticks,
+            self._had_sticks and not sticks and receiver,
+            checks.gcs_lost(),
+            checks.battery_warning,
+            bool(self._fence.breached),
+            monitors.wind_too_high,
+            monitors.flight_time_over,
+            monitors.attitude_failure,
+            armed_for_s < view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S,
+            monitors.motor_failure,
         )
+
+    def _take_settings(self) -> None:
+        """What to do about it, in the order of `Conditions`."""
+        choice = self._view.choice
+        self._settings_of = self._view.parameter_changes
+        self._settings = (
+            choice("COM_OBL_RC_ACT"),
+            choice("COM_POSCTL_NAVL") == 1,
+            choice("NAV_RCL_ACT"),
+            choice("COM_RCL_EXCEPT"),
+            choice("NAV_DLL_ACT"),
+            choice("COM_DLL_EXCEPT"),
+            choice("COM_LOW_BAT_ACT"),
+            choice("GF_ACTION"),
+            choice("COM_WIND_MAX_ACT"),
+            choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
+            choice("COM_ACT_FAIL_ACT"),
+        )
+        self._now = ()
 
     def _needs_position(self, mode: NavState) -> bool:
         if mode is NavState.OFFBOARD:

@@ -70,7 +70,10 @@ CANNOT_TAKE_OFF_MASK = _mask(CANNOT_TAKE_OFF)
 
 
 class Facts(NamedTuple):
-    """All that the checks look at, made 50 times a second: tuples are made and compared fastest."""
+    """All that the checks look at, compared 50 times a second: first what changes in flight, then parameters.
+
+    `Checks` makes the first part each tick, and the second when a parameter changes.
+    """
 
     mode: NavState
     armed: bool
@@ -82,7 +85,6 @@ class Facts(NamedTuple):
     manual_control: bool
     gcs_missing: bool
     """A ground station is required (NAV_DLL_ACT) and none is heard."""
-    mission_required: bool
     battery_warning: int
     """0 fine, 1 low, 2 critical, 3 emergency."""
     terminated: bool
@@ -93,26 +95,27 @@ class Facts(NamedTuple):
     wind_too_high: bool = False
     wind_m_s: float = 0.0
     flight_time_over: bool = False
-    uncalibrated: tuple[str, ...] = ()
-    """Of "accel", "gyro" and "mag"."""
-    compasses_required: int = 1
-    """SYS_HAS_MAG."""
     logging: bool = True
-    open_drone_id: int = 0
-    """COM_ARM_ODID: 1 warns without such a system, 2 requires it; none is ever there."""
-    parachute_required: bool = False
-    """COM_PARACHUTE; none is ever there."""
-    distance_sensors: int = 1
-    distance_sensors_required: int = 0
-    """SYS_HAS_NUM_DIST."""
-    optical_flow_required: bool = False
-    """SYS_HAS_NUM_OF; none is ever there."""
     baro_silent: bool = False
     mag_silent: bool = False
     gnss_used: bool = True
     """The estimator fuses it."""
     gps_problem: str = ""
     """Why the GPS is no use yet, before take-off: a key of GPS_PROBLEMS."""
+    distance_sensors: int = 1
+    mission_required: bool = False
+    uncalibrated: tuple[str, ...] = ()
+    """Of "accel", "gyro" and "mag"."""
+    compasses_required: int = 1
+    """SYS_HAS_MAG."""
+    open_drone_id: int = 0
+    """COM_ARM_ODID: 1 warns without such a system, 2 requires it; none is ever there."""
+    parachute_required: bool = False
+    """COM_PARACHUTE; none is ever there."""
+    distance_sensors_required: int = 0
+    """SYS_HAS_NUM_DIST."""
+    optical_flow_required: bool = False
+    """SYS_HAS_NUM_OF; none is ever there."""
 
 
 @dataclass(frozen=True, slots=True)

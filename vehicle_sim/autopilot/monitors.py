@@ -114,8 +114,7 @@ class Monitors:
     @property
     def wind_too_high(self) -> bool:
         """Above COM_WIND_MAX."""
-        limit = self._view.parameter("COM_WIND_MAX")
-        return limit > 0.0 and math.isfinite(self.wind_m_s) and self.wind_m_s > limit
+        return math.isfinite(self.wind_m_s) and 0.0 < self._view.parameter("COM_WIND_MAX") < self.wind_m_s
 
     def _wind(self, landed: bool) -> None:
         if self._view.choice("EKF2_DRAG_CTRL") != 1 or landed:

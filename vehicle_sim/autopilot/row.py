@@ -7,9 +7,15 @@ import math
 import numpy as np
 
 from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.state import FloatArray
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 NAN3: Vector = (math.nan, math.nan, math.nan)
+
+
+def _numbers(row: FloatArray) -> memoryview[float]:
+    """The same three numbers to read and write: five times as fast as through NumPy."""
+    return memoryview(row).cast("B").cast("d")
 
 
 class SetpointRow:
@@ -18,6 +24,9 @@ class SetpointRow:
     def __init__(self, view: VehicleView) -> None:
         self._all = view.simulation.setpoints
         self._i = view.row
+        self._position = _numbers(self._all.position_ned_m[self._i])
+        self._velocity = _numbers(self._all.velocity_ned_m_s[self._i])
+        self._acceleration = _numbers(self._all.acceleration_ned_m_s2[self._i])
 
     def trajectory(
         self,
@@ -30,20 +39,21 @@ class SetpointRow:
         """Position, velocity, acceleration, each NaN where not controlled."""
         s, i = self._all, self._i
         s.level[i] = ControlLevel.TRAJECTORY
-        s.position_ned_m[i] = position_ned_m
-        s.velocity_ned_m_s[i] = velocity_ned_m_s
-        s.acceleration_ned_m_s2[i] = acceleration_ned_m_s2
+        at, speed, push = self._position, self._velocity, self._acceleration
+        at[0], at[1], at[2] = position_ned_m
+        speed[0], speed[1], speed[2] = velocity_ned_m_s
+        push[0], push[1], push[2] = acceleration_ned_m_s2
         s.yaw_ned_rad[i] = yaw_ned_rad
         s.yaw_rate_ned_rad_s[i] = yaw_rate_ned_rad_s
 
     def asked(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
         """Position, velocity and acceleration last written; NaN where not controlled."""
-        s, i = self._all, self._i
-        return (
-            tuple(s.position_ned_m[i].tolist()),
-            tuple(s.velocity_ned_m_s[i].tolist()),
-            tuple(s.acceleration_ned_m_s2[i].tolist()),
-        )
+        return tuple(self._position), tuple(self._velocity), tuple(self._acceleration)
+
+    @property
+    def asked_down_m_s(self) -> float:
+        """Vertical velocity last written; NaN where not controlled."""
+        return self._velocity[2]
 
     def attitude(
         self, q_ned_frd: tuple[float, float, float, float], thrust: float, yaw_rate_ned_rad_s: float

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from vehicle_sim.autopilot.trajectory import Axis, max_speed_for_distance, synchronise
 from vehicle_sim.vehicle_view import Vector, VehicleView
@@ -20,8 +21,7 @@ L1_LEAST_M = 5.0
 SLOW_M_S = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """How fast; what is not finite is as the parameters say."""
 
     cruise_m_s: float

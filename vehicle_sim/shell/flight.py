@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from vehicle_sim.autopilot.arming import Reason
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.commander import Reason
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.commands.command import ACCEPTED, Command
 from vehicle_sim.shell.console import Command as Entry

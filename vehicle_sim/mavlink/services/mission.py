@@ -102,13 +102,11 @@ class MissionService:
     def _send_reached(self) -> None:
         """MISSION_ITEM_REACHED, at once and then every second for a while."""
         flight, now_s = self._flight, self._context.view.time_s
-        if flight.reached is None:
-            self._told_reached = flight.reached_count
-            return
         if self._told_reached != flight.reached_count:
-            self._told_reached, self._reached_until_s = flight.reached_count, now_s + REACHED_FOR_S
-        elif not self._reached_again_s <= now_s <= self._reached_until_s:
-            return
+            self._told_reached = flight.reached_count
+            if flight.reached is None:
+                return
+            self._reached_until_s = now_s + REACHED_FOR_S
         self._reached_again_s = now_s + REACHED_EVERY_S
         self._context.broadcast("MISSION_ITEM_REACHED", seq=flight.reached)
 
@@ -271,7 +269,11 @@ class MissionService:
     @property
     def waits(self) -> bool:
         """Whether the flight has anything to tell."""
-        return self._flight.reached is not None or self._told_reached != self._flight.reached_count
+        flight = self._flight
+        if self._told_reached != flight.reached_count:
+            return True
+        again_s, until_s = self._reached_again_s, self._reached_until_s
+        return flight.reached is not None and again_s <= self._context.view.time_s <= until_s
 
     @property
     def busy(self) -> bool:
