@@ -16,7 +16,8 @@ def any_of(mask: NDArray[np.bool_]) -> bool:
 
 def any_nonzero(values: NDArray[np.generic]) -> bool:
     """Whether any number differs from zero; a negative zero counts as different."""
-    return bool(values.tobytes().strip(b"\x00"))
+    data = values.tobytes()
+    return data != bytes(len(data))
 
 
 def all_of(mask: NDArray[np.bool_]) -> bool:
