@@ -138,6 +138,8 @@ class Autopilot:
             commander.set_mode(NavState.POSITION)
 
     def _ramp(self) -> None:
+        if self.takeoff.flying and self.commander.armed and not self.land_detector.landed:
+            return
         parameter, active = self.view.parameter, self.commander.active
         if self._by_sticks:
             climbs = self._manual.wants_to_climb()
