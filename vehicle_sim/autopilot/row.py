@@ -15,7 +15,7 @@ NAN3: Vector = (math.nan, math.nan, math.nan)
 
 def _numbers(row: FloatArray) -> memoryview[float]:
     """The same three numbers to read and write: five times as fast as through NumPy."""
-    return memoryview(row).cast("B").cast("d")
+    return row.data.cast("B").cast("d")
 
 
 class SetpointRow:
