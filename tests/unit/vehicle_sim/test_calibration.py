@@ -57,7 +57,7 @@ class Held:
         return self.now_s
 
     def later(self, action: Any) -> None:
-        raise NotImplementedError
+        self.after(0.0, action)
 
     def after(self, seconds: float, action: Any) -> None:
         self._timers.append((self.now_s + seconds, action))

@@ -1,0 +1,152 @@
+"""The mission runner: faults in every kind of step."""
+
+import pytest
+
+from missions.runner.requests import Photo, SetMode, Steer, TakeOff
+from missions.runner.runner import CannotDo
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, flight
+from tests.support.mission_vehicle import FlownMission
+from tests.support.offboard_missions import flown, mission
+
+
+@pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.parametrize("action", ["hold", "return", "land", "continue"])
+def test_a_low_battery_does_what_the_document_says_once(kind, action):
+    fake = flight(kind, low_battery=action)
+    before = fake.modes()
+    fake.know(battery_share=0.1, satellites=14)
+    fake.fly(0.2)
+    if action == "continue" or kind == "land":
+        assert fake.modes() == before
+        if kind == "person":
+            fake.go_on()
+        fake.in_state("done")
+    else:
+        assert fake.modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
+        assert fake.status.state == "suspended"
+    assert sum("Battery" in text for text in fake.told) == 1
+
+
+@pytest.mark.parametrize("kind", IN_OFFBOARD)
+def test_a_lost_position_lands(kind):
+    fake = flight(kind, failure="continue")
+    fake.know(estimates=frozenset({"heading"}), position_ned_m=None)
+    fake.fly(0.5)
+    assert fake.modes() == []
+    fake.fly(1.0)
+    assert fake.modes() == ["land"]
+    assert fake.status.state == "suspended"
+    assert "No valid estimate of position" in str(fake.status.reason)
+
+
+def test_an_estimate_that_is_missed_for_a_moment_changes_nothing():
+    fake = flight("orbit")
+    fake.know(estimates=frozenset({"heading"}))
+    fake.fly(0.5)
+    fake.know(estimates=None)
+    fake.in_state("done")
+
+
+@pytest.mark.parametrize("kind", IN_OFFBOARD)
+@pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
+def test_a_link_that_was_lost_and_is_back_does_what_the_document_says(kind, action, modes):
+    fake = flight(kind, link_loss=action)
+    fake.lose_link()
+    asks_nothing(fake, 10.0)
+    fake.know(link_heard=True)
+    fake.fly(0.2)
+    assert (fake.modes(), fake.status.state) == (modes, "suspended")
+
+
+@pytest.mark.parametrize("kind", IN_OFFBOARD)
+def test_a_mission_that_continues_after_a_lost_link_goes_on_from_the_vehicles_hold(kind):
+    fake = flight(kind, link_loss="continue")
+    fake.lose_link()
+    fake.fly(10.0)
+    fake.know(link_heard=True, satellites=14)
+    fake.until(lambda: "The link was lost and is back: going on." in fake.told)
+    if kind == "person":
+        fake.in_state("waiting")
+        fake.go_on()
+    fake.in_state("done")
+
+
+@pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])
+def test_after_a_lost_link_a_vehicle_that_its_failsafe_flies_is_left_to_it(action):
+    fake = flight("orbit", link_loss=action)
+    fake.mode("rtl", "failsafe", "its own failsafe")
+    fake.know(link_heard=False)
+    fake.fly(10.0)
+    fake.know(link_heard=True)
+    fake.fly(5.0)
+    assert (fake.modes(), fake.status.state) == ([], "suspended")
+
+
+@pytest.mark.parametrize("kind", ["take_off", "land"])
+def test_px4_flies_take_off_and_landing_on_while_the_link_is_gone(kind):
+    fake = flight(kind, link_loss="return")
+    before = fake.modes()
+    fake.know(link_heard=False)
+    fake.fly(1.0)
+    fake.know(link_heard=True)
+    fake.in_state("done")
+    assert fake.modes() == [*before, "land"][-1:]
+
+
+@pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
+def test_a_stream_that_ends_by_itself_is_a_failure(action, modes):
+    fake = flight("orbit", failure=action)
+    fake.know(stream="ending", stream_text="The setpoint leaves the fence.")
+    fake.fly(0.2)
+    assert (fake.modes(), fake.status.state) == (modes, "suspended")
+    assert "The setpoint leaves the fence" in str(fake.status.reason)
+
+
+def test_a_take_off_that_is_refused_suspends_the_mission_on_the_ground():
+    fake = FlownMission(mission(flown(FLY)))
+    fake.refused[TakeOff] = "Arming denied: no GPS."
+    fake.start().fly(1.0)
+    assert fake.status.state == "suspended"
+    assert "Arming denied" in str(fake.status.reason)
+    fake.refused.clear()
+    fake.resume()
+    fake.in_state("done")
+
+
+def test_a_take_off_that_takes_too_long_is_a_failure():
+    fake = FlownMission(mission("- {step: take_off, height_m: 400, timeout_s: 5}\n- {step: land}\n")).start()
+    fake.in_state("suspended")
+    assert fake.modes() == ["hold"]
+
+
+def test_a_mode_that_is_refused_is_told_and_the_stream_is_left_to_expire():
+    fake = flight("orbit")
+    fake.refused[SetMode] = "No reply within 6 s."
+    fake.know(battery_share=0.1)
+    fake.fly(0.2)
+    assert "did not change its mode" in fake.told[-1]
+    steers = fake.count(Steer)
+    fake.fly(3.0)
+    assert fake.count(Steer) == steers
+
+
+def test_pictures_that_fail_are_told_once_and_the_mission_goes_on():
+    fake = FlownMission(mission(flown("step: photo, count: 5, interval_s: 1", FLY)))
+    fake.refused[Photo] = "no camera"
+    fake.start().in_state("done")
+    assert sum("picture" in text for text in fake.told) == 1
+
+
+def test_a_mission_does_not_begin_without_the_estimates_it_needs():
+    fake = FlownMission(mission(flown(FLY)))
+    fake.know(estimates=frozenset({"heading"}))
+    with pytest.raises(CannotDo, match="position"):
+        fake.start()
+
+
+def test_a_step_that_flies_without_a_take_off_is_not_begun_on_the_ground():
+    fake = FlownMission(mission("- {" + FLY + "}\n")).start()
+    fake.fly(1.0)
+    assert fake.status.state == "suspended"
+    assert "needs a take-off" in str(fake.status.reason)
+    assert fake.sent == []

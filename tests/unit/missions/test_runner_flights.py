@@ -1,0 +1,155 @@
+"""The mission runner: whole flights, waits, and what is sent."""
+
+import itertools
+import math
+
+import pytest
+
+from missions.runner.requests import Photo, Play, PointGimbal, Steer, TakeOff
+from missions.setpoints import Position, Trajectory
+from tests.support.mission_steps import CENTER, FLY, IN_OFFBOARD, STEPS, flight
+from tests.support.mission_vehicle import STEP_S, FlownMission
+from tests.support.offboard_missions import flown, mission
+
+# --- whole flights --------------------------------------------------------------------------------
+
+
+def test_a_whole_flight_takes_off_flies_its_path_and_lands():
+    fake = FlownMission(mission(flown(*(step for step in STEPS.values() if step)))).start()
+    fake.know(satellites=14)
+    fake.in_state("waiting")
+    assert fake.status.question == "Sharp?"
+    fake.go_on()
+    fake.in_state("done")
+    assert fake.modes() == ["land"]
+    assert fake.count(TakeOff) == 1
+    assert fake.count(Play) == 1  # one stream from take-off to landing
+    assert fake.count(Photo) == 20
+    assert fake.reading.armed is False
+    assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
+
+
+def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
+    look = "step: gimbal, track: look_at, place: {offset_ned_m: [20, 0, 0]}"
+    fake = FlownMission(
+        mission(flown(look, f"step: orbit, {CENTER}, photo_every_m: 5", "step: gimbal, track: release", FLY))
+    )
+    fake.start().in_state("done")
+    assert fake.count(Photo) == math.ceil(math.tau * 8 / 5)
+    points = [request for request in fake.asked if isinstance(request, PointGimbal)]
+    assert all(-math.pi / 2 <= p.pitch_rad < 0 for p in points)
+    orbit_s = fake.runner.flight.course.segments[3].duration_s
+    assert len(points) > 5 * orbit_s
+    assert fake.runner.flight.pointed is None
+
+
+def test_a_wait_on_the_ground_streams_nothing_and_the_take_off_follows():
+    steps = "- {step: wait, until: {value: satellites, above: 10, for_s: 2}, timeout_s: 60}\n"
+    fake = FlownMission(mission(steps + flown(FLY))).start()
+    fake.know(satellites=6)
+    fake.fly(5)
+    assert (fake.status.state, fake.sent, fake.count(TakeOff)) == ("waiting", [], 0)
+    fake.know(satellites=12)
+    fake.fly(1.5)
+    assert fake.count(TakeOff) == 0
+    fake.in_state("taking_off").in_state("done")
+
+
+def test_after_a_landing_the_mission_takes_off_again():
+    again = "- {step: wait, until: person, timeout_s: 600}\n"
+    fake = FlownMission(mission(flown(FLY) + again + flown("step: hold, duration_s: 1"))).start()
+    fake.in_state("waiting")
+    assert fake.reading.armed is False
+    sent = len(fake.sent)
+    fake.fly(3)
+    assert len(fake.sent) == sent
+    fake.go_on()
+    fake.in_state("done")
+    assert (fake.count(TakeOff), fake.modes()) == (2, ["land", "land"])
+
+
+def test_a_mission_that_ends_in_the_air_holds_there():
+    fake = FlownMission(mission("- {step: take_off, height_m: 10}\n- {" + FLY + "}\n")).start()
+    fake.in_state("done")
+    assert fake.modes() == ["hold"]
+
+
+@pytest.mark.parametrize(("share", "east"), [(0.8, 20.0), (0.3, -20.0), (None, -20.0)])
+def test_a_branch_is_decided_when_it_is_reached(share, east):
+    branch = (
+        "step: branch, condition: {value: battery_share, above: 0.5}, "
+        "then: [{step: fly, points: [{offset_ned_m: [0, 20, -10]}]}], "
+        "otherwise: [{step: fly, points: [{offset_ned_m: [0, -20, -10]}]}]"
+    )
+    fake = FlownMission(mission(flown(FLY, branch, "step: hold, duration_s: 1"))).start()
+    fake.know(battery_share=share)
+    fake.in_state("done")
+    assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
+    assert fake.count(Play) == 1
+
+
+def test_a_long_mission_is_handed_over_bit_by_bit_in_time():
+    laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
+    fake = FlownMission(mission(flown(laps))).start()
+    fake.in_state("flying")
+    play = next(r for r in fake.asked if isinstance(r, Play))
+    assert sum(s.duration_s for s in play.script.segments) < 200.0
+    longest_still_s = still_s = 0.0
+    fake.fly(2.0)
+    while fake.status.state == "flying" and fake.runner.flight.segment is not None:
+        before = fake.path[-1]
+        fake.step()
+        still_s = still_s + STEP_S if math.dist(before, fake.path[-1]) < 1e-5 else 0.0
+        longest_still_s = max(longest_still_s, still_s)
+    assert longest_still_s < 1.0
+    assert fake.count(Play) == 1
+    assert sum(bool(r.steering.appended) for r in fake.asked if isinstance(r, Steer)) > 3
+
+
+# --- waits ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("on_timeout", "modes"),
+    [("continue", ["land"]), ("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])],
+)
+@pytest.mark.parametrize("until", ["person", "{value: satellites, above: 10}"])
+def test_a_wait_that_takes_too_long_does_what_the_step_says(until, on_timeout, modes):
+    wait = f"step: wait, until: {until}, timeout_s: 5, on_timeout: {on_timeout}"
+    fake = FlownMission(mission(flown(wait, FLY))).start()
+    fake.know(satellites=6)
+    fake.in_state("done" if on_timeout == "continue" else "suspended")
+    assert fake.modes() == modes
+
+
+def test_a_condition_must_hold_without_a_break():
+    wait = "step: wait, until: {value: wind_speed_m_s, below: 5, for_s: 3}, timeout_s: 60"
+    fake = FlownMission(mission(flown(wait, FLY))).start().in_state("waiting")
+    for wind in (4.0, 7.0, 4.0, None):
+        fake.know(wind_speed_m_s=wind)
+        fake.fly(2.0)
+        assert fake.status.state == "waiting"
+    fake.know(wind_speed_m_s=4.0)
+    fake.in_state("flying")
+
+
+# --- what is sent ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [k for k in IN_OFFBOARD if k not in ("velocity", "attitude")])
+def test_setpoints_never_jump_through_pause_resume_skip_and_hold(kind):
+    fake = flight(kind)
+    fake.know(satellites=14)
+    fake.pause()
+    fake.in_state("paused").fly(1.0)
+    fake.resume()
+    fake.fly(2.0)
+    fake.mode("hold", "command", "Bob commanded 'hold'")
+    fake.fly(3.0)
+    fake.resume()
+    fake.fly(4.0)
+    fake.skip()
+    fake.in_state("done")
+    places = [(t, s.position_ned_m) for t, s in fake.sent if isinstance(s, Trajectory | Position)]
+    for (t0, a), (t1, b) in itertools.pairwise(places):
+        assert math.dist(a, b) <= STEP_S * 12.0 + 0.35, (t0, t1)

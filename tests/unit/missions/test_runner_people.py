@@ -1,0 +1,175 @@
+"""The mission runner: what people do in every kind of step, and who has control."""
+
+import math
+
+import pytest
+
+from missions.runner.requests import Play, SetMode, StopStream
+from missions.runner.runner import CannotDo
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, flight
+from tests.support.mission_vehicle import FlownMission
+from tests.support.offboard_missions import flown, mission
+
+# --- people ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_paused_it_stands_still_and_resumed_it_ends_as_planned(kind):
+    fake = flight(kind)
+    fake.know(satellites=14)
+    fake.pause()
+    state = "suspended" if kind in ("take_off", "land") else "paused"
+    fake.in_state(state)
+    there = fake.path[-1]
+    fake.fly(20.0)
+    assert math.dist(fake.path[-1], there) < 1e-6
+    fake.resume()
+    if kind == "person":
+        fake.fly(3.0)
+        fake.go_on()
+    fake.in_state("done")
+    assert fake.reading.armed is False
+    assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_aborted_it_holds_and_asks_for_nothing_more(kind):
+    fake = flight(kind)
+    fake.abort()
+    assert fake.status.state == "aborted"
+    assert fake.modes()[-1] == "hold"
+    asks_nothing(fake)
+    with pytest.raises(CannotDo, match="over"):
+        fake.resume()
+
+
+@pytest.mark.parametrize(("then", "mode"), [("return", "rtl"), ("land", "land")])
+def test_an_abort_may_return_or_land(then, mode):
+    fake = flight("orbit")
+    fake.abort(then)
+    assert fake.modes() == [mode]
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_a_step_that_is_skipped_is_followed_by_the_next_one(kind):
+    fake = flight(kind)
+    place = fake.status.place
+    fake.skip()
+    fake.until(lambda: fake.status.place != place or fake.status.state == "done", 30.0)
+    fake.in_state("done")
+    if kind == "land":
+        assert (fake.modes(), fake.reading.armed) == (["land", "hold"], True)
+    else:
+        assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
+
+
+def test_a_suspended_mission_is_skipped_ahead_without_a_command():
+    fake = flight("orbit")
+    fake.mode("hold", "command", "Bob commanded 'hold'")
+    fake.in_state("suspended")
+    asked = fake.count(SetMode)
+    fake.skip()
+    assert (fake.status.place, fake.count(SetMode)) == ("step 3", asked)
+
+
+def test_a_pause_before_the_stream_begins_holds_at_its_begin():
+    fake = FlownMission(mission(flown(FLY))).start().in_state("taking_off")
+    fake.runner.flight.paused = True
+    fake.in_state("paused")
+    assert fake.path[-1] == pytest.approx((0.0, 0.0, -10.0), abs=0.5)
+
+
+def test_on_the_ground_a_take_off_cannot_be_skipped():
+    fake = FlownMission(mission(flown(FLY))).start()
+    with pytest.raises(CannotDo, match="on the ground"):
+        fake.skip()
+
+
+# --- somebody else has the vehicle ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.parametrize(
+    ("mode", "source", "text"),
+    [
+        ("position", "pilot", "The pilot switched to Position."),
+        ("rtl", "failsafe", "The vehicle's failsafe switched to Rtl."),
+        ("position", "station", "Another ground station switched to Position."),
+        ("hold", "command", "Bob commanded 'hold'."),
+    ],
+)
+def test_whoever_takes_the_vehicle_has_it_until_a_person_resumes_the_mission(kind, mode, source, text):
+    fake = flight(kind, link_loss="continue", failure="return", low_battery="return")
+    fake.mode(mode, source, "Bob commanded 'hold'")
+    asked = len(fake.asked)
+    fake.fly(0.2)
+    assert [type(request).__name__ for request in fake.asked[asked:]] == ["StopStream", "Tell"]
+    assert (fake.status.state, fake.told[-1]) == ("suspended", text)
+    fake.know(battery_share=0.05, holder=None, estimates=frozenset())
+    asks_nothing(fake, 30.0)
+    fake.know(battery_share=0.9, holder="bob", estimates=None, satellites=14)
+    fake.resume()
+    fake.until(lambda: fake.status.state != "suspended")
+    if kind == "person":
+        fake.in_state("waiting")
+        fake.go_on()
+    fake.in_state("done")
+
+
+def test_a_pilot_who_takes_the_vehicle_while_offboard_is_asked_for_is_not_fought():
+    fake = FlownMission(mission(flown(FLY))).start()
+    fake.until(lambda: fake.count(Play) == 1)
+    fake.player = None
+    fake.know(mode="position", mode_source="pilot", stream="starting", played=None)
+    fake.fly(0.2)
+    assert fake.count(StopStream) == 1
+    assert fake.status.state == "suspended"
+
+
+def test_motors_that_stop_in_flight_end_the_mission():
+    fake = flight("orbit")
+    fake.know(armed=False)
+    fake.fly(0.2)
+    assert (fake.status.state, fake.status.reason) == ("stopped", "The vehicle disarmed")
+    asks_nothing(fake)
+
+
+def test_a_suspended_mission_is_over_once_the_vehicle_has_landed():
+    fake = flight("orbit")
+    fake.mode("land", "pilot")
+    fake.in_state("suspended").in_state("stopped")
+
+
+# --- control --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", IN_OFFBOARD)
+def test_another_who_takes_control_finds_the_mission_paused(kind):
+    fake = flight(kind)
+    fake.know(holder="bob", holder_name="Bob", satellites=14)
+    fake.in_state("paused")
+    assert "Bob has control now: paused." in fake.told
+    assert fake.reading.mode == "offboard"
+    fake.resume()
+    if kind == "person":
+        fake.in_state("waiting")
+        fake.go_on()
+    fake.in_state("done")
+
+
+@pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
+@pytest.mark.parametrize("kind", ["take_off", *IN_OFFBOARD])
+def test_control_that_ends_does_what_the_document_says(kind, action, modes):
+    fake = flight(kind, control_lost=action)
+    fake.know(holder=None)
+    fake.fly(0.2)
+    assert (fake.modes(), fake.status.state) == (modes, "suspended")
+
+
+def test_with_nobody_in_control_a_mission_may_go_on_and_the_next_holder_finds_it_flying():
+    fake = flight("orbit", control_lost="continue")
+    fake.know(holder=None)
+    fake.fly(1.0)
+    fake.know(holder="bob", holder_name="Bob")
+    fake.in_state("done")
+    assert sum("Nobody has control" in text for text in fake.told) == 1
