@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from fastapi import APIRouter, Depends, FastAPI, Response
+from starlette.routing import BaseRoute
 
 from gcs_server.api import (
     control_routes,
@@ -86,10 +87,26 @@ class _Described(FastAPI):
         return self.openapi_schema
 
 
+PERMITTED = [Depends(permitted)]
+"""Asked before every route."""
+
+
+@functools.cache
+def _routes() -> tuple[BaseRoute, ...]:
+    """The routes, read once for all applications: that takes FastAPI most of a second.
+
+    An application's own `dependency_overrides` do not reach them.
+    """
+    app = FastAPI(dependencies=PERMITTED, openapi_url=None, docs_url=None, redoc_url=None)
+    app.include_router(api_router())
+    app.include_router(reference_page.router)
+    return tuple(app.routes)
+
+
 def bare_app() -> FastAPI:
     """The application's description and routes, without a station behind them."""
     app = _Described(
-        dependencies=[Depends(permitted)],
+        dependencies=PERMITTED,
         title="Offboard GCS",
         version=__version__,
         description=(
@@ -106,24 +123,30 @@ def bare_app() -> FastAPI:
         redoc_url=None,
     )
     problems.install(app)
-    app.include_router(api_router())
-    app.include_router(reference_page.router)
-
-    @functools.cache
-    def description() -> bytes:
-        return json.dumps(app.openapi(), separators=(",", ":")).encode()
+    app.router.routes.extend(_routes())
 
     @app.get(f"{API}/openapi.json", include_in_schema=False)
     async def openapi() -> Response:
         # The first time it takes most of a second: not in the event loop.
-        return Response(await asyncio.to_thread(description), media_type="application/json")
+        return Response(await asyncio.to_thread(_description_json), media_type="application/json")
 
     return app
 
 
+@functools.cache
+def description() -> dict[str, Any]:
+    """The OpenAPI description, which is that of every application of this process."""
+    return bare_app().openapi()
+
+
+@functools.cache
+def _description_json() -> bytes:
+    return json.dumps(description(), separators=(",", ":")).encode()
+
+
 def main() -> None:
     """Prints JSON."""
-    json.dump(bare_app().openapi(), sys.stdout, indent=1)
+    json.dump(description(), sys.stdout, indent=1)
     sys.stdout.write("\n")
 
 

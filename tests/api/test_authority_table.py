@@ -9,8 +9,7 @@ from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from gcs_server.api.permission import bind_commands, calls_of
-from gcs_server.api.principals import get_principal
-from gcs_server.api.schema import bare_app
+from gcs_server.api.schema import description
 from gcs_server.app import create_app
 from gcs_server.control.commands import ALL, BY_CALL, BY_NAME, table
 from gcs_server.control.principal import Principal
@@ -64,8 +63,8 @@ def test_a_route_without_a_row_stops_the_server_from_starting(app):
         bind_commands(app)
 
 
-def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(app):
-    app.dependency_overrides[get_principal] = lambda: NOBODY
+def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(app, monkeypatch):
+    monkeypatch.setattr(Principal, "of", lambda *_: NOBODY)
     client = TestClient(app, base_url="http://localhost")
     refused = set()
     for call, _ in calls_of(app):
@@ -99,7 +98,7 @@ def test_a_socket_needs_what_its_messages_need():
 
 
 def test_the_description_says_at_each_operation_what_it_needs():
-    paths = bare_app().openapi()["paths"]
+    paths = description()["paths"]
     needs = paths["/api/v1/links/{name}"]["delete"]["x-authority"]
     assert (needs["permission"], needs["control"], needs["journaled"]) == ("station", "not_anothers", True)
     assert paths["/api/v1/vehicles/{v}/kill"]["post"]["x-authority"]["confirmed"]

@@ -1,14 +1,13 @@
 """Requests made from the API's own description: each answer's status and content type stand in it."""
 
 import asyncio
-import json
 import os
 
 import httpx
 import pytest
 
 from gcs_server.api.described import COMMON, PROBLEM_JSON
-from gcs_server.api.schema import bare_app
+from gcs_server.api.schema import description
 from gcs_server.app import create_app
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
@@ -19,20 +18,23 @@ from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import FakeAutopilot
 from tests.unit.gcs_server.replay.made_logs import flight, record
 
-DESCRIPTION = json.loads(json.dumps(bare_app().openapi()))
-OPERATIONS = [(m, p, o) for p, operations in DESCRIPTION["paths"].items() for m, o in operations.items()]
-COUNT = int(os.environ.get("GENERATED_REQUESTS", "12"))
-"""Of each operation."""
+COUNT = int(os.environ.get("GENERATED_REQUESTS", "5"))
+"""Of each operation; more in `make test-clients`."""
 SEED = 14
 VEHICLES_OWN = {"503", "504"}
 """What the vehicle or its link is answerable for; nothing else may be 5xx."""
+
+
+def operations():
+    """(method, path, what is described of it) of every operation."""
+    return [(m, p, o) for p, methods in description()["paths"].items() for m, o in methods.items()]
 
 
 def described_at(operation, status):
     """What the description says of a status at an operation; None: nothing."""
     said = operation["responses"].get(status)
     if said is not None and "$ref" in said:
-        return DESCRIPTION["components"]["responses"][said["$ref"].rpartition("/")[2]]
+        return description()["components"]["responses"][said["$ref"].rpartition("/")[2]]
     return said
 
 
@@ -81,11 +83,11 @@ async def with_a_vehicle(data, story):
 
 @pytest.mark.parametrize("part", range(4))
 def test_every_answer_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
-    maker = Maker(DESCRIPTION, SEED + part)
+    maker = Maker(description(), SEED + part)
     found, met = {}, set()
 
     async def story(client):
-        for method, path, operation in OPERATIONS[part::4]:
+        for method, path, operation in operations()[part::4]:
             for made in maker.requests(method, path, operation, COUNT):
                 headers = {name: value.encode() for name, value in made.headers.items()}
                 headers["X-Client-Id"] = b"generated"
@@ -103,7 +105,7 @@ def test_every_answer_to_a_generated_request_is_described_and_none_is_5xx(part, 
 
 
 def test_what_the_door_and_the_limits_answer_stands_at_every_operation():
-    for method, path, operation in OPERATIONS:
+    for method, path, operation in operations():
         for status in ("400", "401", "403", "408", "413", "414", "422", "429", "431", "503"):
             assert PROBLEM_JSON in described_at(operation, status)["content"], (method, path, status)
     assert set(COMMON) >= {"401", "403", "408", "413", "414", "429", "431", "503"}

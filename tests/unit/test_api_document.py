@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from gcs_server.api.schema import bare_app
+from gcs_server.api.schema import description
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "api.md"
 EXAMPLES = re.compile(r"/(vehicles|links)/\w+|/(params)/(?!refresh)\w+")
@@ -33,6 +33,6 @@ def calls_of(text: str) -> set[tuple[str, str]]:
 
 
 def test_the_document_has_every_call_that_there_is_and_no_other() -> None:
-    paths = bare_app().openapi()["paths"]
+    paths = description()["paths"]
     there = {(method.upper(), unnamed(path)) for path, methods in paths.items() for method in methods}
     assert there == calls_of(DOCUMENT.read_text(encoding="utf-8"))
