@@ -9,13 +9,14 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-fast test-clients bench screenshots lint web types wheel clean setup
+.PHONY: help run test suite test-fast test-clients bench screenshots lint checks web types wheel clean setup
 
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
 	@echo "make test-fast     for every save: what needs no socket, process, browser or long flight; under a minute"
-	@echo "make test          the whole suite: lint, Python, page, browser"
-	@echo "make test-clients  real-time tests with outside clients (MAVSDK, MAVProxy), and long fuzzing"
+	@echo "make test          Python, page, browser, and beside them lint and types; under six minutes on two cores"
+	@echo "make test-clients  long tests: real time, whole stories, outside clients (MAVSDK, MAVProxy), fuzzing"
+	@echo "make lint          style, imports and types alone"
 	@echo "make bench         print the table of measurements"
 	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only fly,lost\")"
 	@echo "make web           build the page;  make types: generate its API types, and the blocking Python client"
@@ -77,29 +78,32 @@ types: $(VENV)/.tested $(VENV)/.node
 # --- checks ------------------------------------------------------------------------------------
 
 lint: $(VENV)/.tested $(VENV)/.node
-	@$(BIN)/ruff check .
-	@$(BIN)/ruff format --check .
-	@$(BIN)/lint-imports
-	@$(BIN)/pyright
-	@$(BIN)/python -m tools.build_page npm run --silent lint
+	@$(BIN)/python -m tools.checks lint
+
+# Everything that is no test of Python, at a low priority.
+checks: $(VENV)/.tested $(VENV)/.node
+	@$(BIN)/python -m tools.checks
 
 # What waits most comes first, so that what computes fills the waiting.
 SUITE = tests/e2e tests/integration tests/contract tests/unit tests/protocol tests/api
+# What `make test` leaves to `make test-clients`.
+LONG = (realtime or story or broad)
 
 test-fast: $(VENV)/.tested
 	@$(BIN)/ruff check --quiet .
-	@$(BIN)/python -m pytest -q -n 2 -m "not flight and not realtime" tests/unit
+	@$(BIN)/python -m pytest -q -n 2 -m "not flight and not $(LONG)" tests/unit
 
-test: lint $(VENV)/.browser web
-	@$(BIN)/python -m tools.build_page npm run check
-	@$(BIN)/python -m tools.build_page npm test
-	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not realtime and not broad" $(SUITE)
+test: $(VENV)/.browser web
+	@$(MAKE) --no-print-directory -j 2 suite checks
+
+suite: $(VENV)/.browser web
+	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not $(LONG)" $(SUITE)
 
 test-clients: $(VENV)/.clients web
-	@$(BIN)/python -m pytest -n 2 -m realtime tests/e2e
-	@$(BIN)/python -m pytest -n 2 -m broad tests/protocol
+	@$(BIN)/python -m pytest -n 2 -m "$(LONG)" $(SUITE)
 	@$(BIN)/python -m pytest tests/clients
 	@$(BIN)/python -m pytest tests/hostile
+	@GENERATED_REQUESTS=12 $(BIN)/python -m pytest tests/api/test_every_answer_is_described.py
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 tests/contract
 

@@ -1,0 +1,113 @@
+"""Runs the checks that are no tests, two at a time: style, imports, types, and those of the page.
+
+`python -m tools.checks` runs all of them, `python -m tools.checks lint` the checks of that group. For a check
+that passes the time is printed, for one that fails its whole output. They run at a low priority, so that they
+do not slow down tests that run beside them.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from tools import build_page
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+AT_ONCE = 2
+PRIORITY = 10
+"""Added to the niceness of the checks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One command that fails where something is wrong."""
+
+    name: str
+    command: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a check ended."""
+
+    check: Check
+    passed: bool
+    said: str
+    duration_s: float
+
+
+def _python(name: str, tool: str, *arguments: str) -> Check:
+    """A tool of the environment that runs these checks."""
+    return Check(name, (str(Path(sys.executable).parent / tool), *arguments))
+
+
+def _page(script: str) -> Check:
+    """A script of the page's package.json."""
+    command = (sys.executable, "-m", "tools.build_page", "npm", "run", "--silent", script)
+    return Check(f"page {script}", command)
+
+
+LINT = (
+    _python("types", "pyright"),
+    _page("lint:code"),
+    _page("lint:format"),
+    _python("imports", "lint-imports"),
+    _python("format", "ruff", "format", "--check", "."),
+    _python("style", "ruff", "check", "."),
+)
+"""The longest first, so that the rest fills the other processor."""
+PAGE = (_page("check:svelte"), _page("check:types"), _page("test"))
+GROUPS = {"lint": LINT, "page": PAGE}
+
+
+def run(check: Check) -> Outcome:
+    """Runs one check from the repository's folder."""
+    began_s = time.monotonic()
+    done = subprocess.run(
+        check.command,
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        errors="replace",
+        check=False,
+    )
+    return Outcome(check, done.returncode == 0, done.stdout, time.monotonic() - began_s)
+
+
+def run_all(checks: Iterable[Check]) -> bool:
+    """Runs them `AT_ONCE` at a time and prints how each ended; whether all passed."""
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        outcomes = [pool.submit(run, check) for check in checks]
+        passed = True
+        for done in as_completed(outcomes):
+            outcome = done.result()
+            passed &= outcome.passed
+            if not outcome.passed:
+                print(f"--- {outcome.check.name} found faults:\n{outcome.said.rstrip()}\n---")
+            print(f"{outcome.check.name}: {'ok' if outcome.passed else 'FAILED'}, {outcome.duration_s:.0f} s")
+            sys.stdout.flush()
+    return passed
+
+
+def main(names: Sequence[str]) -> int:
+    """Runs the groups of these names, all of them where none is named."""
+    unknown = set(names) - GROUPS.keys()
+    if unknown:
+        print(
+            f"Unknown group: {', '.join(sorted(unknown))}. Choose from {', '.join(GROUPS)}.", file=sys.stderr
+        )
+        return 2
+    os.nice(PRIORITY)
+    build_page.install(REPOSITORY)  # once, before two checks want to
+    return 0 if run_all(check for name in names or GROUPS for check in GROUPS[name]) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
