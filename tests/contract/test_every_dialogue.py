@@ -21,12 +21,17 @@ SESSIONS: dict[str, list[Dialogue]] = dict(
     sessions(RECORDED if WHOLE else Path(__file__).resolve().parent / "data")
 )
 """The first few of most groups; all of them in `make test-clients`, where they lie beside the checkout."""
+LONGEST = {"arming-0", "arming_denied-1", "armed_ground-1", "calibration-1", "termination-0"}
+"""Each takes as long as ten others: only `make test-clients` runs them."""
 DIALOGUES = 602
 RATE_HZ_TOLERANCE = 0.1
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("session", SESSIONS)
+@pytest.mark.parametrize(
+    "session",
+    [pytest.param(name, marks=pytest.mark.broad if name in LONGEST else ()) for name in SESSIONS],
+)
 def test_dialogues_of(session: str) -> None:
     """One test a session, since what comes first in it is the state of what follows."""
     player = Player(log=tells_of_logs(SESSIONS[session]))

@@ -28,6 +28,7 @@ from websockets.typing import Subprotocol
 from zstandard import ZstdDecompressor
 
 from gcs_server.client import NotAllowed, SyncGcs
+from tests.e2e.fast_station import FAST
 from tests.station import end, free_port, running, server_command, vehicle, wait_until
 
 VEHICLE = "101"
@@ -174,7 +175,7 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
         running(
             command, stdout=out, stderr=subprocess.STDOUT, env=environment | {"TMPDIR": str(folder)}
         ) as process,
-        vehicle(mavlink, more=["--speed", "10"]),
+        vehicle(mavlink, more=FAST),
     ):
         wait_until(lambda: "Ready: " in said.read_text(), "the server's start")
         token = (folder / "token").read_text().strip() if exposed else None

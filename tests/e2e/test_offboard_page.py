@@ -145,6 +145,7 @@ def speed_m_s(drone: Any) -> float:
     return math.hypot(north, east)
 
 
+@pytest.mark.story
 def test_flown_by_form(browser: Browser, hovering: Station) -> None:
     """Preview, start, another kind, what the limits left of it, and why two kinds cannot be flown."""
     drone = hovering.drone

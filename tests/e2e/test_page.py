@@ -219,6 +219,7 @@ def test_a_flight_by_keys_and_a_refusal_where_it_was_asked(browser: Browser, lan
         drone.until_disarmed()
 
 
+@pytest.mark.story
 def test_the_3d_view_shows_the_vehicle_and_asks_nobody_else(browser: Browser, landed: Station) -> None:
     with opened(browser, landed.url) as page:
         expect(pill(page)).to_have_text("Ready")
@@ -254,6 +255,7 @@ def test_nothing_serious_stands_in_anyones_way(browser: Browser, landed: Station
         assert in_both_themes(page) == []
 
 
+@pytest.mark.story
 def test_the_values_are_chosen_by_hand_and_by_keys_and_stay_chosen(browser: Browser, landed: Station) -> None:
     with opened(browser, landed.url, scene=False) as page:
         values = page.get_by_label("Values", exact=True)

@@ -98,6 +98,7 @@ def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, statio
         uploaded_and_flown(page, room, station)
 
 
+@pytest.mark.story
 def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browser, station: Station) -> None:
     with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
         room = plan_room(page)

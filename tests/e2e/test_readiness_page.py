@@ -17,7 +17,7 @@ from tests.e2e.browser import (
 from tests.e2e.fast_station import Station
 from tools import build_page
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
 def test_why_it_cannot_arm_or_fly_each_mode(station: Station) -> None:

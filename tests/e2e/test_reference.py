@@ -8,7 +8,7 @@ import pytest
 from tests.e2e.browser import Watched, chromium
 from tests.station import server
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
 def test_the_reference_shows_every_call_and_loads_nothing_from_elsewhere() -> None:

@@ -89,6 +89,7 @@ def test_a_taken_mavlink_port_is_named_and_used_once_it_is_free(tmp_path: Path) 
             wait_until(lambda: "101" in server.vehicles(), "the vehicle")
 
 
+@pytest.mark.story
 def test_a_replayed_recording_is_shown_as_one_moves_on_and_refuses(shared: Path, tmp_path: Path) -> None:
     tape = shared / "px4" / "tlogs" / "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
     port = free_port(socket.SOCK_STREAM)

@@ -120,6 +120,7 @@ def test_the_brake_holds_it_before_the_box_and_avoidance_switched_on_in_flight_l
     fly(jump, story)
 
 
+@pytest.mark.story
 def test_a_path_through_the_box_is_left_sideways_and_met_again_behind(jump):
     async def story(flight):
         await flight.offboard.avoidance.switch_on("around")

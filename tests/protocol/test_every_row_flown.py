@@ -26,13 +26,19 @@ from missions.setpoints import (
 )
 from tests.protocol.offboard_world import codes, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.unit.vehicle_sim.flown import flown as hovering
+from tests.unit.vehicle_sim.sim_station import Station
 
 
-def flown(jump, story, count=1):
+def flown(jump, story, height_m=8.0):
+    """A story that begins with one vehicle in Hold."""
+
     async def run():
-        world = SimulatedWorld(count)
+        world = SimulatedWorld(sim=hovering(Station, height_m).sim)
         try:
-            await story(world)
+            vehicle = await world.ready()
+            await until(lambda: vehicle.status.mode == "hold" and vehicle.topic("home"), 10)
+            await story(world, vehicle)
         finally:
             await world.close()
 
@@ -66,8 +72,7 @@ def off_m(vehicle, place):
 
 
 def test_position_velocity_and_acceleration_rows(jump):
-    async def story(world):
-        vehicle = await world.in_the_air(height_m=8)
+    async def story(world, vehicle):
         started = await vehicle.offboard.start(order(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert started.ordered_type == "position"
         await seconds(6)
@@ -119,8 +124,7 @@ def test_position_velocity_and_acceleration_rows(jump):
 
 
 def test_attitude_and_rates_rows_and_how_they_expire(jump):
-    async def story(world):
-        vehicle = await world.in_the_air(height_m=12)
+    async def story(world, vehicle):
         thrust = 0.49
         await vehicle.offboard.start(order(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
         await fly(vehicle, Attitude(q_from_euler(math.radians(6), 0.0, 0.0), thrust), 1.5)
@@ -141,14 +145,13 @@ def test_attitude_and_rates_rows_and_how_they_expire(jump):
         assert off_m(vehicle, held) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
-    flown(jump, story)
+    flown(jump, story, 12.0)
 
 
 def test_thrust_and_torque_and_motors_go_past_mavlink_and_are_refused_by_it(jump):
     """By the simulator's inner interface they fly; the server sees somebody else's Offboard and keeps off."""
 
-    async def story(world):
-        vehicle = await world.in_the_air(height_m=8)
+    async def story(world, vehicle):
         offboard = world.sim.autopilots[0].offboard
 
         async def stream(work, duration_s):
@@ -177,8 +180,7 @@ def test_thrust_and_torque_and_motors_go_past_mavlink_and_are_refused_by_it(jump
 
 
 def test_a_path_is_flown_in_time_though_its_client_says_nothing_more(jump):
-    async def story(world):
-        vehicle = await world.in_the_air(height_m=8)
+    async def story(world, vehicle):
         begin = local(vehicle).position_ned_m
         corners = ((0, 0), (6, 0), (6, 6), (0, 6), (0, 0))
         points = tuple(
@@ -194,7 +196,7 @@ def test_a_path_is_flown_in_time_though_its_client_says_nothing_more(jump):
             assert vehicle.offboard.status().ordered_type == "path"
         assert worst < 1.6  # it lags behind a moving place
         await seconds(0.5)
-        assert off_m(vehicle, points[-1].position_ned_m) < 0.8
+        assert off_m(vehicle, points[-1].position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after its end
         await seconds(0.3)
         assert codes(vehicle) == ["expired", "held"]
@@ -210,8 +212,7 @@ def test_a_path_is_flown_in_time_though_its_client_says_nothing_more(jump):
 
 
 def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
-    async def story(world):
-        vehicle = await world.in_the_air(height_m=8)
+    async def story(world, vehicle):
         home = vehicle.topic("home").value
         await vehicle.offboard.operator.set(
             OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="me"
@@ -247,8 +248,16 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
     flown(jump, story)
 
 
+@pytest.mark.story
 def test_one_vehicle_follows_another_until_that_is_not_heard(jump):
-    async def story(world):
+    async def run():
+        world = SimulatedWorld(2)
+        try:
+            await follow(world)
+        finally:
+            await world.close()
+
+    async def follow(world):
         leader, follower = await world.in_the_air("1", 8), await world.in_the_air("2", 11)
         await leader.offboard.start(order(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
         beside = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
@@ -268,4 +277,4 @@ def test_one_vehicle_follows_another_until_that_is_not_heard(jump):
         assert follower.offboard.status().state in ("holding", "to_hold", "idle")
         await until(lambda: follower.status.mode == "hold", 6)
 
-    flown(jump, story, count=2)
+    jump(run)

@@ -112,10 +112,17 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
 
 
 @pytest.mark.parametrize(
-    ("seed", "late_s", "wind_m_s"), [(2, 0.4, 4.0), pytest.param(1, 0.0, 4.0, marks=pytest.mark.broad)]
+    ("seed", "late_s", "names"),
+    [
+        (2, 0.4, ("head_on",)),
+        pytest.param(2, 0.4, tuple(ENCOUNTERS), marks=pytest.mark.broad),
+        pytest.param(1, 0.0, tuple(ENCOUNTERS), marks=pytest.mark.broad),
+    ],
 )
-def test_the_true_distance_keeps_the_minimum_with_noise_wind_and_late_snapshots(jump, seed, late_s, wind_m_s):
-    nearest_m = encounters(jump, seed, late_s, wind_m_s)
+def test_the_true_distance_keeps_the_minimum_with_noise_wind_and_late_snapshots(jump, seed, late_s, names):
+    nearest_m = encounters(jump, seed, late_s, 4.0, names)
     assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
     met = [name for name, apart_m in nearest_m.items() if apart_m < 4 * MINIMUM_M]
-    assert len(met) >= 3, f"they begin 23 m apart; by attitude they may pass far above, but {met} alone met"
+    assert len(met) >= min(3, len(names)), (
+        f"they begin 23 m apart; by attitude they may pass far above, but {met} alone met"
+    )

@@ -7,7 +7,7 @@ from playwright.sync_api import Browser, expect
 
 from tests.e2e.browser import in_both_themes, opened, press
 from tests.e2e.fast_station import Station
-from tests.e2e.keyboard.question import await_command, refuse_commands
+from tests.e2e.keyboard.question import Question, await_command, refuse_commands
 from tests.station import wait_until
 
 pytestmark = pytest.mark.browser
@@ -29,6 +29,19 @@ def test_a_key_held_on_cancel_stops_no_motors(browser: Browser, flying: Station,
         page.keyboard.up(key)
         expect(dialog).to_be_hidden()
         assert commands == []
+
+
+def test_stopping_the_motors_is_confirmed_by_its_own_slider_only(browser: Browser, flying: Station) -> None:
+    with opened(browser, flying.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        commands = refuse_commands(page)
+
+        def ask() -> None:
+            page.keyboard.press("Shift+K")
+
+        ask()
+        Question(page, commands).check(ask)
+    assert flying.drone.status()["armed"]
 
 
 def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Browser, flying: Station) -> None:
@@ -80,6 +93,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
     assert drone.status()["armed"]
 
 
+@pytest.mark.story
 def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) -> None:
     with opened(browser, flying.url, scene=False) as page:
         card = page.get_by_label("Gimbal", exact=True)

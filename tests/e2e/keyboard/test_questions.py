@@ -12,7 +12,7 @@ from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.question import Question, press_new_buttons, refuse_commands
 from tests.e2e.keyboard.walk import close_all, rooms
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 NOT_PRESSED = ("Reload", "Hold")
 """Hold asks nobody, and ends every question."""

@@ -15,7 +15,7 @@ from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.walk import close_all, rooms, walk
 from tests.station import wait_until
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 A_FEW_SECONDS_MS = 2_500
 TICKING = """

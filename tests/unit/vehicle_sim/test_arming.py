@@ -59,6 +59,7 @@ def test_nothing_is_armed_amid_a_calibration(station):
     assert "commander_arm_denied_calibrating" in station.events(asked_s)
 
 
+@pytest.mark.story
 def test_flights_are_counted_and_nobody_is_told():
     station = Station(sensor_noise=False)
     station.fly_to(3.0)

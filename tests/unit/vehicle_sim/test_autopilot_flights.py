@@ -15,7 +15,7 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.geodesy import to_global
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 TICK_S = 0.02
 HEIGHTS_M = (10.0, 10.0, 10.0, math.nan)

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from tests.unit.vehicle_sim.flown import flown
 from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
 from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, RTL, TAKEOFF
 
@@ -24,9 +25,8 @@ def ground() -> PlanStation:
 
 
 @pytest.fixture
-def air(ground: PlanStation) -> PlanStation:
-    ground.fly_to(8.0)
-    return ground
+def air() -> PlanStation:
+    return flown(PlanStation, 8.0, sensor_noise=False)
 
 
 def ask(s: PlanStation, command: int, *parameters: float) -> list[int]:

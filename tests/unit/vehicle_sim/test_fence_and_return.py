@@ -137,10 +137,9 @@ def test_a_return_may_stay_in_the_air_and_may_follow_the_mission_back() -> None:
     assert math.hypot(*s.place) < 2.5
 
 
+@pytest.mark.story
 def test_a_return_without_a_delay_lands_from_where_it_arrives_and_tells_each_place_it_flies_to() -> None:
-    s = PlanStation(sensor_noise=False, parameters={"RTL_RETURN_ALT": 20.0})
-    s.ready_to_arm()
-    s.fly_to(12.0)
+    s = flying(12.0, RTL_RETURN_ALT=20.0)
     home = s.sim.autopilots[0].home
     item = s.item(192, 30.0, 0.0)
     s.command(192, -1, 1, 0, math.nan, item["x"] / 1e7, item["y"] / 1e7, home.alt_amsl_m + 12)
@@ -159,13 +158,11 @@ def test_a_return_without_a_delay_lands_from_where_it_arrives_and_tells_each_pla
 
 @pytest.mark.parametrize("sub_mode", [6, 9])
 def test_each_kind_of_landing_tells_the_place_under_the_vehicle(sub_mode: int) -> None:
-    s = PlanStation(sensor_noise=False)
-    s.ready_to_arm()
-    s.fly_to(6.0)
-    item = s.item(192, 20.0, 10.0)
+    s = flying(6.0)
+    item = s.item(192, 10.0, 5.0)
     height_m = s.sim.autopilots[0].home.alt_amsl_m + 6
     s.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, height_m)
-    s.run(14.0)
+    s.run(10.0)
     s.command(176, 1, 4, sub_mode)
     s.run(2.0)
     told = s.last["POSITION_TARGET_GLOBAL_INT"]

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from tests.unit.vehicle_sim.flown import flown
 from tests.unit.vehicle_sim.sim_station import (
     BOTH,
     HOLD,
@@ -124,8 +125,7 @@ def test_offboard_stream_lost_lands_disarms_and_says_offboard_again() -> None:
 
 
 def test_a_stream_that_comes_back_flies_on() -> None:
-    s = Station()
-    s.fly_to(6)
+    s = flown(Station, 6)
 
     def stream() -> None:
         s.send(
@@ -144,8 +144,7 @@ def test_a_stream_that_comes_back_flies_on() -> None:
 
 @pytest.mark.parametrize(("action", "mode"), [(1, 0x20000), (3, RTL), (5, HOLD)])
 def test_offboard_loss_does_what_its_parameter_says(action: int, mode: int) -> None:
-    s = Station(parameters={"COM_OBL_RC_ACT": action})
-    s.fly_to(4)
+    s = flown(Station, 4, {"COM_OBL_RC_ACT": action})
     s.run(1.1, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
     s.command(176, 1, 6)
     s.run(0.2, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
@@ -154,9 +153,9 @@ def test_offboard_loss_does_what_its_parameter_says(action: int, mode: int) -> N
     assert s.flown_mode == mode
 
 
+@pytest.mark.story
 def test_return_to_launch_climbs_flies_home_lands_and_stays_down() -> None:
-    s = Station(parameters={"RTL_RETURN_ALT": 10.0})
-    s.fly_to(6)
+    s = flown(Station, 6, {"RTL_RETURN_ALT": 10.0})
     here = s.last["GLOBAL_POSITION_INT"]
     s.send(
         "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
@@ -184,8 +183,7 @@ def test_nobody_takes_off_so_the_vehicle_disarms_itself() -> None:
 
 
 def test_kill_and_termination_fall() -> None:
-    s = Station()
-    s.fly_to(4)
+    s = flown(Station, 4)
     s.command(400, 0)
     s.run(0.1)
     assert s.acks(400)[-1] == 1
@@ -196,8 +194,7 @@ def test_kill_and_termination_fall() -> None:
     s.run(2)
     assert s.height_m < 0.1
 
-    s = Station()
-    s.fly_to(4)
+    s = flown(Station, 4)
     s.command(185, 1)
     s.run(2)
     assert s.flown_mode == 0x0A0000
@@ -208,8 +205,7 @@ def test_kill_and_termination_fall() -> None:
 
 
 def test_a_lost_ground_station_is_waited_for_then_returned_from() -> None:
-    s = Station(parameters={"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
-    s.fly_to(4)
+    s = flown(Station, 4, {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
     s.heartbeats, lost_s = False, s.now_s
     s.run(3.2)
     assert "commander_failsafe_enter_hold" in s.events(lost_s)
@@ -223,8 +219,7 @@ def test_a_lost_ground_station_is_waited_for_then_returned_from() -> None:
 
 
 def test_a_critical_battery_returns_and_an_operator_may_take_over() -> None:
-    s = Station(parameters={"COM_FAIL_ACT_T": 1.0})
-    s.fly_to(4)
+    s = flown(Station, 4, {"COM_FAIL_ACT_T": 1.0})
     s.sim.simulation.set_battery_remaining(0, 0.06)
     s.run(0.2)
     assert "commander_failsafe_enter_hold" in s.events()

@@ -22,7 +22,9 @@ def flies_on(station: Station) -> str:
 
 
 @pytest.mark.flight
-@pytest.mark.parametrize("fleet", [{}, {"links": BOTH, "camera": True}])
+@pytest.mark.parametrize(
+    "fleet", [{"links": BOTH, "camera": True}, pytest.param({}, marks=pytest.mark.broad)], ids=["both", "gcs"]
+)
 def test_copies_fly_on_as_the_original_does(fleet: dict[str, Any]) -> None:
     original = Station(seed=4, **fleet)
     original.fly_to(3.0)

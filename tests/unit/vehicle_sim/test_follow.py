@@ -12,6 +12,7 @@ SPEED_M_S = 2.0
 M_PER_DEG = 111_195.0
 
 
+@pytest.mark.story
 def test_it_flies_behind_a_walker_looks_at_him_and_holds_without_him() -> None:
     s = Station(parameters={"FLW_TGT_DST": 8.0, "FLW_TGT_HT": 9.0})
     s.fly_to(10.0)

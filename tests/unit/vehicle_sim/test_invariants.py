@@ -144,6 +144,7 @@ def test_a_glitch_that_passes_leaves_nothing_behind():
     assert np.abs(sim.truth.position_ned_m[0] - (0.0, 0.0, -HEIGHT_M)).max() < 1.5
 
 
+@pytest.mark.story
 def test_gusts_shake_by_seed_and_end():
     first, again, other = (hovering(seed=seed) for seed in (4, 4, 5))
     for sim in (first, again, other):

@@ -198,6 +198,7 @@ def test_a_landing_is_detected_some_seconds_after_the_touch() -> None:
     assert s.last["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
 
 
+@pytest.mark.story
 def test_a_position_below_the_ground_is_no_landing_but_a_descent_is() -> None:
     """PX4 asks for a vertical velocity; whoever flies positions into the ground stays armed on it."""
     s = hover(3.0)

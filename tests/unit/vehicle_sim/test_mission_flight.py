@@ -11,7 +11,7 @@ import pytest
 from tests.unit.vehicle_sim.plan_station import PlanStation
 from tests.unit.vehicle_sim.sim_station import RTL
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 LATER = 0.06
 """Of the time since the start: PX4 itself wanders with its GPS noise, the simulated one is flown without."""

@@ -20,6 +20,7 @@ def s() -> PlanStation:
     return station
 
 
+@pytest.mark.story
 def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStation) -> None:
     plan = [
         s.item(TAKEOFF, height_m=4),
