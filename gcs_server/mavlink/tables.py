@@ -47,7 +47,11 @@ def _layout(msg_id: int, cls: Any) -> Layout:
     )
 
 
-LAYOUTS: dict[int, Layout] = {msg_id: _layout(msg_id, cls) for msg_id, cls in mavlink_map.items()}
+RENAMED = frozenset({296})
+"""Messages of another name, and so another checksum, in PX4 v1.17 (GLOBAL_POSITION): taken as unknown."""
+LAYOUTS: dict[int, Layout] = {
+    msg_id: _layout(msg_id, cls) for msg_id, cls in mavlink_map.items() if msg_id not in RENAMED
+}
 CRC_EXTRA: dict[int, bytes] = {msg_id: layout.crc_extra for msg_id, layout in LAYOUTS.items()}
 NAMES: dict[int, str] = {msg_id: layout.name for msg_id, layout in LAYOUTS.items()}
 

@@ -26,7 +26,9 @@ MODE_COMMANDS = frozenset(
         d.MAV_CMD_MISSION_START,
     }
 )
-BY_HAND = frozenset({"manual", "altitude", "position", "position_slow", "acro", "stabilized"})
+BY_HAND = frozenset(
+    {"manual", "altitude", "position", "position_slow", "altitude_cruise", "acro", "stabilized"}
+)
 ENDS_IN_HOLD = frozenset({"takeoff", "mission", "land", "rtl", "orbit", "precision_land", "vtol_takeoff"})
 MAV_SYS_STATUS_SENSOR_RC_RECEIVER = 1 << 16
 

@@ -1,6 +1,6 @@
 """PX4's flight modes: the API's names, what people read, and the numbers on the wire.
 
-`custom_mode` holds the main mode in bits 16–23 and the sub mode in bits 24–31 (PX4 v1.16,
+`custom_mode` holds the main mode in bits 16–23 and the sub mode in bits 24–31 (PX4 v1.16 and v1.17,
 px4_custom_mode.h); `nav_state` is the bit that arming checks use for the mode.
 """
 
@@ -48,6 +48,8 @@ MODES: tuple[Mode, ...] = (
     Mode("offboard", "Offboard", 6, 0, 14),
     Mode("stabilized", "Stabilized", 7, 0, 15),
     Mode("termination", "Termination", 10, 0, 13, settable=False),
+    # Of v1.17; v1.16 accepts its number and stays in the mode it is in.
+    Mode("altitude_cruise", "Altitude cruise", 11, 0, 8, settable=False),
 )
 BY_NAME = {mode.name: mode for mode in MODES}
 BY_CUSTOM_MODE = {mode.custom_mode: mode for mode in MODES}

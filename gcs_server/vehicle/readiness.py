@@ -18,7 +18,7 @@ from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
 
 ALL_MODES = 0xFFFFFFFF
 LEVEL_ERROR, LEVEL_WARNING = 3, 4
-STICK_MODES = sum(1 << state for state in (0, 1, 2, 6, 10, 15))
+STICK_MODES = sum(1 << state for state in (0, 1, 2, 6, 8, 10, 15))
 """Manual, Altitude, Position, Position slow, Acro, Stabilized: those that a missing transmitter stops (as the
 recorded reports show; the finding itself names all modes)."""
 MOST_FINDINGS = 64

@@ -1,0 +1,58 @@
+"""What PX4 v1.17 says otherwise than v1.16, heard by the server's decoders and tables."""
+
+import json
+import math
+import struct
+from dataclasses import asdict
+
+import pytest
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import FrameParser, encode_frame, encode_payload
+from gcs_server.vehicle import decoders, modes
+from gcs_server.vehicle.identity import read_version
+from gcs_server.vehicle.mode_cause import BY_HAND
+from gcs_server.vehicle.readiness import STICK_MODES
+
+GLOBAL_POSITION = 296
+"""A message of v1.17 that the dialect does not know."""
+
+
+def test_an_airspeed_that_is_not_a_number_is_unknown() -> None:
+    hud = encode_payload(d.MAVLink_vfr_hud_message(math.nan, 1.5, 90, 40, 489.0, 0.1))
+    sample, _ = decoders.hud({d.MAVLINK_MSG_ID_VFR_HUD: hud})
+    assert sample.airspeed_m_s is None
+    assert sample.groundspeed_m_s == pytest.approx(1.5)
+    assert "NaN" not in json.dumps(asdict(sample))
+
+
+def test_a_vehicle_without_a_mission_says_so_in_two_ways() -> None:
+    for state, mode in ((0, 0), (1, 2)):
+        message = d.MAVLink_mission_current_message(0, 65535, state, mode, 0, 0, 0)
+        decoded = decoders.mission({d.MAVLINK_MSG_ID_MISSION_CURRENT: encode_payload(message)})
+        assert decoded is not None
+        assert decoded[0].count == 0
+
+
+def test_altitude_cruise_is_flown_by_hand_and_never_asked_for() -> None:
+    name, label = modes.name_and_label(0x000B0000, d.MAV_AUTOPILOT_PX4)
+    assert (name, label) == ("altitude_cruise", "Altitude cruise")
+    assert name in BY_HAND
+    mode = modes.BY_NAME[name]
+    assert STICK_MODES >> mode.nav_state & 1
+    assert not mode.settable, "v1.16 would accept it and stay in its mode"
+
+
+def test_the_version_is_read() -> None:
+    message = d.MAVLink_autopilot_version_message(0, 0x011100FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
+    assert read_version(encode_payload(message)).firmware == "1.17.0"
+
+
+def test_a_message_that_the_dialect_does_not_know_costs_none_of_its_neighbours() -> None:
+    beat = encode_frame(0, encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)), 7, 1, 1)
+    payload = bytes(range(40))
+    head = struct.pack("<BBBBBBB", 0xFD, len(payload), 0, 0, 8, 1, 1) + GLOBAL_POSITION.to_bytes(3, "little")
+    parser = FrameParser()
+    frames = parser.feed(beat + head + payload + b"\x12\x34" + beat, 0.0)
+    assert [frame.msg_id for frame in frames] == [0, GLOBAL_POSITION, 0]
+    assert (parser.frames_unknown, parser.bytes_skipped, parser.crc_errors) == (1, 0, 0)
