@@ -26,8 +26,10 @@ BATTERY_TEXTS = {
     "check_battery_critical": "Critical battery",
     "check_battery_emergency": "Emergency battery level",
 }
-CALIBRATIONS = (("accel", "CAL_ACC0_ID"), ("gyro", "CAL_GYRO0_ID"), ("mag", "CAL_MAG0_ID"))
-"""The sensor that a calibration is stored for; 0: none is."""
+CALIBRATIONS = (
+    ("accel", "CAL_ACC0_ID", 1310988), ("gyro", "CAL_GYRO0_ID", 1310988), ("mag", "CAL_MAG0_ID", 197388),
+)  # fmt: skip
+"""The sensor that a calibration is stored for, and the id of the one on board."""
 _BATTERY_LEVELS = ((3, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
 
 
@@ -104,7 +106,7 @@ class Checks:
         self._settings_of = view.parameter_changes
         self._settings = (
             bool(view.choice("COM_ARM_MIS_REQ")),
-            tuple(sensor for sensor, name in CALIBRATIONS if not view.choice(name)),
+            tuple(sensor for sensor, name, own in CALIBRATIONS if view.choice(name) != own),
             view.choice("SYS_HAS_MAG"),
             view.choice("COM_ARM_ODID"),
             view.choice("COM_PARACHUTE") > 0,

@@ -1,14 +1,13 @@
 """PREFLIGHT_CALIBRATION as PX4 goes through it: what it says and answers, and what it learns.
 
-Accelerometer and gyroscope learn from what the simulated sensors read, many samples together; one that needs
-the vehicle turned asks for the sides and fails where nobody turns it. Compass, barometer and level find their
-parameters as they are.
+All learn from what the simulated sensors read (`readings.py`); one that needs the vehicle turned asks for the
+sides and fails where nobody turns it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from vehicle_sim.commands.command import (
     CommandHost,
     Handler,
 )
+from vehicle_sim.commands.readings import Readings, Tell, sphere_centre
 from vehicle_sim.commands.sides import Rest, RestDetector, Side, offset_and_scale
 from vehicle_sim.frames import GRAVITY_M_S2
 
@@ -30,8 +30,6 @@ INFO, CRITICAL, EMERGENCY = 6, 2, 0
 """MAV_SEVERITY."""
 ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK = 1, 2, 4
 """param5."""
-PRIORITY = 50
-"""Of a calibrated sensor whose priority nobody chose."""
 STILL = "[cal] hold vehicle still on a pending side"
 REST = "[cal] detected rest position, hold still..."
 MOTION = "[cal] detected motion, hold still..."
@@ -45,11 +43,8 @@ ACCEL_SAMPLES, GYRO_SAMPLES, QUICK_SAMPLES = 750, 250, 7
 NOBODY_HOLDS_STILL_S = 90.0
 FAILURES_ALLOWED = 4
 """So often a side may be offered that is done, or none, before it is given up."""
-MAG_ROTATION_S = 100.0
-KEPT_WITHIN = 0.01
-"""What differs less from what is stored is not stored, in the parameter's unit."""
-BARO_S = 15.0
-"""How long the barometer's calibration listens to nobody."""
+LASTS_ON_S = 0.6
+"""A calibration counts as running so long after its last word."""
 Action = Callable[[], None]
 FloatArray = NDArray[np.float64]
 Steps = Generator[float, None, None]
@@ -66,9 +61,9 @@ class CalibrationCommands:
         tell_parameters: sends these to every ground station, though they are what they were.
     """
 
-    def __init__(self, host: CommandHost, tell_parameters: Callable[[Iterable[str]], None]) -> None:
+    def __init__(self, host: CommandHost, tell_parameters: Tell) -> None:
         self._host = host
-        self._tell_parameters = tell_parameters
+        self._readings = Readings(host.view, tell_parameters)
         self._announcer = host.autopilot.announcer
         self._now = ""
         self._measuring = False
@@ -77,6 +72,8 @@ class CalibrationCommands:
         """Rises with each calibration: what an ended one still had planned is dropped."""
         self._sums: dict[Side, FloatArray] = {}
         """What was measured of each side, the mean [m/s²]."""
+        self._fields: list[FloatArray] = []
+        """What the compass read while the vehicle was turned [gauss]."""
         self.commands: dict[int, Handler] = {
             CALIBRATION: self.calibrate,
             FIXED_MAG: self.fixed_mag,
@@ -115,11 +112,22 @@ class CalibrationCommands:
         if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
         heading_deg = c.p1 if math.isfinite(c.p1) else 0.0
+        if self._running:
+            return TEMPORARILY_REJECTED
         self._token += 1
+        self._running = "mag quick"
         self._say(f"Assuming vehicle is facing heading {heading_deg:.1f} degrees")
-        self._at(0.02, lambda: self._tell("CAL_MAG0_"))
-        self._at(0.07, lambda: self._say("Mag quick calibration finished"))
+        self._run(self._learn_mag_quickly(math.radians(heading_deg)))
         return ACCEPTED
+
+    def _learn_mag_quickly(self, yaw_ned_rad: float) -> Steps:
+        yield 0.02
+        readings = self._readings
+        readings.store("CAL_MAG0_", "OFF", readings.mag() - readings.known_field(yaw_ned_rad))
+        yield 0.05
+        self._say("Mag quick calibration finished")
+        yield LASTS_ON_S
+        self._running = ""
 
     @property
     def _running(self) -> str:
@@ -142,8 +150,14 @@ class CalibrationCommands:
         self._say(f"[cal] calibration started: 2 {name}")
 
     def _done(self, name: str) -> None:
-        self._running = ""
         self._say(f"[cal] calibration done: {name}")
+        self._at(LASTS_ON_S, lambda: setattr(self, "_running", ""))
+
+    def _failed(self, name: str, why: str = "") -> None:
+        if why:
+            self._say(f"[cal] {why}", CRITICAL)
+        self._running = ""
+        self._say(f"[cal] calibration failed: {name}", CRITICAL)
 
     def _gyro(self) -> None:
         self._start("gyro")
@@ -153,22 +167,33 @@ class CalibrationCommands:
         self._run(self._learn_gyro())
 
     def _learn_gyro(self) -> Steps:
-        offset = yield from self._mean(self._raw_gyro, GYRO_SAMPLES)
+        offset = yield from self._readings.mean(self._readings.gyro, GYRO_SAMPLES)
         yield 0.04
-        self._store("CAL_GYRO0_", "OFF", offset)
+        self._readings.store("CAL_GYRO0_", "OFF", offset)
         yield 0.04
         self._done("gyro")
 
     def _mag(self) -> None:
         self._start("mag")
-        self._run(self._course("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate))
+        self._fields.clear()
+        self._run(self._course("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate, self._learn_mag))
 
     def _rotate(self, _side: Side) -> Judgement:
-        """Nobody turns a simulated vehicle on its side round and round."""
+        """Sample the field while somebody turns the vehicle on its side, round and round."""
         self._say("[cal] Rotate vehicle")
-        yield MAG_ROTATION_S
-        self._say("Failed: This calibration requires rotation.", CRITICAL)
-        return False
+        taken = yield from self._readings.turned_fields()
+        self._fields += taken
+        if not taken:
+            self._say("Failed: This calibration requires rotation.", CRITICAL)
+        return bool(taken)
+
+    def _learn_mag(self) -> bool:
+        try:
+            offset = sphere_centre(np.array(self._fields))
+        except np.linalg.LinAlgError:
+            return False
+        self._readings.store("CAL_MAG0_", "OFF", offset)
+        return True
 
     def _accelerometer(self) -> None:
         self._start("accel")
@@ -178,7 +203,7 @@ class CalibrationCommands:
     def _measure_side(self, side: Side) -> Judgement:
         self._measuring = True
         self._say(f"[cal] Hold still, measuring {side.value} side")
-        mean = yield from self._mean(self._raw_accel, ACCEL_SAMPLES)
+        mean = yield from self._readings.mean(self._readings.accel, ACCEL_SAMPLES)
         if not mean[side.axis] * side.sign > 0.0:
             self._say(f"[cal] accel 0 invalid {'XYZ'[side.axis]}-axis, check rotation", EMERGENCY)
             return False
@@ -194,8 +219,8 @@ class CalibrationCommands:
         found = offset_and_scale(self._sums)
         if found is None:
             return False
-        self._store("CAL_ACC0_", "OFF", found[0], tell=False)
-        self._store("CAL_ACC0_", "SCALE", found[1])
+        self._readings.store("CAL_ACC0_", "OFF", found[0], tell=False)
+        self._readings.store("CAL_ACC0_", "SCALE", found[1])
         return True
 
     # --- sides -----------------------------------------------------------------------------------------
@@ -221,8 +246,7 @@ class CalibrationCommands:
             yield LIST_S
             self._done(name)
             return
-        self._running = ""
-        self._say(f"[cal] calibration failed: {name}", CRITICAL)
+        self._failed(name)
 
     def _each_side(self, still_s: float, tolerance: float, measure: Callable[[Side], Judgement]) -> Judgement:
         done: list[Side] = []
@@ -260,7 +284,7 @@ class CalibrationCommands:
         begun_s = simulation.time_s
         while simulation.time_s - begun_s < NOBODY_HOLDS_STILL_S:
             yield 0.0
-            x, y, z = self._raw_accel().tolist()
+            x, y, z = self._readings.accel().tolist()
             rest = detector.feed((x, y, z), simulation.dt_s)
             if rest is Rest.BEGAN:
                 begun_s = simulation.time_s
@@ -274,42 +298,18 @@ class CalibrationCommands:
         self._say("[cal] calibration failed: reading sensor", CRITICAL)
         return None
 
-    # --- what the sensors read -------------------------------------------------------------------------
-
-    def _raw_accel(self) -> FloatArray:
-        """The newest reading before what was learned earlier is taken off."""
-        view = self._host.view
-        scale = np.array([view.parameter(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"])
-        return view.simulation.sensors.accel_frd_m_s2[view.row] / scale + self._offset("CAL_ACC0_")
-
-    def _raw_gyro(self) -> FloatArray:
-        view = self._host.view
-        return view.simulation.sensors.gyro_frd_rad_s[view.row] + self._offset("CAL_GYRO0_")
-
-    def _offset(self, prefix: str) -> FloatArray:
-        return np.array([self._host.view.parameter(f"{prefix}{axis}OFF") for axis in "XYZ"])
-
-    @staticmethod
-    def _mean(read: Callable[[], FloatArray], samples: int) -> Generator[float, None, FloatArray]:
-        total = np.zeros(3)
-        for _ in range(samples):
-            yield 0.0
-            total += read()
-        return total / samples
-
-    def _store(self, prefix: str, what: str, values: FloatArray, *, tell: bool = True) -> None:
-        view = self._host.view
-        names = [f"{prefix}{axis}{what}" for axis in "XYZ"]
-        stored = np.array([view.parameter(name) for name in names])
-        if float(np.linalg.norm(values - stored)) > KEPT_WITHIN:
-            for name, value in zip(names, values.tolist(), strict=True):
-                view.parameters.set(name, value)
-        if tell:
-            self._tell(prefix)
+    # --- without sides --------------------------------------------------------------------------------
 
     def _baro(self) -> None:
         self._start("baro")
-        self._at(BARO_S, lambda: self._done("baro"))
+        self._run(self._learn_baro())
+
+    def _learn_baro(self) -> Steps:
+        found = yield from self._readings.learn_baro()
+        if found:
+            self._done("baro")
+        else:
+            self._failed("GPS required for baro cal")
 
     def _remote(self) -> None:
         self._running = "rc"
@@ -319,17 +319,26 @@ class CalibrationCommands:
         self._start("level")
         for step in range(6):
             self._at(LIST_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
-        self._at(0.57, lambda: self._tell_parameters(("SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF")))
-        self._at(0.585, lambda: self._progress(100))
-        self._at(0.63, lambda: self._done("level"))
+        self._run(self._learn_level())
+
+    def _learn_level(self) -> Steps:
+        yield LIST_S
+        wrong = yield from self._readings.learn_level()
+        yield 0.03
+        self._progress(100)
+        yield LIST_S
+        if wrong:
+            self._failed("level", wrong)
+        else:
+            self._done("level")
 
     def _accelerometer_quick(self) -> None:
         self._run(self._learn_quickly())
 
     def _learn_quickly(self) -> Steps:
         """The vehicle is taken to stand level."""
-        mean = yield from self._mean(self._raw_accel, QUICK_SAMPLES)
-        self._store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))
+        mean = yield from self._readings.mean(self._readings.accel, QUICK_SAMPLES)
+        self._readings.store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))
 
     def _airspeed(self) -> None:
         self._start("airspeed")
@@ -354,12 +363,6 @@ class CalibrationCommands:
         self._host.acknowledge(c, ACCEPTED)
         self._say("[cal] calibration cancelled", CRITICAL)
         return TEMPORARILY_REJECTED
-
-    def _tell(self, prefix: str) -> None:
-        store = self._host.view.parameters
-        if store.get(f"{prefix}PRIO") < 0:
-            store.set(f"{prefix}PRIO", PRIORITY)
-        self._tell_parameters([name for name in store.names if name.startswith(prefix)])
 
     def _say(self, text: str, severity: int = INFO) -> None:
         self._announcer.text(severity, text)

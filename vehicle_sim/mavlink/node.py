@@ -52,7 +52,7 @@ class Node:
         self._logs = LogService(self.context, files, logger)
         self._ranging = RangingService(self.context)
         self._camera: CameraService | None = None
-        requests = RequestService(self.context, self._time.send_ping)
+        requests = RequestService(self.context, self._time.send_ping, files)
         gimbal = GimbalCommands(self.context)
         calibration = CalibrationCommands(self.context, self.params.tell)
         self.failures = FailureCommands(self.context)

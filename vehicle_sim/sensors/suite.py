@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.frames import GRAVITY_M_S2, rotate_back
+from vehicle_sim.frames import GRAVITY_M_S2, quaternion_of, rotate, rotate_back, rotation_matrix
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.magnetic_field import field_ned_gauss
 from vehicle_sim.noise import NoiseOf, WhiteNoise
@@ -97,6 +97,12 @@ class SensorSuite:
         """Whose driver runs; a stopped one leaves its sensor's last sample standing."""
         self._gyro_offset, self._accel_offset = np.zeros((count, 3)), np.zeros((count, 3))
         self._accel_scale = np.ones((count, 3))
+        self._mag_calibration, self._mag_scale = np.zeros((count, 3)), np.ones((count, 3))
+        self._baro_calibration_hpa = np.zeros(count)
+        self._board = np.tile(np.eye(3), (count, 1, 1))
+        """(N, 3, 3) from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
+        self._turned = False
+        """Whether any vehicle's board is not level."""
         self._corrects = False
         """Whether any vehicle's calibration takes something off."""
         self._imu_noise = np.zeros((count, 6))
@@ -144,6 +150,12 @@ class SensorSuite:
         self._gyro_offset[i] = [parameters.usable(f"CAL_GYRO0_{axis}OFF") for axis in "XYZ"]
         self._accel_offset[i] = [parameters.usable(f"CAL_ACC0_{axis}OFF") for axis in "XYZ"]
         self._accel_scale[i] = [parameters.usable(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"]
+        self._mag_calibration[i] = [parameters.usable(f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
+        self._mag_scale[i] = [parameters.usable(f"CAL_MAG0_{axis}SCALE") for axis in "XYZ"]
+        self._baro_calibration_hpa[i] = 0.01 * parameters.usable("CAL_BARO0_OFF")
+        roll, pitch = (math.radians(parameters.usable(f"SENS_BOARD_{axis}_OFF")) for axis in "XY")
+        self._board[i] = rotation_matrix(np.array([quaternion_of(roll, pitch, 0.0)]))[0]
+        self._turned = bool((self._board != np.eye(3)).any())
         self._corrects = bool(
             self._gyro_offset.any() or self._accel_offset.any() or (self._accel_scale != 1.0).any()
         )
@@ -208,6 +220,9 @@ class SensorSuite:
             state.gyro_frd_rad_s -= self._gyro_offset
             state.accel_frd_m_s2 -= self._accel_offset
             state.accel_frd_m_s2 *= self._accel_scale
+        if self._turned:
+            state.gyro_frd_rad_s[:] = rotate(self._board, state.gyro_frd_rad_s)
+            state.accel_frd_m_s2[:] = rotate(self._board, state.accel_frd_m_s2)
         if self.faults.imu_wrong:
             state.gyro_frd_rad_s += self.faults.imu_offset[:, :3]
             state.accel_frd_m_s2 += self.faults.imu_offset[:, 3:]
@@ -217,6 +232,10 @@ class SensorSuite:
             field = rotate_back(matrix, np.broadcast_to(self._field_ned, (self._count, 3)))
             field += self._mag_offset
             field += self._mag_white.sample() * self._mag_sigma
+            field -= self._mag_calibration
+            field *= self._mag_scale
+            if self._turned:
+                field = rotate(self._board, field)
             measured = state.mag_fresh & ~self.faults.stuck[Driver.MAG]
             np.copyto(state.mag_frd_gauss, field, where=measured[:, None])
             state.mag_count += 1
@@ -232,7 +251,8 @@ class SensorSuite:
         measured = state.baro_fresh & ~self.faults.stuck[Driver.BARO]
         noise_m = (self._baro_white.sample() * self._baro_sigma_m)[:, 0]
         alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
-        np.copyto(state.baro_pressure_hpa, pressure_hpa(alt) + self._baro_offset_hpa, where=measured)
+        pressure = pressure_hpa(alt) + (self._baro_offset_hpa - self._baro_calibration_hpa)
+        np.copyto(state.baro_pressure_hpa, pressure, where=measured)
         ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
         state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
         temperature = 15.0 - _LAPSE_K_M * alt + self._baro_offset_deg_c

@@ -60,15 +60,19 @@ class VehicleFiles:
                 entries[first] = None if rest else len(self._content(built_in))
         try:
             for entry in os.scandir(self._real(name)):
-                entries[entry.name] = None if entry.is_dir() else entry.stat().st_size
+                size = entry.stat(follow_symlinks=False).st_size
+                entries[entry.name] = None if entry.is_symlink() or entry.is_dir() else size
         except OSError:
             if not entries and name:
                 raise
         return sorted(entries.items())
 
     def is_link(self, path: str, name: str) -> bool:
-        """Whether a directory's entry leads into the build, as PX4's `etc` does in simulation."""
-        return not _normal(path) and any(p.startswith(f"{name}/") for p in self._built_in)
+        """Whether a directory's entry leads elsewhere: into the build, as PX4's `etc` does in simulation."""
+        folder = _normal(path)
+        if not folder and any(p.startswith(f"{name}/") for p in self._built_in):
+            return True
+        return (self.root / folder / name).is_symlink()
 
     def is_directory(self, path: str) -> bool:
         """Whether there is such a directory."""

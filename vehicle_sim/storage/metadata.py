@@ -81,9 +81,9 @@ def _general_text() -> bytes:
     return json.dumps({"version": 1, "metadataTypes": types}).encode()
 
 
-def general_crc() -> int:
-    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION: that of the unpacked general document."""
-    return crc32(_general_text())
+def general_crc(file: bytes) -> int:
+    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION: of what the general file holds, unpacked."""
+    return crc32(lzma.decompress(file))
 
 
 BUILT_IN: dict[str, Callable[[], bytes]] = {

@@ -10,12 +10,17 @@ import pytest
 from vehicle_sim.commands.calibration import CalibrationCommands
 from vehicle_sim.commands.command import ACCEPTED, TEMPORARILY_REJECTED, Command
 from vehicle_sim.commands.sides import Rest, RestDetector, Side, offset_and_scale
+from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.frames import GRAVITY_M_S2
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.parameters import Parameters
 
 STEP_S = 0.004
 OFFSET = np.array([0.3, -0.2, 0.5])
 SCALE = np.array([1.02, 0.97, 1.01])
+HARD_IRON = np.array([0.12, -0.08, 0.05])
+FIELD_LEVEL_GAUSS, FIELD_DOWN_GAUSS = 0.22, 0.43
 
 
 def at_rest(side: Side, offset: float = 0.0) -> tuple[float, float, float]:
@@ -41,7 +46,11 @@ class Held:
             text=lambda severity, text: self.texts.append(text),
             both=lambda severity, text, event: self.texts.append(text),
         )
-        self.sensors = SimpleNamespace(accel_frd_m_s2=np.zeros((1, 3)), gyro_frd_rad_s=np.zeros((1, 3)))
+        self.sensors = SimpleNamespace(
+            accel_frd_m_s2=np.zeros((1, 3)), gyro_frd_rad_s=np.zeros((1, 3)), mag_frd_gauss=np.zeros((1, 3))
+        )
+        self.turning_rad_s = 0.0
+        """How fast the vehicle is turned about the vertical."""
         self.autopilot: Any = SimpleNamespace(
             announcer=announcer, commander=SimpleNamespace(armed=False, calibrating=False)
         )
@@ -80,10 +89,18 @@ class Held:
         self.sensors.accel_frd_m_s2[0] = (raw - self.learned("CAL_ACC0_{}OFF")) * scale
         turn = self._random.normal(0.0, 0.01, 3)
         self.sensors.gyro_frd_rad_s[0] = turn - self.learned("CAL_GYRO0_{}OFF")
+        raw = self.field() + HARD_IRON + self._random.normal(0.0, 0.005, 3)
+        self.sensors.mag_frd_gauss[0] = raw - self.learned("CAL_MAG0_{}OFF")
         due = [action for at_s, action in self._timers if at_s <= self.now_s]
         self._timers = [(at_s, action) for at_s, action in self._timers if at_s > self.now_s]
         for action in due:
             action()
+
+    def field(self) -> Any:
+        """The earth's, on the side that is down and however far it is turned."""
+        angle = self.turning_rad_s * self.now_s
+        across = FIELD_LEVEL_GAUSS * np.array([math.cos(angle), math.sin(angle)])
+        return np.insert(across, self.side.axis, -self.side.sign * FIELD_DOWN_GAUSS)
 
     def hears(self, text: str, timeout_s: float = 12.0) -> None:
         begun, begun_s = len(self.texts), self.now_s
@@ -175,6 +192,75 @@ def test_a_compass_that_nobody_turns_round_fails_in_the_end() -> None:
     s.hears("Rotate vehicle", 5)
     s.hears("calibration failed: mag", 110)
     assert "Failed: This calibration requires rotation." in s.texts
+
+
+def test_a_compass_that_is_turned_on_all_sides_learns_its_hard_iron() -> None:
+    s = Held()
+    s.parameters.set("CAL_MAG0_ZOFF", 0.3)  # what an earlier, wrong calibration left
+    s.ask(0, 1)
+    for side in Side:
+        s.side, s.turning_rad_s = side, 0.0
+        s.hears("Rotate vehicle", 8)
+        s.turning_rad_s = 1.0
+        s.hears(f"{side.value} side done, rotate to a different side", 20)
+    s.hears("calibration done: mag")
+    assert s.learned("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
+
+
+def flown() -> VehicleSim:
+    """A vehicle on the ground that is ready."""
+    sim = VehicleSim(seed=3)
+    sim.step(3.0)
+    return sim
+
+
+def ask(sim: VehicleSim, number: int, *parameters: float) -> None:
+    fields = {f"param{n}": value for n, value in enumerate(parameters, 1)}
+    layout, payload = pack("COMMAND_LONG", command=number, target_system=1, target_component=1, **fields)
+    sim.feed(0, "gcs", frame_v2(layout, payload, 1, 255, 190))
+
+
+def stored(sim: VehicleSim, name: str) -> float:
+    return float(sim.simulation.parameters[0].get(name))
+
+
+def test_level_is_where_the_vehicle_stands_and_its_attitude_is_told_from_there() -> None:
+    sim = flown()
+    sim.simulation.parameters[0].set("SENS_BOARD_X_OFF", 3.0)
+    sim.simulation._estimator.reset(0)
+    sim.step(2.0)
+    tilted_deg = math.degrees(sim.autopilots[0].view.estimate.roll_rad)
+    assert tilted_deg == pytest.approx(-3.0, abs=0.7), "the board is called oblique, and is not"
+    ask(sim, 241, 0, 0, 0, 0, 2)
+    sim.step(1.5)
+    assert stored(sim, "SENS_BOARD_X_OFF") == pytest.approx(0.0, abs=0.7)
+    assert not sim.autopilots[0].commander.calibrating
+
+
+def test_a_barometer_learns_its_offset_from_gps_and_needs_a_fix() -> None:
+    sim = flown()
+    sim.simulation.parameters[0].set("SIM_BARO_OFF_P", 300.0)
+    ask(sim, 241, 0, 0, 1)
+    sim.step(3.2)
+    assert stored(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0), "GPS is 0.5 m off, 12 Pa a metre"
+    sim.step(0.7)
+    sim.simulation.parameters[0].set("SIM_GPS_USED", 0)
+    sim.step(0.5)
+    ask(sim, 241, 0, 0, 1)
+    sim.step(3.2)
+    assert stored(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0)
+    assert not sim.autopilots[0].commander.calibrating, "failed"
+
+
+def test_a_known_heading_shows_what_is_wrong_with_the_compass() -> None:
+    sim = flown()
+    for axis, gauss in zip("XYZ", HARD_IRON.tolist(), strict=True):
+        sim.simulation.parameters[0].set(f"SIM_MAG_OFFSET_{axis}", gauss)
+    sim.step(0.5)
+    ask(sim, 42006, 0.0)
+    sim.step(0.1)
+    found = [stored(sim, f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
+    assert found == pytest.approx(HARD_IRON.tolist(), abs=0.06), "one sample with its noise"
 
 
 def test_a_calibration_is_cancelled_at_once_or_when_its_side_is_measured() -> None:

@@ -132,6 +132,14 @@ def test_the_same_request_again_gets_the_same_answer_and_is_not_done_twice(clien
     assert client.one(ftp.READ, size=50, sequence=508) == (ftp.ACK, b"x")
 
 
+def test_an_end_with_the_number_of_a_burst_s_last_answer_ends_the_session(client):
+    """pymavlink's client ends a file's burst before it has heard the burst's end."""
+    client.one(ftp.OPEN_RO, GENERAL)
+    *_, (last, _) = client.ask(ftp.BURST, size=239)
+    assert client.one(ftp.TERMINATE, sequence=last[0] - 1) == (ftp.ACK, b"")
+    assert client.one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK, "the only session is free"
+
+
 def test_another_component_is_not_answered(client):
     assert client.ask(ftp.LIST, b"/", component=99) == []
 

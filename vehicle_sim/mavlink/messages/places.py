@@ -48,7 +48,7 @@ class PlaceMessages(Family):
             frame=0,
             x=round(float(lat) * 1e7),
             y=round(float(lon) * 1e7),
-            z=alt0 - circle.down_m,
+            z=alt0 - self._autopilot.navigator.path.z.position_m,
         )[1]
 
     def gps_global_origin(self) -> bytes | None:

@@ -110,7 +110,11 @@ class FtpService:
         return bool(self._sessions) and any(each.burst is not None for each in self._sessions.values())
 
     def request(self, link: Link, message: Message) -> None:
-        """One request; the same sequence number again gets the same answer again."""
+        """One request; the same one again (sequence number, opcode) gets the same answer again.
+
+        The opcode counts as well: a client that ends a burst before it heard the burst's end uses the number
+        that the end had.
+        """
         if message.target_system not in (0, self._context.system_id) or (
             message.target_component not in (0, AUTOPILOT_COMPONENT)
         ):
@@ -122,7 +126,8 @@ class FtpService:
         answer_sequence = (sequence + 1) & 0xFFFF
         if session.answered is not None:
             *who, payload = session.answered
-            if tuple(who) == to and HEADER.unpack_from(payload)[0] == answer_sequence:
+            last_sequence, _, _, _, last_opcode, *_ = HEADER.unpack_from(payload)
+            if tuple(who) == to and (last_sequence, last_opcode) == (answer_sequence, opcode):
                 self._send(link, to, payload)
                 return
         try:

@@ -11,6 +11,7 @@ from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.rates import EVENT_DRIVEN
+from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import GENERAL, general_crc
 
 REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL = 512, 511, 510
@@ -49,8 +50,9 @@ NOT_ON_REQUEST = frozenset(
 class RequestService:
     """Commands 510, 511, 512 and the old single requests."""
 
-    def __init__(self, context: Context, send_ping: Callable[[Link], None]) -> None:
+    def __init__(self, context: Context, send_ping: Callable[[Link], None], files: VehicleFiles) -> None:
         self._context = context
+        self._files = files
         self._send_ping = send_ping
         self._senders: dict[int, Callable[[Link, Command], bool]] = {
             BY_NAME["AUTOPILOT_VERSION"].id: self._autopilot_version,
@@ -202,17 +204,20 @@ class RequestService:
 
     def _component_metadata(self, link: Link, command: Command) -> bool:
         link.send(
-            "COMPONENT_METADATA", time_boot_ms=self._context.view.time_boot_ms(), file_crc=general_crc(),
-            uri=f"mftp://{GENERAL}",
+            "COMPONENT_METADATA", time_boot_ms=self._context.view.time_boot_ms(),
+            file_crc=self._general_crc(), uri=f"mftp://{GENERAL}",
         )  # fmt: skip
         return True
 
     def _component_information(self, link: Link, command: Command) -> bool:
         link.send(
             "COMPONENT_INFORMATION", time_boot_ms=self._context.view.time_boot_ms(),
-            general_metadata_file_crc=general_crc(), general_metadata_uri=f"mftp://{GENERAL}",
+            general_metadata_file_crc=self._general_crc(), general_metadata_uri=f"mftp://{GENERAL}",
         )  # fmt: skip
         return True
+
+    def _general_crc(self) -> int:
+        return general_crc(self._files.read(GENERAL, 0, self._files.size(GENERAL)))
 
     def _link_node_status(self, link: Link, command: Command) -> bool:
         self.send_link_node_status(link)

@@ -1,0 +1,172 @@
+"""What a calibration reads from one vehicle's simulated sensors, and stores of it.
+
+"Raw" is a reading before what earlier calibrations learned is taken off (CAL_*, SENS_BOARD_*).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.frames import quaternion_of, rotation_matrix
+from vehicle_sim.magnetic_field import field_ned_gauss
+from vehicle_sim.sensors.suite import pressure_hpa
+from vehicle_sim.vehicle_view import VehicleView
+
+KEPT_WITHIN = 0.01
+"""What differs less from what is stored is not stored, in the parameter's unit."""
+PRIORITY = 50
+"""Of a calibrated sensor whose priority nobody chose."""
+LEVEL_S, LEVEL_STILL_RAD, LEVEL_WITHIN_RAD = 0.5, math.radians(0.5), 0.8
+BARO_S, BARO_EVERY_S = 3.0, 0.1
+MAG_ROTATION_S, MAG_EVERY_S = 100.0, 0.02
+"""How long somebody has to begin and end turning the vehicle on a side."""
+MAG_TURNED_RAD, MAG_SAMPLES_A_SIDE, MAG_APART = 0.5, 40, 0.03
+"""How far the field has to turn before a side is sampled, how often, and how far apart the samples are at
+least, as part of the field's strength."""
+FIX_2D, VERTICAL_ACCURACY_M = 2, 100.0
+"""What a GPS fix is to be at least as good as, for a barometer to be calibrated by it."""
+FloatArray = NDArray[np.float64]
+Tell = Callable[[Iterable[str]], None]
+
+
+class Readings:
+    """The sensors of one vehicle, and the parameters that say what is wrong with them."""
+
+    def __init__(self, view: VehicleView, tell_parameters: Tell) -> None:
+        self._view = view
+        self._tell_parameters = tell_parameters
+
+    def accel(self) -> FloatArray:
+        """(3,) specific force, raw [m/s², FRD]."""
+        read = self._view.simulation.sensors.accel_frd_m_s2[self._view.row]
+        return self._unturned(read) / self._triple("CAL_ACC0_", "SCALE") + self._triple("CAL_ACC0_", "OFF")
+
+    def gyro(self) -> FloatArray:
+        """(3,) raw [rad/s, FRD]."""
+        read = self._view.simulation.sensors.gyro_frd_rad_s[self._view.row]
+        return self._unturned(read) + self._triple("CAL_GYRO0_", "OFF")
+
+    def mag(self) -> FloatArray:
+        """(3,) raw [gauss, FRD]."""
+        read = self._view.simulation.sensors.mag_frd_gauss[self._view.row]
+        return self._unturned(read) / self._triple("CAL_MAG0_", "SCALE") + self._triple("CAL_MAG0_", "OFF")
+
+    def known_field(self, yaw_ned_rad: float) -> FloatArray:
+        """(3,) what a compass should read with this heading, at the estimated roll and pitch [gauss]."""
+        estimate = self._view.estimate
+        matrix = board_matrix(estimate.roll_rad, estimate.pitch_rad, yaw_ned_rad)
+        return matrix.T @ np.array(field_ned_gauss())
+
+    def turned_fields(self) -> Generator[float, None, list[FloatArray]]:
+        """What the compass reads, raw, while somebody turns the vehicle; empty: nobody does."""
+        view, first, taken = self._view, self.mag(), list[FloatArray]()
+        strength, end_s = float(np.linalg.norm(first)), view.simulation.time_s + MAG_ROTATION_S
+        while view.simulation.time_s < end_s:
+            yield MAG_EVERY_S
+            field = self.mag()
+            if not taken and float(np.linalg.norm(field - first)) < MAG_TURNED_RAD * strength:
+                continue
+            if all(float(np.linalg.norm(field - each)) > MAG_APART * strength for each in taken):
+                taken.append(field)
+            if len(taken) == MAG_SAMPLES_A_SIDE:
+                return taken
+        return []
+
+    @staticmethod
+    def mean(read: Callable[[], FloatArray], samples: int) -> Generator[float, None, FloatArray]:
+        """The mean of so many readings; yields 0 (the next sample) before each."""
+        total = np.zeros(3)
+        for _ in range(samples):
+            yield 0.0
+            total += read()
+        return total / samples
+
+    def store(self, prefix: str, what: str, values: FloatArray, *, tell: bool = True) -> None:
+        """Keep what was learned of three axes, unless it is what is stored; `tell` the whole sensor."""
+        names = [f"{prefix}{axis}{what}" for axis in "XYZ"]
+        if float(np.linalg.norm(values - self._triple(prefix, what))) > KEPT_WITHIN:
+            for name, value in zip(names, values.tolist(), strict=True):
+                self._view.parameters.set(name, value)
+        if tell:
+            self.tell(prefix)
+
+    def tell(self, prefix: str) -> None:
+        """Send a sensor's parameters to every ground station, and give it a priority."""
+        store = self._view.parameters
+        if store.get(f"{prefix}PRIO") < 0:
+            store.set(f"{prefix}PRIO", PRIORITY)
+        self._tell_parameters([name for name in store.names if name.startswith(prefix)])
+
+    def learn_level(self) -> Generator[float, None, str]:
+        """Take the mean attitude of half a second for level (SENS_BOARD_*_OFF); what is wrong, or ""."""
+        view = self._view
+        rolls, pitches = list[float](), list[float]()
+        end_s = view.simulation.time_s + LEVEL_S
+        while view.simulation.time_s < end_s:
+            yield 0.0
+            rolls.append(view.estimate.roll_rad)
+            pitches.append(view.estimate.pitch_rad)
+        if max(max(angles) - min(angles) for angles in (rolls, pitches)) >= LEVEL_STILL_RAD:
+            return "motion during calibration"
+        roll, pitch = self._without_board(math.fsum(rolls) / len(rolls), math.fsum(pitches) / len(pitches))
+        for name, angle in (("roll", roll), ("pitch", pitch)):
+            if abs(angle) > LEVEL_WITHIN_RAD:
+                return f"excess {name} angle"
+        view.parameters.set("SENS_BOARD_X_OFF", math.degrees(roll))
+        view.parameters.set("SENS_BOARD_Y_OFF", math.degrees(pitch))
+        self._tell_parameters(("SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF"))
+        return ""
+
+    def learn_baro(self) -> Generator[float, None, bool]:
+        """CAL_BARO0_OFF [Pa] so that the barometer says what GPS says, over three seconds; False: no fix."""
+        view, sensors, i = self._view, self._view.simulation.sensors, self._view.row
+        pressures_hpa, altitudes_m = list[float](), list[float]()
+        for _ in range(round(BARO_S / BARO_EVERY_S)):
+            yield BARO_EVERY_S
+            pressures_hpa.append(float(sensors.baro_pressure_hpa[i]))
+            accurate = sensors.gps_vertical_accuracy_m[i] < VERTICAL_ACCURACY_M
+            if sensors.gps_fix_type[i] >= FIX_2D and accurate:
+                altitudes_m.append(float(sensors.gps_alt_amsl_m[i]))
+        if not altitudes_m:
+            return False
+        wanted_hpa = float(pressure_hpa(np.asarray(math.fsum(altitudes_m) / len(altitudes_m))))
+        bias_pa = 100.0 * (math.fsum(pressures_hpa) / len(pressures_hpa) - wanted_hpa)
+        view.parameters.set("CAL_BARO0_OFF", view.parameter("CAL_BARO0_OFF") + bias_pa)
+        return True
+
+    def _triple(self, prefix: str, what: str) -> FloatArray:
+        return np.array([self._view.parameter(f"{prefix}{axis}{what}") for axis in "XYZ"])
+
+    def _board_angles(self) -> tuple[float, float]:
+        parameter = self._view.parameter
+        return math.radians(parameter("SENS_BOARD_X_OFF")), math.radians(parameter("SENS_BOARD_Y_OFF"))
+
+    def _unturned(self, read: FloatArray) -> FloatArray:
+        return board_matrix(*self._board_angles()).T @ read
+
+    def _without_board(self, roll_rad: float, pitch_rad: float) -> tuple[float, float]:
+        """Roll and pitch as they would be estimated with no board rotation."""
+        matrix = board_matrix(*self._board_angles()) @ board_matrix(roll_rad, pitch_rad)
+        return math.atan2(matrix[2, 1], matrix[2, 2]), math.asin(max(-1.0, min(1.0, -matrix[2, 0])))
+
+
+def board_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> FloatArray:
+    """(3, 3) the rotation of these angles, yaw turned first."""
+    return rotation_matrix(np.array([quaternion_of(roll_rad, pitch_rad, yaw_rad)]))[0]
+
+
+def sphere_centre(points: FloatArray) -> FloatArray:
+    """(3,) of the sphere nearest to points (M, 3), by least squares: a compass's offset.
+
+    Raises:
+        numpy.linalg.LinAlgError: the points lie in a plane.
+    """
+    system = np.column_stack((2.0 * points, np.ones(len(points))))
+    if np.linalg.matrix_rank(system) < system.shape[1]:
+        raise np.linalg.LinAlgError("all points in a plane")
+    solution, *_ = np.linalg.lstsq(system, (points**2).sum(axis=1), rcond=None)
+    return solution[:3]
