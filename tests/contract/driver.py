@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
+from tests.contract.given import GIVEN, LATE_S
 from tests.contract.recordings import (
     STATE_MESSAGES,
     Dialogue,
@@ -17,11 +18,12 @@ from tests.contract.recordings import (
     script,
     sends,
     stored,
-    value_of,
 )
 from tests.contract.replay_vehicle import HOLD, Heard, Vehicle
 from vehicle_sim.mavlink.dialect import LAYOUTS
 
+RIGHT_AFTER_BOOT_S = 0.3
+SET_MODE, REFUSAL = 176, "is currently not available"
 STATE_SAMPLED_S = 1.1
 """The recordings took the state afterwards from messages at 1 Hz."""
 OFFBOARD = 0x60000
@@ -29,11 +31,12 @@ AIR_MISSION: list[dict[str, Any]] = [
     {"seq": n, "frame": frame, "command": command, "current": n == 0, "autocontinue": 1, "param4": math.nan,
      "x": x, "y": y, "z": z, "mission_type": 0}
     for n, (frame, command, x, y, z) in enumerate(
-        ((6, 22, 473977420, 85455940, 10.0), (6, 16, 473979220, 85455940, 10.0),
-         (6, 16, 473979220, 85458600, 12.0), (2, 20, 0, 0, 0.0))
+        ((6, 22, 473977420, 85455940, 10.0), (6, 16, 473979220, 85469220, 10.0),
+         (6, 16, 473979220, 85472000, 12.0), (2, 20, 0, 0, 0.0))
     )
 ]  # fmt: skip
-"""The recorded vehicle carried some mission in these groups: here up, two waypoints, back."""
+"""The recorded vehicle carried some mission in these groups: here up, two waypoints too far to be reached
+(none was in the recordings), back."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "LOCAL_POSITION_NED")
 REQUESTED_MODES = {
     "altctl": (2, 0), "acro": (5, 0), "offboard": (6, 0), "mission": (4, 4), "rtl": (4, 5), "land": (4, 6),
@@ -84,10 +87,11 @@ class Player:
         assert self._vehicle is not None
         return self._vehicle
 
-    def play(self, dialogue: Dialogue) -> Answer:
-        """Bring about the starting state, send, listen."""
+    def play(self, dialogue: Dialogue, then: Dialogue | None = None) -> Answer:
+        """Bring about the starting state, send, listen; `then` is what comes next, perhaps at once."""
         vehicle = self._prepare(dialogue)
         words = dialogue["precondition"]
+        at_once = then is not None and _goes_on(then)
         if "with a 20 Hz position stream" in words:
             vehicle.stream(True)
             vehicle.run(0.3)
@@ -108,7 +112,7 @@ class Player:
         said = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", words)
         kept |= {name: float(text) for name, text in said}
         try:
-            answer = self._exchange(vehicle, dialogue)
+            answer = self._exchange(vehicle, dialogue, at_once=at_once)
             now_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
             answer.set_before = self._set_before - now_set
             self._set_before |= now_set
@@ -130,20 +134,21 @@ class Player:
             or (flying and not vehicle.commander.armed and vehicle.height_m > 1.0)
             or (flying and vehicle.commander.armed and vehicle.height_m < 4.0)
         )
-        goes_on = any(each in words for each in GO_ON)
+        goes_on = _goes_on(dialogue)
         if vehicle is None or vehicle.parameters != boot or (lost and not goes_on) or "right after" in words:
-            heartbeats = "no GCS heartbeat" not in words
+            heartbeats = "no GCS heartbeat" not in words and "right after" not in words
             vehicle = self._vehicle = Vehicle(
                 dialogue.get("vehicle_system_id") or 1, boot, heartbeats=heartbeats, log=self._log
             )
             vehicle.wanted |= {layout_id(name) for name in self._listen}
-            vehicle.run(3.0)
             if "right after" in words:
+                vehicle.run(RIGHT_AFTER_BOOT_S)
                 return vehicle
+            vehicle.run(3.0)
             if dialogue.get("group") in ("air", "fence") and not self._cleared:
-                _upload(vehicle, AIR_MISSION)
+                vehicle.upload(AIR_MISSION)
             elif "stored" in words and self._plan:
-                _upload(vehicle, self._plan)
+                vehicle.upload(self._plan)
             if "GPS_CTRL" not in words:
                 vehicle.run_until(vehicle.ready, 15)
                 vehicle.run(2.5)
@@ -156,6 +161,10 @@ class Player:
             vehicle.run(0.95)
         if "stored" in words or "uploaded with" in words:
             _stock(vehicle, dialogue)
+        given = GIVEN.get(dialogue["id"])
+        if given is not None:
+            given.bring_about(vehicle, dialogue)
+        _set_refusals(vehicle, dialogue)
         return vehicle
 
     def _start(self, vehicle: Vehicle, dialogue: Dialogue) -> None:
@@ -181,7 +190,7 @@ class Player:
         if "nobody in control" in words:
             gimbal.primary = (0, 0)
 
-    def _exchange(self, vehicle: Vehicle, dialogue: Dialogue) -> Answer:
+    def _exchange(self, vehicle: Vehicle, dialogue: Dialogue, *, at_once: bool) -> Answer:
         start_s, window_s = vehicle.now_s, dialogue["window_s"]
         vehicle.log.clear()
         vehicle.counts.clear()
@@ -195,7 +204,9 @@ class Player:
             for name in STATE_MESSAGES
             if (via, name) in vehicle.last
         }
-        for dt_s, link, name, fields, src in script(dialogue, vehicle.system_id):
+        for dt_s, link, name, fields, src in script(dialogue, vehicle.system_id, LATE_S):
+            if dt_s > window_s:
+                break
             if start_s + dt_s > vehicle.now_s + 0.006:
                 vehicle.run_to(start_s + dt_s)
             if name == "REQUEST_EVENT" and any(e["msg"] == "EVENT" for e in dialogue["received"]):
@@ -218,7 +229,7 @@ class Player:
             for t, link, n, v in vehicle.log
             if link == via and (n != "PING" or v["target_system"] != 0)
         ]
-        if any(each["msg"] in STATE_MESSAGES for each in dialogue["received"]):
+        if any(each["msg"] in STATE_MESSAGES for each in dialogue["received"]) and not at_once:
             mark = len(vehicle.log)
             vehicle.run(2.1)
             answer.after = [
@@ -228,6 +239,26 @@ class Player:
             ]
         vehicle.wanted -= extra
         return answer
+
+
+def _goes_on(dialogue: Dialogue) -> bool:
+    """Whether the dialogue before has made the state of this one."""
+    return any(each in dialogue["precondition"] for each in GO_ON)
+
+
+def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
+    """PX4 tells at most once a second of a mode that is not available: whether it had, the dialogue shows."""
+    if dialogue["state"].get("armed") and sends(dialogue, "COMMAND_LONG"):
+        told = [e for e in dialogue["received"] if REFUSAL in str(e["fields"].get("text", ""))]
+        refused = any(
+            e["msg"] == "COMMAND_ACK" and e["fields"]["command"] == SET_MODE and e["fields"]["result"] == 1
+            for e in dialogue["received"]
+        )
+        if told or refused:
+            vehicle.run(1.1)
+        if refused and not told:
+            vehicle.command(SET_MODE, 1, 1)
+            vehicle.run(0.1)
 
 
 def _let_transfers_end(vehicle: Vehicle) -> None:
@@ -247,17 +278,5 @@ def _stock(vehicle: Vehicle, dialogue: Dialogue) -> None:
     plan = [e["fields"] for e in dialogue["received"] if e["msg"] == "MISSION_ITEM_INT"]
     if not counts or len(plan) != counts[0]["count"]:
         return
-    _upload(vehicle, plan, floats="floats" in dialogue["precondition"])
+    vehicle.upload(plan, floats="floats" in dialogue["precondition"])
     vehicle.run(2.5)
-
-
-def _upload(vehicle: Vehicle, plan: list[dict[str, Any]], *, floats: bool = False) -> None:
-    kind = plan[0]["mission_type"]
-    target = {"target_system": vehicle.system_id, "target_component": 1, "mission_type": kind}
-    vehicle.send("MISSION_COUNT", {"count": len(plan), **target})
-    for item in plan:
-        fields = {key: value_of(value) for key, value in item.items() if key != "target_system"}
-        if floats:
-            frame = {6: 3, 5: 0}.get(fields["frame"], fields["frame"])
-            fields |= {"x": fields["x"] / 1e7, "y": fields["y"] / 1e7, "frame": frame}
-        vehicle.send("MISSION_ITEM" if floats else "MISSION_ITEM_INT", fields | target)

@@ -1,11 +1,14 @@
-"""The known differences from the recordings: `explained.tsv`, a line a cell, each with its reason.
+"""The known differences from the recordings: `explained.tsv`, a line a difference, each with its cause.
 
-The reasons stand, with what is behind them, in docs/simulator.md.
+A line names its session, dialogue, message and field (or which message is missing or told besides), how
+often, and the cause; what is behind the causes stands in docs/simulator.md. A line that is no difference any
+more fails.
 """
 
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 from tests.contract.compare import Difference
@@ -13,26 +16,33 @@ from tests.contract.compare import Difference
 Cell = tuple[str, str, str, str]
 """Session, dialogue, message, field."""
 
-LASTING = frozenset(
-    {
-        "the recorded vehicle held other values",
-        "the recorded vehicle lay tipped over after an actuator test",
-        "how long the barometer is calibrated is not recorded",
-        "the recording is thinned, so not all that was sent is known",
-    }
-)
-"""Reasons whose rows may not go without being taken out of the table; the others are work that goes on."""
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """How often a difference occurs in its dialogue, and why."""
+
+    times: int
+    reason: str
 
 
-def _read() -> dict[Cell, str]:
+def _read() -> dict[Cell, Explained]:
     path = Path(__file__).resolve().parent / "explained.tsv"
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.reader(file, delimiter="\t", quoting=csv.QUOTE_NONE)
         next(rows)
-        return {(session, dialogue, message, field): why for session, dialogue, message, field, why in rows}
+        return {
+            (session, dialogue, message, field): Explained(int(times), why)
+            for session, dialogue, message, field, times, why in rows
+        }
 
 
-EXPLAINED: dict[Cell, str] = _read()
+EXPLAINED: dict[Cell, Explained] = _read()
+
+
+def times_explained(cell: Cell) -> int:
+    """How often a difference is known to occur; 0 for one that is not."""
+    row = EXPLAINED.get(cell)
+    return row.times if row is not None else 0
 
 
 def cell_of(session: str, difference: Difference) -> Cell:

@@ -7,7 +7,7 @@ import json
 import math
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,15 @@ STATE_MESSAGES = frozenset(
      "HOME_POSITION", "GIMBAL_DEVICE_ATTITUDE_STATUS"}
 )  # fmt: skip
 """The recordings keep these when their content changed."""
+REAL_TIME_FACTOR = 0.995
+"""The recorded simulation's: so long is a second of the station's stream to the vehicle."""
+STREAMED_ON = frozenset(
+    {"offboard_disarmed_stream_1hz", "offboard_disarmed_stream_2hz", "offboard_air_enter_exit"}
+)
+"""Their streams went on to the end: the vehicle is in Offboard seconds after the last one listed."""
+METRE_NORTH_E7 = math.degrees(1.0 / 6_371_000.0) * 1e7
+METRE_EAST_E7 = METRE_NORTH_E7 / math.cos(math.radians(47.3977423))
+"""A metre at the recorded home [1e-7 degrees]."""
 LISTED_STREAMS = {"timesync": "TIMESYNC", "current_event_sequence": "CURRENT_EVENT_SEQUENCE"}
 """Streams that are part of the dialogues of these names."""
 TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUTION_STATUS"}
@@ -30,7 +39,35 @@ TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUT
 
 def load(path: Path) -> list[Dialogue]:
     """The dialogues of one group."""
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [completed(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def completed(dialogue: Dialogue) -> Dialogue:
+    """The upload of 200 items, of which the recording kept 6: PX4's checksum shows that it was this."""
+    if dialogue["id"] != "mission_upload_200_items":
+        return dialogue
+    send = [*dialogue["send"][:1]]
+    send += [
+        {"dt_s": 0.0004 + 0.001 * item["seq"], "msg": "MISSION_ITEM_INT", "fields": item}
+        for item in grid_200()
+    ]
+    requests = [e for e in dialogue["received"] if e["msg"] == "MISSION_REQUEST_INT"]
+    others = [e for e in dialogue["received"] if e["msg"] != "MISSION_REQUEST_INT"]
+    asked = [{**requests[0], "fields": {**requests[0]["fields"], "seq": n}} for n in range(200)]
+    return {**dialogue, "send": send, "received": asked + others}
+
+
+def grid_200() -> list[dict[str, Any]]:
+    """A take-off and 199 waypoints: rows of 20, a metre apart from 10 m north on, a metre to the next row."""
+    place = {"frame": 6, "autocontinue": 1, "param1": 0.0, "param2": 0.0, "param3": 0.0, "param4": None,
+             "z": 10.0, "mission_type": 0, "target_component": 1}  # fmt: skip
+    items: list[dict[str, Any]] = []
+    for n in range(200):
+        north_m, east_m = (10.0 + n % 20, float(n // 20)) if n else (0.0, 0.0)
+        items.append(place | {"seq": n, "command": 16 if n else 22, "current": int(n == 0),
+                              "x": 473977423 + int(north_m * METRE_NORTH_E7),
+                              "y": 85455936 + int(east_m * METRE_EAST_E7)})  # fmt: skip
+    return items
 
 
 def sessions(folder: Path) -> Iterator[tuple[str, list[Dialogue]]]:
@@ -100,8 +137,16 @@ def stored(dialogue: Dialogue) -> list[dict[str, Any]]:
     return mission if took and whole and mission and mission[0]["mission_type"] == 0 else []
 
 
-def script(dialogue: Dialogue, system_id: int) -> list[Sending]:
-    """What a dialogue sends, by time, each message of a stream by itself."""
+def script(
+    dialogue: Dialogue, system_id: int, late_s: Mapping[tuple[str, int], float] | None = None
+) -> list[Sending]:
+    """What a dialogue sends, by time, each message of a stream by itself.
+
+    Args:
+        dialogue: the recorded one.
+        system_id: of the vehicle that hears it.
+        late_s: how much later than due the n-th message of a dialogue's stream came.
+    """
     out: list[Sending] = []
     for entry in dialogue["send"]:
         if entry["msg"] not in BY_NAME:
@@ -115,8 +160,11 @@ def script(dialogue: Dialogue, system_id: int) -> list[Sending]:
         if said and entry is dialogue["send"][-1]:
             hz, duration_s = float(said.group(1)), float(said.group(2)) - entry["dt_s"]
         count = max(1, round(hz * duration_s))
+        if hz and dialogue["id"] in STREAMED_ON:
+            count = int(hz * (dialogue["window_s"] - entry["dt_s"])) + 1
         for n in range(count):
-            dt_s = entry["dt_s"] + (n / hz if count > 1 else 0.0)
+            dt_s = entry["dt_s"] + (n / hz * REAL_TIME_FACTOR if count > 1 else 0.0)
+            dt_s += (late_s or {}).get((dialogue["id"], n), 0.0)
             out.append((dt_s, link, entry["msg"], fields, (source[0], source[1])))
     return sorted(out, key=lambda each: each[0])
 

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from tests.contract.recordings import TELEMETRY
+from tests.contract.recordings import TELEMETRY, value_of
 from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
 from vehicle_sim.autopilot.health import Report, announce
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.storage.metadata import BUILT_IN
 
+RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4"
+NAMES = {"all_events.json.xz": "events.json.xz"}
+"""What the recordings call a file of the build."""
 TICK_S = 0.02
 STREAM_EVERY_S = 0.05
+ARMED_ANEW_AFTER_S = 4.0
+"""On the ground PX4 disarms after 10 s: the recording armed shortly before each dialogue."""
 HOLD = 0x3040000
 NAN = math.nan
 
@@ -30,6 +39,15 @@ class Heard:
     values: dict[str, Any]
 
 
+def _files_of_the_build() -> dict[str, Callable[[], bytes]]:
+    """What the recorded vehicle served below `etc`, where its files lie beside the checkout, else our own."""
+    return {
+        path: recorded.read_bytes if (recorded := RECORDED / NAMES.get(name, name)).is_file() else own
+        for path, own in BUILT_IN.items()
+        if (name := path.rpartition("/")[2])
+    }
+
+
 class Vehicle:
     """One simulated vehicle and the station that talks to it."""
 
@@ -38,7 +56,8 @@ class Vehicle:
     ) -> None:
         self.parameters = parameters
         self.heartbeats = heartbeats
-        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, log=log)
+        files = [VehicleFiles(None, _files_of_the_build())]
+        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, files=files, log=log)
         self.system_id = system_id
         self.autopilot = self.sim.autopilots[0]
         self.commander = self.autopilot.commander
@@ -190,7 +209,13 @@ class Vehicle:
 
     def ground(self, armed: bool, custom_mode: int) -> None:
         """On the ground: armed or not, in a mode."""
-        if self.commander.armed != armed or (armed and self.state()["custom_mode"] != custom_mode):
+        armed_s = [at_s for at_s, _ in itertools.takewhile(lambda e: e[1]["armed"], reversed(self.states))]
+        about_to_disarm = armed and bool(armed_s) and self.now_s - armed_s[-1] > ARMED_ANEW_AFTER_S
+        if (
+            self.commander.armed != armed
+            or about_to_disarm
+            or (armed and self.state()["custom_mode"] != custom_mode)
+        ):
             self.command(400, 0, 21196)
             self.run(0.1)
             self.run_until(lambda: self.commander.landed, 2)
@@ -203,6 +228,28 @@ class Vehicle:
         if self.state()["custom_mode"] != custom_mode:
             self.command(176, 1, custom_mode >> 16 & 0xFF, custom_mode >> 24)
             self.run(0.2)
+
+    def upload(self, plan: list[dict[str, Any]], *, floats: bool = False) -> None:
+        """Store a mission, fence or rally points; `floats`: as items of the old kind."""
+        kind = plan[0]["mission_type"]
+        target = {"target_system": self.system_id, "target_component": 1, "mission_type": kind}
+        self.send("MISSION_COUNT", {"count": len(plan), **target})
+        for item in plan:
+            fields = {key: value_of(value) for key, value in item.items() if key != "target_system"}
+            if floats:
+                frame = {6: 3, 5: 0}.get(fields["frame"], fields["frame"])
+                fields |= {"x": fields["x"] / 1e7, "y": fields["y"] / 1e7, "frame": frame}
+            self.send("MISSION_ITEM" if floats else "MISSION_ITEM_INT", fields | target)
+
+    def go_to(self, lat_e7: int, lon_e7: int, alt_amsl_m: float) -> None:
+        """Fly to a place and come to rest there."""
+        self.send(
+            "COMMAND_INT",
+            {"target_system": self.system_id, "target_component": 1, "command": 192, "param1": -1,
+             "param2": 1, "param4": NAN, "x": lat_e7, "y": lon_e7, "z": alt_amsl_m},
+        )  # fmt: skip
+        self.run(1.5)
+        self.run_until(lambda: self.speed_m_s < 0.3, 60)
 
 
 def _as_told(report: Report) -> list[Heard]:

@@ -1,5 +1,6 @@
 """Prints the table of differences: `python -m tests.contract.table [group…]`."""
 
+import itertools
 import os
 import sys
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 from tests.contract.compare import compare
 from tests.contract.driver import Player
 from tests.contract.recordings import sessions, tells_of_logs
+from tests.contract.rules import Hashes
 
 
 def main() -> None:
@@ -21,10 +23,11 @@ def main() -> None:
             continue
         began = time.perf_counter()
         player, count = Player(log=tells_of_logs(dialogues)), 0
-        for dialogue in dialogues:
+        hashes = Hashes()
+        for dialogue, then in itertools.zip_longest(dialogues, dialogues[1:]):
             total += 1
-            for difference in compare(dialogue, player.play(dialogue)):
-                print(str(difference)[:420])
+            for difference in compare(dialogue, player.play(dialogue, then), hashes):
+                print(f"{name} | {difference}"[:420])
                 rows[f"{difference.message} {difference.field}"] += 1
                 bad.add(name + dialogue["id"])
                 count += 1

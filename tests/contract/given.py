@@ -1,0 +1,207 @@
+"""What had happened before a dialogue and was not recorded, where the dialogue itself shows it.
+
+Part of the recorded dialogues is kept back, and between two of them the recording harness flew, armed and
+landed the vehicle unseen. Each entry brings the simulated vehicle there and names what in the recording shows
+it (`shown_by`, looked for by `test_rules.py`); all that the dialogue says is then compared as in any other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tests.contract.recordings import Dialogue, grid_200
+from tests.contract.replay_vehicle import HOLD, Vehicle
+
+HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
+METRE_E7 = 90
+"""A metre north [1e-7 degrees], near enough."""
+HOLD_MODE, MISSION_MODE, RTL_MODE = (4, 3), (4, 4), (4, 5)
+LATE_S = {
+    ("offboard_air_stream_slows_to_1hz", 5): 0.06,
+    ("calibration_baro", 0): 10.79,
+    ("arm_in_mode_takeoff", 0): 0.555,
+}
+"""How much later than sent PX4 heard the n-th message of each of a dialogue's streams. The machine was busy:
+PX4 lost a stream of 1 Hz once, answered a calibration's command after 10.8 s and its cancel not at all, and
+armed half a second late."""
+
+Action = Callable[[Vehicle, Dialogue], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """One unrecorded state of affairs."""
+
+    shown_by: str
+    """Part of the dialogue's JSON."""
+    bring_about: Action
+
+
+def _height(above_home_m: float, north_m: int = 0) -> Action:
+    def do(vehicle: Vehicle, _: Dialogue) -> None:
+        lat_e7 = HOME_LAT_E7 + north_m * METRE_E7
+        vehicle.go_to(lat_e7, HOME_LON_E7, vehicle.autopilot.home.alt_amsl_m + above_home_m)
+
+    return do
+
+
+def _at_the_centre(vehicle: Vehicle, dialogue: Dialogue) -> None:
+    """Orbits whose centre is not given go round where the vehicle is."""
+    told = next(e["fields"] for e in dialogue["received"] if e["msg"] == "ORBIT_EXECUTION_STATUS")
+    free = math.isnan(dialogue["send"][0]["fields"]["param5"] or math.nan)
+    lat, lon = (told["x"], told["y"]) if free else (HOME_LAT_E7, HOME_LON_E7)
+    vehicle.go_to(lat, lon, told["z"])
+
+
+def _rally_point_near(vehicle: Vehicle, _: Dialogue) -> None:
+    """10 m above home and nearer than home, in the frame that PX4 knows."""
+    vehicle.go_to(HOME_LAT_E7 + 40 * METRE_E7, HOME_LON_E7, vehicle.autopilot.home.alt_amsl_m + 10.0)
+    point = {"seq": 0, "frame": 3, "command": 5100, "current": 1, "autocontinue": 1, "mission_type": 2,
+             "x": HOME_LAT_E7 + 25 * METRE_E7, "y": HOME_LON_E7, "z": 10.0}  # fmt: skip
+    vehicle.upload([point])
+    vehicle.run(1.5)
+
+
+def _mode(*mode: int) -> Action:
+    def do(vehicle: Vehicle, _: Dialogue) -> None:
+        vehicle.command(176, 1, *mode)
+        vehicle.run(0.3)
+
+    return do
+
+
+def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
+    """To a height that it reaches as the dialogue ends."""
+    alt_amsl_m = vehicle.autopilot.home.alt_amsl_m + vehicle.height_m + 2.2
+    vehicle.command(22, -1, 0, 0, math.nan, math.nan, math.nan, alt_amsl_m)
+    vehicle.run(0.5)
+
+
+def _disarmed(vehicle: Vehicle, dialogue: Dialogue) -> None:
+    """What calls it armed is an older heartbeat. It was armed once before: its first log is closed."""
+    vehicle.command(400, 0, 21196)
+    vehicle.run(1.0)
+    vehicle.ground(False, HOLD)
+    vehicle.ground(True, HOLD)
+    vehicle.run(0.3)
+    vehicle.ground(False, dialogue["state"]["custom_mode"])
+    vehicle.run(0.5)
+
+
+def _items_200(vehicle: Vehicle, _: Dialogue) -> None:
+    vehicle.upload(grid_200())
+    vehicle.run(2.5)
+
+
+def _parameter(name: str, value: float, wait_s: float) -> Action:
+    def do(vehicle: Vehicle, _: Dialogue) -> None:
+        vehicle.set_parameter(name, value)
+        vehicle.run(wait_s)
+
+    return do
+
+
+def _on_its_side(vehicle: Vehicle, _: Dialogue) -> None:
+    """An actuator test tips PX4's simulated airframe over."""
+    half = math.sqrt(0.5)
+    vehicle.sim.simulation.turn_by_hand(0, (half, half, 0.0, 0.0))
+    vehicle.sim.simulation._estimator.reset(0)  # a vehicle turned by hand is turned in no time
+    vehicle.run(10.0)
+
+
+def _returning(vehicle: Vehicle, _: Dialogue) -> None:
+    vehicle.fly()
+    vehicle.command(176, 1, *RTL_MODE)
+    vehicle.run(1.0)
+    vehicle.run_until(lambda: vehicle.height_m < 5.0, 60)
+
+
+def _turning_by_hand(vehicle: Vehicle, _: Dialogue) -> None:
+    """A compass calibration that waits 100 s for somebody to turn the vehicle, without a word."""
+    vehicle.command(241, 0, 1)
+    vehicle.run(4.0)
+
+
+def _at_rest(vehicle: Vehicle, _: Dialogue) -> None:
+    vehicle.stream(True)
+    vehicle.run(3.0)
+    vehicle.stream(False)
+
+
+def _heading(yaw_ned_rad: float) -> Action:
+    def do(vehicle: Vehicle, _: Dialogue) -> None:
+        vehicle.stream(True)
+        assert vehicle.background is not None
+        vehicle.background["yaw"] = yaw_ned_rad
+        vehicle.run(3.0)
+        vehicle.stream(False)
+
+    return do
+
+
+def _console_closed(vehicle: Vehicle, _: Dialogue) -> None:
+    """What was typed before without an end of line is gone."""
+    target = {"target_system": vehicle.system_id, "target_component": 1}
+    vehicle.send("SERIAL_CONTROL", {"device": 10, "flags": 0, "count": 0, "data": [0] * 70, **target})
+    vehicle.run(0.2)
+
+
+def _on_disk(vehicle: Vehicle, dialogue: Dialogue) -> None:
+    """The vehicle's folder, as its listing shows it: folders, files of these sizes, links."""
+    root = vehicle.sim.files[0].root
+    for name in ("dataman", "parameters_backup.bson"):
+        (root / name).touch()
+    (root / "log").mkdir(exist_ok=True)
+    for entry in bytes.fromhex(dialogue["received"][0]["fields"]["payload"]["data_hex"]).decode().split("\0"):
+        if entry.startswith("D"):
+            (root / entry[1:]).mkdir(exist_ok=True)
+        elif entry.startswith("F"):
+            name, size = entry[1:].split("\t")
+            with (root / name).open("wb") as file:
+                file.truncate(int(size))
+    with contextlib.suppress(FileExistsError):
+        (root / "test_data").symlink_to("log")
+
+
+GIVEN: dict[str, Given] = {
+    "air_takeoff_again": Given("Already higher than takeoff altitude", _height(14.0)),
+    "air_setmode_auto_none": Given("Climb to 10.0 meters above home", _height(7.5)),
+    "air_setmode_auto_mission": Given("Executing Mission", _height(10.0, 30)),
+    "air_setmode_auto_rtl": Given("530 m (30 m above destination", _rally_point_near),
+    "air_rtl": Given("530 m (30 m above destination", _rally_point_near),
+    "air_standard_mode_7": Given('"command": 2003, "confirmation": 0', _mode(*MISSION_MODE)),
+    "air_standard_mode_8": Given("Using default takeoff altitude: 2.5 m", _height(1.8)),
+    **{
+        name: Given('"msg": "ORBIT_EXECUTION_STATUS"', _at_the_centre)
+        for name in ("air_orbit_basic", "air_orbit_nan_radius", "air_orbit_too_fast", "air_orbit_centre_1km",
+                     "air_orbit_yaw_behaviour_9", "air_orbit_nan_velocity")
+    },
+    "air_mission_clear_while_running": Given('"custom_mode": 50593792', _mode(*HOLD_MODE)),
+    "cmd_actuator_test_release": Given("Attitude failure (roll)", _on_its_side),
+    "param_set_cal_volatile": Given("Attitude failure (roll)", _on_its_side),
+    "fence_upload_inclusion_polygon": Given('"total": 200', _items_200),
+    "fence_arm_inside_exclusion": Given("[logger] ./log/", _disarmed),
+    "fence_clear": Given('"base_mode": 29', _disarmed),
+    "mission_start_range_disarmed": Given("Armed by mission start", _disarmed),
+    "setmode_mission_disarmed_with_mission": Given('"base_mode": 29', _disarmed),
+    "param_set_int32_back": Given('"param_id": "NAV_DLL_ACT"', _parameter("NAV_DLL_ACT", 2, 2.5)),
+    "param_cruise_restore": Given('"param_value": 5.0', _parameter("MPC_XY_CRUISE", 12.0, 2.5)),
+    "param_set_negative_int": Given('"param_id": "COM_ARM_WO_GPS"', _parameter("COM_ARM_WO_GPS", 1, 0.2)),
+    "hold_after_rtl": Given('"relative_altitude_m": 4.99', _returning),
+    "setmode_disarmed_posctl": Given('"system_status": 2', _turning_by_hand),
+    "setmode_disarmed_base_29": Given('"system_status": 2', _turning_by_hand),
+    "shell_again_after_exit": Given("again_after_exit", _console_closed),
+    **{
+        name: Given("46706172616d65746572732e62736f6e09", _on_disk)  # "Fparameters.bson" and its size
+        for name in ("ftp_list_root_offset_5", "ftp_list_dot", "ftp_list_empty", "armed_ground_ftp_list")
+    },
+    "offboard_air_no_stream": Given('"custom_mode": 33816576', _taking_off),
+    "offboard_disarmed_stream_1hz": Given('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
+    "offboard_disarmed_stream_2hz": Given('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
+    "sp_mask_velocity_0xdc7": Given('"yaw": -0.194', _heading(-0.19)),
+    "gsp_frame11_terrain": Given('"vy": -0.06', _at_rest),
+}  # fmt: skip
+"""By the dialogue's id."""

@@ -1,0 +1,141 @@
+"""Differences of a recording, not of the vehicle: rules with a bound, each with its test in `test_rules.py`.
+
+- *ends*: where only the first and last messages were kept, so many of ours are compared, with their numbers.
+- *begun before*: a command that PX4 gives itself is repeated after 1.0, 1.5 and 2.0 s; a repeat that comes
+  sooner than its number allows belongs to a command given before the dialogue, and is left out on both sides.
+- *overtaking*: texts and events leave PX4 by two queues, and its modules run side by side: two messages of
+  one kind may change places within 0.1 s.
+- *told often*: what is told more than eight times in a dialogue is compared by its number, within a tenth.
+- *edge*: a text or event that ours tells in the last 0.3 s may fall into the time after the recording.
+- *heights*: those that a return measures, in text and event, agree within 2 m (GPS noise, wandering home).
+- *hash*: the recorded vehicles had values that no dialogue shows; `_HASH_CHECK` changes when PX4's does and
+  comes back to the same value when PX4's does.
+- *listing*: the order of a directory's entries is that of the recording machine's disk; a later part of a
+  listing holds as many entries as PX4's.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import Counter
+from collections.abc import Callable, Hashable
+from typing import Any
+
+from tests.contract.replay_vehicle import Heard
+
+FIRST_REPEAT_S, REPEAT_S, REPEAT_JITTER_S = 1.0, 0.51, 0.05
+REPEATS = 3
+OVERTAKES_WITHIN_S = 0.1
+OFTEN, OFTEN_WITHIN = 8, 0.1
+EDGE_S = 0.3
+HEIGHT_M = 2.0
+RETURN_EVENT = "vrtl_return_at"
+FTP_LIST = 3
+_HEIGHTS = re.compile(r"(?<=^RTL: start return at )(\d+) m \((-?\d+) m")
+_AUTOPILOT_TO_ALL = 0
+
+Key = Callable[[Heard], Hashable]
+Row = tuple[str, str, Any, Any]
+
+
+def ends(ours: list[Heard], note: str | None) -> list[Heard]:
+    """As many of our first and last messages as the recording says that it kept of PX4's."""
+    kept = re.search(r"only the first (\d+) and last (\d+) messages are kept", note or "")
+    if kept is None:
+        return ours
+    first, last = int(kept[1]), int(kept[2])
+    return [*ours[:first], *ours[first:][-last:]]
+
+
+def without_begun_before(heard: list[Heard]) -> list[Heard]:
+    """Without repeats of commands that the autopilot gave before the dialogue began."""
+    return [h for h in heard if not _begun_before(h)]
+
+
+def _begun_before(heard: Heard) -> bool:
+    values = heard.values
+    if heard.name != "COMMAND_LONG" or values.get("target_component", 0) != _AUTOPILOT_TO_ALL:
+        return False
+    repeat = values["confirmation"]
+    if not 1 <= repeat <= REPEATS:
+        return False
+    return heard.dt_s < FIRST_REPEAT_S + (repeat - 1) * REPEAT_S - REPEAT_JITTER_S
+
+
+def without_edge(ours: list[Heard], theirs: list[Heard], end_s: float) -> list[Heard]:
+    """Without texts and events of the last moment that the recording does not have."""
+    return [
+        h
+        for h in ours
+        if h.name not in ("STATUSTEXT", "EVENT") or h.dt_s < end_s - EDGE_S or _also(h, theirs)
+    ]
+
+
+def _also(heard: Heard, theirs: list[Heard]) -> bool:
+    field = "text" if heard.name == "STATUSTEXT" else "id"
+    return any(h.name == heard.name and h.values[field] == heard.values[field] for h in theirs)
+
+
+def overtaken(missing: list[Heard], extra: list[Heard], key: Key) -> list[tuple[Heard, Heard]]:
+    """Pairs that only changed places; they are taken out of both lists."""
+    pairs: list[tuple[Heard, Heard]] = []
+    for real in list(missing):
+        own = next(
+            (h for h in extra if key(h) == key(real) and abs(h.dt_s - real.dt_s) <= OVERTAKES_WITHIN_S), None
+        )
+        if own is not None:
+            pairs.append((real, own))
+            missing.remove(real)
+            extra.remove(own)
+    return pairs
+
+
+def told_often(
+    theirs: list[Heard], ours: list[Heard], key: Key
+) -> tuple[list[Heard], list[Heard], list[tuple[Hashable, int, int]]]:
+    """Both sides without what PX4 told more than eight times; where our number differs: key, PX4, ours."""
+    real, own = Counter(map(key, theirs)), Counter(map(key, ours))
+    often = {each for each, count in real.items() if count > OFTEN}
+    wrong = [
+        (each, real[each], own[each])
+        for each in sorted(often, key=str)
+        if abs(real[each] - own[each]) > max(1, OFTEN_WITHIN * real[each])
+    ]
+    return [h for h in theirs if key(h) not in often], [h for h in ours if key(h) not in often], wrong
+
+
+def without_heights(text: str) -> str:
+    """A text without the heights that were measured for it."""
+    return _HEIGHTS.sub("… m (… m", text)
+
+
+def heights_in(text: str) -> list[float]:
+    """Those heights [m]."""
+    return [float(each) for found in _HEIGHTS.findall(text) for each in found]
+
+
+def return_heights(arguments: list[int]) -> list[float]:
+    """The heights [m] in the arguments of the event that tells a return."""
+    return [float(each) for each in struct.unpack_from("<ii", bytes(arguments))]
+
+
+def listing(payload: dict[str, Any], data_hex: str) -> list[str]:
+    """A directory's entries in any order; of a part of it only how many there are."""
+    entries = bytes.fromhex(data_hex).decode("utf-8", "replace").split("\0")
+    return sorted(entries) if payload["offset"] == 0 else [str(len(entries))]
+
+
+class Hashes:
+    """The parameter hashes of a session: PX4's and ours change together."""
+
+    def __init__(self) -> None:
+        self._ours: dict[int, int] = {}
+
+    def without_hashes(self, rows: list[Row]) -> list[Row]:
+        """Without rows of `_HASH_CHECK` that change as PX4's did."""
+        return [row for row in rows if not (row[1] == "[_HASH_CHECK].param_value" and self._fits(*row[2:]))]
+
+    def _fits(self, real: int, own: int) -> bool:
+        known = self._ours.setdefault(real, own) == own
+        return known and list(self._ours.values()).count(own) == 1

@@ -1,0 +1,117 @@
+"""The rules by which a recording may differ, each up to its bound and no further."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+from tests.contract import rules
+from tests.contract.given import GIVEN, LATE_S
+from tests.contract.recordings import STREAMED_ON, completed, grid_200
+from tests.contract.replay_vehicle import Heard
+from vehicle_sim.mavlink.services.mission_items import opaque_id
+
+
+def text(dt_s: float, words: str) -> Heard:
+    return Heard(dt_s, "STATUSTEXT", {"text": words, "severity": 6})
+
+
+def key(heard: Heard) -> str:
+    return heard.values["text"]
+
+
+def own_command(dt_s: float, confirmation: int, component: int = 0) -> Heard:
+    values = {"command": 2003, "confirmation": confirmation, "target_component": component}
+    return Heard(dt_s, "COMMAND_LONG", values)
+
+
+def test_a_repeat_that_comes_too_soon_for_its_number_began_before() -> None:
+    too_soon = [own_command(0.9, 1), own_command(1.4, 2), own_command(1.9, 3)]
+    in_time = [own_command(1.0, 1), own_command(1.5, 2), own_command(2.0, 3)]
+    others = [own_command(0.1, 0), own_command(0.1, 4), own_command(0.1, 1, component=154)]
+    assert rules.without_begun_before(too_soon + in_time + others) == in_time + others
+
+
+def test_of_a_long_answer_its_ends_are_compared() -> None:
+    ours = [text(float(n), str(n)) for n in range(9)]
+    kept = rules.ends(ours, "burst; only the first 2 and last 3 messages are kept")
+    assert [key(h) for h in kept] == ["0", "1", "6", "7", "8"]
+    assert rules.ends(ours, "all of them") == rules.ends(ours, None) == ours
+    assert rules.ends(ours[:4], "only the first 2 and last 3 messages are kept") == ours[:4]
+
+
+def test_messages_overtake_each_other_within_a_tenth_of_a_second() -> None:
+    missing, extra = [text(1.0, "a"), text(1.0, "b"), text(1.0, "c")], [text(1.09, "a"), text(1.2, "b")]
+    pairs = rules.overtaken(missing, extra, key)
+    assert [(real.values["text"], own.dt_s) for real, own in pairs] == [("a", 1.09)]
+    assert [key(h) for h in missing] == ["b", "c"]
+    assert [key(h) for h in extra] == ["b"]
+
+
+def test_what_is_told_often_is_compared_by_its_number() -> None:
+    real = [text(0.1 * n, "often") for n in range(30)] + [text(1.0, "once")]
+    own = real[:28]
+    theirs, ours, wrong = rules.told_often(real, own, key)
+    assert ([key(h) for h in theirs], ours, wrong) == (["once"], [], [])
+    assert rules.told_often(real, real[:26], key)[2] == [("often", 30, 26)]
+    eight = [text(0.1 * n, "eight") for n in range(8)]
+    assert rules.told_often(eight, eight[:7], key)[:2] == (eight, eight[:7])
+
+
+def test_only_the_last_moment_may_tell_what_the_recording_has_no_more() -> None:
+    ours = [text(1.6, "a"), text(1.8, "b"), text(1.8, "c"), Heard(1.9, "COMMAND_ACK", {"command": 400})]
+    kept = rules.without_edge(ours, [text(1.8, "c")], 2.0)
+    assert [h.values.get("text", "ack") for h in kept] == ["a", "c", "ack"]
+
+
+def test_only_a_return_tells_heights_that_may_differ() -> None:
+    told = "RTL: start return at 530 m (30 m above destination)\t"
+    assert rules.without_heights(told) == "RTL: start return at … m (… m above destination)\t"
+    assert rules.heights_in(told) == [530.0, 30.0]
+    other = "Climb to 10.0 meters above home"
+    assert (rules.without_heights(other), rules.heights_in(other)) == (other, [])
+    assert rules.return_heights(list(struct.pack("<ii", 530, -3)) + [0] * 32) == [530.0, -3.0]
+
+
+def hash_row(real: int, own: int) -> rules.Row:
+    return ("PARAM_VALUE", "[_HASH_CHECK].param_value", real, own)
+
+
+def test_the_hash_changes_when_px4s_does_and_comes_back_when_it_does() -> None:
+    hashes = rules.Hashes()
+    assert not hashes.without_hashes([hash_row(1, 10), hash_row(2, 20), hash_row(1, 10)])
+    assert hashes.without_hashes([hash_row(1, 20)]), "PX4's came back, ours did not"
+    assert hashes.without_hashes([hash_row(3, 20)]), "PX4's changed, ours did not"
+    other = ("PARAM_VALUE", "[MPC_XY_CRUISE].param_value", 1, 10)
+    assert hashes.without_hashes([other]) == [other]
+
+
+def test_a_directory_has_its_entries_in_any_order() -> None:
+    def entries(data: bytes, offset: int = 0) -> list[str]:
+        return rules.listing({"offset": offset}, data.hex())
+
+    assert entries(b"Dlog\0S\0Fa\t1\0") == entries(b"S\0Fa\t1\0Dlog\0")
+    assert entries(b"Dlog\0S\0") != entries(b"Dlog\0")
+    assert entries(b"Fa\t1\0") != entries(b"Fa\t2\0")
+    assert entries(b"Fa\t1\0S\0", 5) == entries(b"S\0Dlog\0", 5) != entries(b"S\0", 5)
+
+
+def test_the_upload_of_200_items_is_the_recorded_one_by_px4s_checksum() -> None:
+    items: list[dict[str, Any]] = [item | {"param4": float("nan")} for item in grid_200()]
+    assert opaque_id(items) == 2898809883
+
+
+def test_what_was_not_recorded_is_shown_by_the_dialogue_itself(shared: Path) -> None:
+    dialogues: dict[str, dict[str, Any]] = {}
+    for path in (shared / "px4" / "dialogues").glob("*.jsonl"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        dialogues |= {each["id"]: each for each in map(json.loads, lines)}
+    unshown = [name for name, given in GIVEN.items() if given.shown_by not in json.dumps(dialogues[name])]
+    assert not unshown
+    assert {name for name, _ in LATE_S} | STREAMED_ON <= dialogues.keys()
+    whole = completed(dialogues["mission_upload_200_items"])
+    kept = {e["fields"]["seq"]: e["fields"] for e in dialogues["mission_upload_200_items"]["send"][1:]}
+    filled_in = {e["fields"]["seq"]: e["fields"] for e in whole["send"][1:]}
+    assert len(filled_in) == 200
+    for seq, fields in kept.items():
+        assert fields.items() <= {**filled_in[seq], "target_system": fields["target_system"]}.items()
