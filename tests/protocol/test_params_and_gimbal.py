@@ -5,6 +5,7 @@ import math
 import pytest
 
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
+from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.gimbal import Roi
 from tests.protocol.one_vehicle import LOSS, flight
 
@@ -35,6 +36,30 @@ def test_parameter_refusals(kit, jump):
         pilot.stored = lambda m: 12.0
         with pytest.raises(Rejected, match="keeps MPC_XY_VEL_MAX at 12"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 50)
+
+    flight(kit, jump, story)
+
+
+def test_an_error_about_a_parameter_is_told_at_once_and_one_for_another_station_is_not(kit, jump):
+    async def story(world, vehicle, pilot):
+        station = [255, 190]
+
+        def refuse(message):
+            if message.get_type() not in ("PARAM_REQUEST_READ", "PARAM_SET"):
+                return False
+            wrong = d.MAV_PARAM_ERROR_DOES_NOT_EXIST if message.get_type() == "PARAM_REQUEST_READ" else 2
+            name = message.param_id.encode()
+            pilot.send(d.MAVLink_param_error_message(*station, name, -1, wrong))
+            return message.param_id not in pilot.params or station == [255, 190]
+
+        pilot.handlers.append(refuse)
+        with pytest.raises(Rejected, match="refuses parameter NO_SUCH: it has no parameter of that name"):
+            await vehicle.params.get("NO_SUCH")
+        station[:] = 42, 99
+        assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
+        station[:] = 255, 190
+        with pytest.raises(Rejected, match="MPC_XY_VEL_MAX: the value is out of its range"):
+            await vehicle.params.set("MPC_XY_VEL_MAX", 500)
 
     flight(kit, jump, story)
 

@@ -4,7 +4,8 @@ All are read only when somebody asks; PX4's checksum (`_HASH_CHECK`) then tells 
 still hold. It leaves out what PX4 changes by itself (`volatile`), so such a value may be older.
 
 PX4 carries integers as their bits in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
-knows INT32 and FLOAT only, answers nothing for unknown names, and takes any value without a range.
+knows INT32 and FLOAT only, answers nothing for unknown names (v1.17: PARAM_ERROR), and takes any value
+without a range.
 """
 
 from __future__ import annotations
@@ -31,6 +32,15 @@ DEADLINE_S = 5.0
 NAME_LENGTH = 16
 INT32 = d.MAV_PARAM_TYPE_INT32
 REAL32 = d.MAV_PARAM_TYPE_REAL32
+
+PARAM_ERRORS = {
+    d.MAV_PARAM_ERROR_DOES_NOT_EXIST: "it has no parameter of that name",
+    d.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE: "the value is out of its range",
+    d.MAV_PARAM_ERROR_PERMISSION_DENIED: "this station may not set it",
+    d.MAV_PARAM_ERROR_COMPONENT_NOT_FOUND: "it has no such component",
+    d.MAV_PARAM_ERROR_READ_ONLY: "it can only be read",
+}
+"""What PARAM_ERROR says, which PX4 sends from v1.17 on."""
 
 _int32 = struct.Struct("<i")
 
@@ -298,13 +308,17 @@ class ParamService:
     async def _exchange(self, name: str, msg_id: int, payload: bytes, good: Callable[[Param], bool]) -> Param:
         vehicle = self._vehicle
         deadline_s = vehicle.clock.monotonic_s() + DEADLINE_S
-        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_PARAM_VALUE, matches=self._is_of(name)) as waiter:
+        ids = d.MAVLINK_MSG_ID_PARAM_VALUE, d.MAVLINK_MSG_ID_PARAM_ERROR
+        with vehicle.mailbox.expect(*ids, matches=self._is_of(name)) as waiter:
             while (left_s := deadline_s - vehicle.clock.monotonic_s()) > 0:
                 vehicle.send_payload(msg_id, payload)
                 try:
                     async with asyncio.timeout(min(RESEND_S, left_s)):
                         while True:
-                            param = read_param(await waiter.next())
+                            message = await waiter.next()
+                            if message.get_msgId() == d.MAVLINK_MSG_ID_PARAM_ERROR:
+                                raise self._refusal(name, message.error)
+                            param = read_param(message)
                             if param is None:
                                 continue
                             self._is_integer[name] = param.is_integer
@@ -318,12 +332,22 @@ class ParamService:
             remedy="Check the spelling: PX4 says nothing about names that it does not know.",
         )
 
+    def _refusal(self, name: str, error: int) -> Rejected:
+        why = PARAM_ERRORS.get(error, f"error {error} (MAV_PARAM_ERROR)")
+        return Rejected(
+            f"Vehicle {self._vehicle.id} refuses parameter {name}: {why}.",
+            remedy="Check name and value against the vehicle's parameter list.",
+        )
+
     def _is_of(self, name: str) -> Callable[[Reply], bool]:
-        identity = self._vehicle.identity
+        identity, own_ids = self._vehicle.identity, self._vehicle.own_ids
 
         def matches(message: Reply) -> bool:
             sender = (message.get_srcSystem(), message.get_srcComponent())
-            return message.param_id == name and sender == (identity.system_id, identity.component_id)
+            if message.param_id != name or sender != (identity.system_id, identity.component_id):
+                return False
+            is_error = message.get_msgId() == d.MAVLINK_MSG_ID_PARAM_ERROR
+            return not is_error or (message.target_system, message.target_component) == own_ids
 
         return matches
 
