@@ -21,10 +21,10 @@ NEAR_HEIGHT_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why a part cannot go on, and what is to be done."""
+    """Why a part cannot go on as planned, and what is to be done."""
 
     action: str
-    """continue, hold, return, land."""
+    """continue, hold, return, land; of a watch also pause."""
     text: str
 
 

@@ -7,7 +7,6 @@ vehicle (its pilot, an operator's command, PX4's failsafe) it asks for nothing, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from missions.offboard.segments import WaitSegment
@@ -16,53 +15,18 @@ from missions.runner.flight import Flight
 from missions.runner.parts import LandPart, Part, TakeOffPart
 from missions.runner.payload import release_gimbal
 from missions.runner.reading import Reading
-from missions.runner.requests import Play, Request, SetMode, StopStream, TakeOff, Tell
+from missions.runner.requests import Photo, Play, Request, SetMode, StopStream, TakeOff, Tell
+from missions.runner.status import CannotDo, RunnerStatus
 from missions.runner.stretch import StretchPart
+from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate
 from missions.trajectory.limits import MotionLimits
 
-ESTIMATE_LOST_S = 1.0
 LOW_BATTERY_SHARE = 0.15
 """BAT_LOW_THR."""
-IN_FLIGHT = ("position", "velocity", "heading")
-"""Estimates that are needed all the time; places on the earth are local ones by then."""
 
 Mode = Literal["hold", "land", "rtl"]
 MODE_OF: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
 NAME_OF = {"hold": "holding here", "return": "returning", "land": "landing"}
-
-
-class CannotDo(Exception):
-    """A person's request that is not possible now.
-
-    Attributes:
-        remedy: what to do.
-    """
-
-    def __init__(self, reason: str, remedy: str) -> None:
-        super().__init__(reason)
-        self.remedy = remedy
-
-
-@dataclass(frozen=True, slots=True)
-class RunnerStatus:
-    """How the mission stands."""
-
-    state: str
-    """ready, taking_off, starting, flying, waiting, pausing, paused, landing, suspended, done, aborted,
-    stopped. `suspended`: not in charge, to be resumed by a person; the last three are over."""
-    place: str | None
-    """Which step: "step 3", "step 4.2"."""
-    title: str | None
-    step: int | None
-    """Index of the segment, from 0."""
-    remaining_s: float | None
-    """By plan, on the longest way."""
-    deviation_m: float | None
-    """From the position that is sent."""
-    question: str | None
-    """What a person is asked."""
-    reason: str | None
-    """Why it is suspended or over."""
 
 
 class Runner:
@@ -83,16 +47,14 @@ class Runner:
         low_battery_share: float = LOW_BATTERY_SHARE,
     ) -> None:
         self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0))
-        self._low_battery_share = low_battery_share
+        self._watch = FlightWatch(self.flight, low_battery_share)
         self._over: str | None = None
         self._reason: str | None = None
         self._suspended = False
         self._part: Part | None = None
-        self._owner: str | None = None
         self._had_link = True
         self._was_in_air = False
-        self._control_lost_told = self._low_battery_told = self._photo_failed = self._gimbal_failed = False
-        self._estimate_lost_s: float | None = None
+        self._payload_told: set[str] = set()
         self._out: list[Request] = []
 
     # --- what people ask for ----------------------------------------------------------------------
@@ -103,10 +65,10 @@ class Runner:
         Raises:
             CannotDo: An estimate is missing that the mission needs.
         """
-        missing = self._missing(reading, self.flight.needs)
+        missing = missing_estimate(self.flight, reading, self.flight.needs)
         if missing is not None:
             raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
-        self._owner = reading.holder
+        self._watch.answered_for(reading)
         self._begin_part(now_s, reading)
         return self._taken()
 
@@ -135,13 +97,13 @@ class Runner:
                 raise CannotDo("it is not paused", "Pause it first.")
             part.resume()
         else:
-            missing = self._missing(reading, IN_FLIGHT)
+            missing = missing_estimate(self.flight, reading, IN_FLIGHT)
             if missing is not None and not reading.on_ground:
                 raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
             self._suspended, self._reason = False, None
             self.flight.paused = False
             self._begin_part(now_s, reading)
-        self._owner, self._control_lost_told = reading.holder, False
+        self._watch.answered_for(reading)
         self._tell("resumed", f"{by} resumed it.")
         return self._taken()
 
@@ -277,11 +239,10 @@ class Runner:
         if not part.expects(reading):
             self._taken_over(reading)
             return
-        self._watch_control(reading)
-        self._watch_battery(reading)
-        self._watch_estimates(now_s, reading)
-        if self._suspended or self._over is not None:
-            return
+        for failure in self._watch.look(now_s, reading, by_setpoints=part.in_offboard):
+            self._act(failure.action, failure.text, reading)
+            if self._suspended:
+                return
         self._out += part.tick(now_s, reading)
         if part.failure is not None:
             failure, part.failure = part.failure, None
@@ -306,7 +267,7 @@ class Runner:
                 return
             part = StretchPart(flight)
         self._part = part
-        self._estimate_lost_s = None
+        self._watch.begin_part()
         self._was_in_air = reading.in_air
         self._out += part.begin(now_s, reading)
         if part.failure is not None:
@@ -355,61 +316,21 @@ class Runner:
             self._act(action, "The link was lost and is back", reading)
         return True
 
-    def _watch_control(self, reading: Reading) -> None:
-        holder = reading.holder
-        if holder == self._owner:
-            return
-        if holder is None:
-            self._owner = None
-            if not self._control_lost_told:
-                self._control_lost_told = True
-                self._act(self.flight.actions.control_lost, "Nobody has control any more", reading)
-            return
-        taken, self._owner = self._owner is not None, holder
-        self._control_lost_told = False
-        if taken:
-            self.flight.paused = True
-            who = reading.holder_name or "Another client"
-            self._tell("control_taken", f"{who} has control now: paused.", warning=True)
-
-    def _watch_battery(self, reading: Reading) -> None:
-        share = reading.battery_share
-        if share is None or share > self._low_battery_share or self._low_battery_told or self._suspended:
-            return
-        self._low_battery_told = True
-        self._act(self.flight.actions.low_battery, f"Battery at {share:.0%}", reading)
-
-    def _watch_estimates(self, now_s: float, reading: Reading) -> None:
-        part = self._part
-        if self._suspended or part is None or not part.in_offboard or reading.on_ground:
-            return
-        missing = self._missing(reading, IN_FLIGHT)
-        if missing is None:
-            self._estimate_lost_s = None
-            return
-        if self._estimate_lost_s is None:
-            self._estimate_lost_s = now_s
-        if now_s - self._estimate_lost_s >= ESTIMATE_LOST_S:
-            self._act("land", f"No valid estimate of {missing}", reading)
-
-    def _missing(self, reading: Reading, wanted: tuple[str, ...]) -> str | None:
-        """An estimate that the mission needs and the vehicle does not have."""
-        if reading.estimates is None:
-            return None
-        needed = (each for each in self.flight.needs if each in wanted)
-        return next((each.replace("_", " ") for each in needed if each not in reading.estimates), None)
-
     # --- inside: what is done ---------------------------------------------------------------------
 
     def _act(self, action: str, why: str, reading: Reading) -> None:
         """What the mission does when something is wrong; a landing always goes on."""
+        if action == "pause":
+            self.flight.paused = True
+            self._tell("control_taken", f"{why}: paused.", warning=True)
+            return
         if action == "continue" or isinstance(self._part, LandPart):
             self._tell("continued", f"{why}: going on.", warning=True)
             return
         if reading.on_ground and not reading.armed:
             self._suspend(why)
             return
-        if self._missing(reading, ("position",)) is not None:
+        if missing_estimate(self.flight, reading, ("position",)) is not None:
             action = "land"
         self._suspend(f"{why}: {NAME_OF[action]}")
         self._out.append(SetMode(MODE_OF[action]))
@@ -423,14 +344,10 @@ class Runner:
         self._tell(how, f"{reason}." if reason else "The mission is done.", warning=how == "stopped")
 
     def _payload_failed(self, request: Request, text: str) -> None:
-        what = "A picture was not taken" if type(request).__name__ == "Photo" else "The gimbal did not follow"
-        told = self._photo_failed if what.startswith("A picture") else self._gimbal_failed
-        if not told:
+        what = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
+        if what not in self._payload_told:
+            self._payload_told.add(what)
             self._tell("payload", f"{what}: {text}. The mission goes on.", warning=True)
-        if what.startswith("A picture"):
-            self._photo_failed = True
-        else:
-            self._gimbal_failed = True
 
     def _in_charge(self, what: str) -> Part:
         self._require_not_over(what)

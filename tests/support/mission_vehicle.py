@@ -11,7 +11,8 @@ from missions.offboard.document import OffboardMission
 from missions.runner.player import Player
 from missions.runner.reading import Reading
 from missions.runner.requests import Play, Request, SetMode, Steer, StopStream, TakeOff, Tell
-from missions.runner.runner import Runner, RunnerStatus
+from missions.runner.runner import Runner
+from missions.runner.status import RunnerStatus
 from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_for_none
 
 STEP_S = 0.1

@@ -28,7 +28,8 @@ from missions.runner.requests import (
     TakeOff,
     Tell,
 )
-from missions.runner.runner import CannotDo, Runner
+from missions.runner.runner import Runner
+from missions.runner.status import CannotDo
 from missions.trajectory.limits import MotionLimits
 
 RENEWED_WITHIN_S = 3.0

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from missions.runner.requests import Play, SetMode, StopStream
-from missions.runner.runner import CannotDo
+from missions.runner.status import CannotDo
 from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, asks_nothing, flight
 from tests.support.mission_vehicle import FlownMission
 from tests.support.offboard_missions import flown, mission
