@@ -18,6 +18,8 @@ NorthEast = tuple[float, float]
 """North, east [m]."""
 INSET_M = 0.5
 """How far inside the edge a position is placed that replaces one outside."""
+LOOK_EVERY_M, MOST_LOOKS = 0.5, 4000
+"""A straight line is looked at this often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +179,29 @@ class Region:
     def clamp_down_m(self, down_m: float) -> float:
         """The nearest value of down between the two vertical limits."""
         return min(max(down_m, self.down_min_m), self.down_max_m)
+
+
+@dataclass(frozen=True, slots=True)
+class FenceArea:
+    """A mission's own geofence in the local frame."""
+
+    inclusions: Region
+    """The vehicle stays inside all of these."""
+    exclusions: tuple[Region, ...] = ()
+    """It stays out of each of these; one zone each."""
+
+    def are_outside(self, positions_ne_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which of many positions (N, 2) are not allowed."""
+        outside = self.inclusions.are_outside(positions_ne_m)
+        for zone in self.exclusions:
+            outside |= ~zone.are_outside(positions_ne_m)
+        return outside
+
+    def is_left_between(self, here: NorthEast, there: NorthEast) -> bool:
+        """Whether the straight line leaves the area or ends outside it; the way in from outside does not."""
+        count = 2 + min(MOST_LOOKS, int(math.dist(here, there) / LOOK_EVERY_M))
+        outside = self.are_outside(np.linspace(here, there, count))
+        return bool(outside[int((~outside).argmax()) :].any())
 
 
 def _edges(corners: tuple[NorthEast, ...]) -> zip[tuple[NorthEast, NorthEast]]:

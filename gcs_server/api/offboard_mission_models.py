@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from gcs_server.api.plan_models import MissionBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer.missions.status import OffboardMissionStatus
+from gcs_server.streamer.missions.status import FlownMission, OffboardMissionStatus
 
 
 class StartMission(StrictBody):
@@ -20,6 +20,11 @@ class StartMission(StrictBody):
     )
     version: int | None = Field(default=None, ge=1, description="Of that plan; the newest unless named.")
     mission: MissionBody | None = Field(default=None, description="A mission that is not kept on the server.")
+    dry_run: str | None = Field(
+        default=None,
+        max_length=20,
+        description="Id of a dry run of this mission with several flights: leaving its corridor is told of.",
+    )
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[], description="Codes of the mission's error findings that the caller accepts."
     )
@@ -51,3 +56,15 @@ class OffboardMissionView(BaseModel):
     mission: OffboardMissionModel | None = Field(  # type: ignore[valid-type]
         description="As the topic `offboard_mission`; null: none has been started since the server began."
     )
+
+
+FlownMissionModel = model_of(FlownMission)
+
+
+class FlownMissionView(BaseModel):
+    """The newest mission of a vehicle as it was flown."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vehicle: str = Field(description="The vehicle's id.")
+    flown: FlownMissionModel = Field(description="So far, while it is flown.")  # type: ignore[valid-type]

@@ -19,10 +19,12 @@ from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, PlanFindings, Refused
+from gcs_server.plans.dry_run_corridor import corridor_of
 from gcs_server.streamer.missions.flight import MissionFlight, Start
 from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.runner.corridor import Corridor
 from missions.runner.runner import LOW_BATTERY_SHARE
 
 router = APIRouter(prefix="/vehicles/{v}/offboard_mission", tags=["offboard mission"], responses=RESPONSES)
@@ -32,6 +34,12 @@ router = APIRouter(prefix="/vehicles/{v}/offboard_mission", tags=["offboard miss
 async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
     """How the newest mission stands, over or not."""
     return _view(station, vehicle.id)
+
+
+@router.get("/flown", response_model=m.FlownMissionView)
+async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
+    """Where the newest mission led, and the places that were sent at the same moments."""
+    return answer({"vehicle": vehicle.id, "flown": station.missions.flight(vehicle.id).flown()})
 
 
 @router.post("/start", response_model=m.OffboardMissionView)
@@ -47,20 +55,26 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         vehicle.require_commandable()
         name, text = await _chosen(station, body)
         await station.offboard(v).ensure_parameters()
+        known = known_of(vehicle)
         found = await station.plan_work.run(
             "compile",
-            {"plan": text, "parameters": known_of(vehicle).parameters, "start": _start_of(vehicle)},
+            {
+                "plan": text,
+                "parameters": known.parameters,
+                "reported": known.reported,
+                "start": _start_of(vehicle),
+            },
             small=False,
             field="mission",
         )
         _check(name.name, found["findings"], body.despite)
         timeline, motion = pickle.loads(base64.b64decode(found["flown"]))
-        avoidance = station.offboard(v).avoidance
-        if avoidance.way is None and any(segment.avoidance for segment in timeline.segments):
-            await avoidance.switch_on("over")
+        if timeline.avoids:
+            await station.offboard(v).avoidance.hear()
         low = vehicle.params.known("BAT_LOW_THR")
         share = LOW_BATTERY_SHARE if low is None else float(low.value)
-        station.missions.begin(v, Start(name, timeline, motion, principal.name, share))
+        corridor = None if body.dry_run is None else _corridor(station, vehicle, body.dry_run)
+        station.missions.begin(v, Start(name, timeline, motion, principal.name, share, corridor))
         return _view(station, v)
 
 
@@ -166,6 +180,13 @@ def _start_of(vehicle: Vehicle) -> dict[str, Any]:
         "home_alt_amsl_m": None if home is None else home.alt_amsl_m,
         "in_air": vehicle.status.armed and vehicle.status.landed_state not in ("on_ground", "unknown"),
     }
+
+
+def _corridor(station: Station, vehicle: Vehicle, dry_run_id: str) -> Corridor:
+    estimates = VehicleEstimates(vehicle)
+    local = estimates.local()
+    here = (0.0, 0.0, 0.0) if local is None else local.position_ned_m
+    return corridor_of(station.dry_runs.get(dry_run_id), here, estimates.origin())
 
 
 def _check(name: str, findings: list[dict[str, Any]], despite: list[str]) -> None:

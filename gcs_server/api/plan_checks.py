@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from gcs_server.api.station import Station
+from gcs_server.streamer.missions.readings import reported_values
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import Home
 from gcs_server.vehicle.vehicle import Vehicle
@@ -33,6 +34,8 @@ class Known:
     """Of the local frame, the same keys."""
     not_known: tuple[str, ...] = ()
     """Sentences."""
+    reported: tuple[str, ...] | None = None
+    """Values of conditions that it sends; None without a vehicle."""
 
 
 async def check_document(
@@ -45,6 +48,7 @@ async def check_document(
         "parameters": known.parameters,
         "home": known.home,
         "origin": known.origin,
+        "reported": known.reported,
         "power": power,
     }
     small = not isinstance(document, OffboardMission) and is_small(document)
@@ -82,8 +86,14 @@ def known_of(vehicle: Vehicle | None) -> Known:
     sample = vehicle.topic("home")
     if sample is None:
         not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's own was taken.")
-        return Known(parameters, not_known=tuple(not_known))
+        return Known(parameters, not_known=tuple(not_known), reported=reported_values(vehicle))
     assert isinstance(sample.value, Home)
     home = {name: getattr(sample.value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
     origin = VehicleEstimates(vehicle).origin()
-    return Known(parameters, home, None if origin is None else asdict(origin), tuple(not_known))
+    return Known(
+        parameters,
+        home,
+        None if origin is None else asdict(origin),
+        tuple(not_known),
+        reported_values(vehicle),
+    )

@@ -305,21 +305,30 @@ class SyncOffboardMission:
         """How the newest one stands (as the topic `offboard_mission`); None: there has been none."""
         return self._portal.call(lambda: self._inner.state())
 
+    def flown(self) -> dict[str, Any]:
+        """The newest one as it was flown: `samples` with place and sent place, `deviation_mean_m`, …"""
+        return self._portal.call(lambda: self._inner.flown())
+
     def start(
         self,
         mission: Plan | None = None,
         *,
         plan_id: str | None = None,
         version: int | None = None,
+        dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> dict[str, Any]:
         """Flies a mission's document, or one that the server keeps; arms and takes off where it says so.
+
+        With the id of a dry run of several flights the server tells when the vehicle leaves its corridor.
 
         Raises:
             Refused: it has errors that `despite` does not name, or an estimate is missing.
         """
         return self._portal.call(
-            lambda: self._inner.start(mission, plan_id=plan_id, version=version, despite=despite)
+            lambda: self._inner.start(
+                mission, plan_id=plan_id, version=version, dry_run=dry_run, despite=despite
+            )
         )
 
     def pause(self) -> dict[str, Any]:

@@ -24,15 +24,22 @@ class OffboardMission:
         """How the newest one stands (as the topic `offboard_mission`); None: there has been none."""
         return (await self._vehicle.request("GET", "/offboard_mission"))["mission"]
 
+    async def flown(self) -> dict[str, Any]:
+        """The newest one as it was flown: `samples` with place and sent place, `deviation_mean_m`, …"""
+        return (await self._vehicle.request("GET", "/offboard_mission/flown"))["flown"]
+
     async def start(
         self,
         mission: Plan | None = None,
         *,
         plan_id: str | None = None,
         version: int | None = None,
+        dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> dict[str, Any]:
         """Flies a mission's document, or one that the server keeps; arms and takes off where it says so.
+
+        With the id of a dry run of several flights the server tells when the vehicle leaves its corridor.
 
         Raises:
             Refused: it has errors that `despite` does not name, or an estimate is missing.
@@ -44,6 +51,8 @@ class OffboardMission:
             body["plan_id"] = plan_id
         if version is not None:
             body["version"] = version
+        if dry_run is not None:
+            body["dry_run"] = dry_run
         return await self._do("start", body)
 
     async def pause(self) -> dict[str, Any]:

@@ -232,6 +232,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/control",
         "GET /vehicles/{v}/offboard",
         "GET /vehicles/{v}/offboard_mission",
+        "GET /vehicles/{v}/offboard_mission/flown",
         "GET /vehicles/{v}/offboard/limits",
         "GET /vehicles/{v}/gimbal",
         "GET /vehicles/{v}/mission",

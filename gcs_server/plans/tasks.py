@@ -36,7 +36,7 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
 
 
 def _check(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `parameters`, `home`, `origin` (of the vehicle), `power`, each or null."""
+    """`plan` (JSON text); `parameters`; `home`, `origin`, `reported` of the vehicle and `power`, or null."""
     document = documents.read(arguments["plan"])
     power = None if arguments["power"] is None else PowerModel(**arguments["power"])
     if isinstance(document, OffboardMission):
@@ -83,7 +83,9 @@ def _check_mission(
     elif mission.home is not None:
         frame = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
         start = Start(origin=frame, home_alt_amsl_m=mission.home.alt_amsl_m)
-    vehicle = MissionVehicle.from_parameters(arguments["parameters"], Limits(power=power))
+    vehicle = MissionVehicle.from_parameters(
+        arguments["parameters"], Limits(power=power), arguments["reported"]
+    )
     timeline = compiler.compile_mission(mission, vehicle, start)
     here = start.position_ned_m
     estimates = Estimate(
@@ -173,7 +175,7 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
 
 
 def _compile(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `parameters`, `start` (as `Start`, `origin` as a mapping or null).
+    """`plan` (JSON text), `parameters`, `reported`, `start` (as `Start`, `origin` as a mapping or null).
 
     `timeline` is pickled: it goes from a process of this server's to this server.
     """
@@ -193,7 +195,7 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
         start["home_alt_amsl_m"],
         start["in_air"],
     )
-    vehicle = MissionVehicle.from_parameters(arguments["parameters"])
+    vehicle = MissionVehicle.from_parameters(arguments["parameters"], reported=arguments["reported"])
     timeline = compile_mission(mission, vehicle, where)
     motion = vehicle.within(mission.limits)
     cruise_m_s = min(vehicle.limits.vehicle.cruise_m_s, mission.limits.speed_m_s or motion.speed_m_s)

@@ -8,6 +8,7 @@ decoder raises Unusable. Formats are those of the dialect, which a test compares
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Mapping
 
@@ -33,6 +34,7 @@ _target_local = struct.Struct("<I11fHB")
 _target_attitude = struct.Struct("<I4f3ff")
 _hud = struct.Struct("<4fhH")
 _estimator = struct.Struct("<Q8fH")
+_wind = struct.Struct("<Q8f")
 
 _mission_current = struct.Struct("<HHBBIII")
 _mission_reached = struct.Struct("<H")
@@ -51,6 +53,7 @@ FORMATS: dict[int, struct.Struct] = {
     d.MAVLINK_MSG_ID_ATTITUDE_TARGET: _target_attitude,
     d.MAVLINK_MSG_ID_VFR_HUD: _hud,
     d.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
+    d.MAVLINK_MSG_ID_WIND_COV: _wind,
     d.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
     d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: _mission_reached,
     **gimbal_decoder.FORMATS,
@@ -276,6 +279,13 @@ def estimator(payloads: Payloads) -> Decoded:
     return samples.Estimator(values[9], number(values[7]), number(values[8])), values[0] / 1e6
 
 
+def wind(payloads: Payloads) -> Decoded:
+    """WIND_COV."""
+    time_us, north, east, down, *_ = _wind.unpack_from(payloads[d.MAVLINK_MSG_ID_WIND_COV])
+    required("WIND_COV: a speed over the ground", north, east)
+    return samples.Wind((north, east, number(down) or 0.0), math.hypot(north, east)), time_us / 1e6
+
+
 def mission(payloads: Payloads) -> Decoded | None:
     """MISSION_CURRENT with the newest MISSION_ITEM_REACHED; nothing before the first MISSION_CURRENT."""
     payload = payloads.get(d.MAVLINK_MSG_ID_MISSION_CURRENT)
@@ -309,6 +319,7 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "health": ((d.MAVLINK_MSG_ID_SYS_STATUS,), health),
     "mission": ((d.MAVLINK_MSG_ID_MISSION_CURRENT, d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED), mission),
     "estimator": ((d.MAVLINK_MSG_ID_ESTIMATOR_STATUS,), estimator),
+    "wind": ((d.MAVLINK_MSG_ID_WIND_COV,), wind),
     "distance_sensors": ((d.MAVLINK_MSG_ID_DISTANCE_SENSOR,), ranging_decoder.distance_sensors),
     "obstacle_distance": ((d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,), ranging_decoder.obstacle_distance),
 }

@@ -277,6 +277,16 @@ class ObstacleDistance:
     range_max_m: float
 
 
+@dataclass(frozen=True, slots=True)
+class Wind:
+    """WIND_COV: what the vehicle's estimator takes the wind to be; a multicopter seldom estimates it."""
+
+    wind_ned_m_s: Vector3
+    """Where the air moves to; its vertical part is 0 where it is not told."""
+    speed_m_s: float
+    """Over the ground."""
+
+
 TOPICS: dict[str, type] = {
     "status": Status,
     "attitude": Attitude,
@@ -295,6 +305,7 @@ TOPICS: dict[str, type] = {
     "mission": Mission,
     "distance_sensors": DistanceSensors,
     "obstacle_distance": ObstacleDistance,
+    "wind": Wind,
 }
 
 

@@ -182,10 +182,10 @@ class Avoider:
         if self._no_way_to is not None and math.dist(self._no_way_to, goal) < OTHER_GOAL_M:
             return self._stop(here, wanted, no_way)
         beside = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
-        chosen = choose_heading(beside, here, wanted, seen, allowed.region, self._side, clearance_m)
+        chosen = choose_heading(beside, here, wanted, seen, allowed, self._side, clearance_m)
         if chosen is None and self._side is not None and not self._turned_back:
             self._turned_back, self._side = True, "left" if self._side == "right" else "right"
-            chosen = choose_heading(beside, here, wanted, seen, allowed.region, self._side, clearance_m)
+            chosen = choose_heading(beside, here, wanted, seen, allowed, self._side, clearance_m)
         if chosen is None:
             self._no_way_to, self._side, self._turned_back = goal, None, False
             return self._stop(here, wanted, no_way)

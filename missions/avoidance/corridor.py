@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from missions.avoidance.memory import along, nearest_m
+from missions.avoidance.scans import STEEP, Scan
 from missions.avoidance.values import Here, Wanted
+from missions.frames import Vector3
 
 CLEARANCE_M = 1.2
 """Over the ground, from the vehicle's centre to anything measured at its altitude."""
@@ -68,3 +71,25 @@ def in_the_way(points: NDArray[np.float64], here: Here, wanted: Wanted, unsure_m
             first_m = min(first_m, flown_m + float(view.along_m[level].min()))
         flown_m += length_m
     return InTheWay(float(top_m[found].max()) + unsure_m, first_m, clearance_m) if found.any() else None
+
+
+def first_on_line(scans: Iterable[Scan], here: Vector3, there: Vector3) -> float | None:
+    """Distance over the ground to the first that scans measure on a straight way; None: nothing on it.
+
+    Args:
+        scans: of now, taken here.
+        here: where the vehicle is.
+        there: where the way ends.
+    """
+    hits = [
+        (here[0] + n * far_m, here[1] + e * far_m, -(here[2] + d * far_m))
+        for scan in scans
+        for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
+        if far_m is not None and d <= STEEP
+    ]
+    if not hits:
+        return None
+    view, length_m = along(np.array(hits), here[:2], there[:2]), math.dist(here[:2], there[:2])
+    met = (view.along_m > 0.0) & (view.along_m <= length_m + NEAREST_M) & (view.beside_m < NEAREST_M)
+    met &= view.top_m > min(-here[2], -there[2]) - BELOW_M
+    return float(view.along_m[met].min()) if met.any() else None

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.avoidance.scans import Scan, seen_m
-from missions.avoidance.values import Here, Wanted
-from missions.fence import Region
+from missions.avoidance.values import Allowed, Here, Wanted
 
 Side = Literal["left", "right"]
 """Of the obstacle, seen by the vehicle."""
@@ -28,7 +27,7 @@ def choose_heading(
     here: Here,
     wanted: Wanted,
     scans: tuple[Scan, ...],
-    region: Region,
+    allowed: Allowed,
     side: Side | None,
     clearance_m: float,
 ) -> tuple[float, Side | None, float] | None:
@@ -39,7 +38,7 @@ def choose_heading(
         here: the vehicle.
         wanted: its goal.
         scans: of now; a heading that no sensor looks into is no way.
-        region: the fence.
+        allowed: the fences.
         side: the one begun with; None: the nearer of both.
         clearance_m: to be kept.
 
@@ -54,7 +53,7 @@ def choose_heading(
             for name in sides:
                 heading = goal + (turn if name == "right" else -turn) * STEP_RAD
                 free_m = _free_m(points, (n, e), heading, clearance_m)
-                if free_m < least_m or seen_m(scans, heading) is None or _leaves(region, (n, e), heading):
+                if free_m < least_m or seen_m(scans, heading) is None or _leaves(allowed, (n, e), heading):
                     continue
                 return heading, name if turn else side, free_m
     return None
@@ -73,7 +72,12 @@ def _free_m(
     return min(LOOK_M, float(ahead[met].min()) - clearance_m) if met.any() else LOOK_M
 
 
-def _leaves(region: Region, at_ne_m: tuple[float, float], heading: float) -> bool:
+def _leaves(allowed: Allowed, at_ne_m: tuple[float, float], heading: float) -> bool:
+    region = allowed.region
+    if allowed.fence is not None:
+        n, e = (at_ne_m[0] + LOOK_M * math.cos(heading), at_ne_m[1] + LOOK_M * math.sin(heading))
+        if allowed.fence.is_left_between(at_ne_m, (n, e)):
+            return True
     if not region.is_limited_horizontally:
         return False
     if region.breach(at_ne_m) is not None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from missions.fence import Region
+from missions.fence import FenceArea, Region
 from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 
@@ -49,6 +49,8 @@ class Allowed:
     climb_m_s: float = math.inf
     sink_m_s: float = math.inf
     region: Region = NOWHERE_LIMITED
+    fence: FenceArea | None = None
+    """Of the mission that is flown."""
 
 
 @dataclass(frozen=True, slots=True)

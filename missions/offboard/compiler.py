@@ -12,13 +12,14 @@ from missions.geodesy import LocalOrigin
 from missions.offboard import compile_paths, mission_checks
 from missions.offboard.document import OffboardMission
 from missions.offboard.gimbals import GimbalTrack
-from missions.offboard.places import Start, Unplaceable
+from missions.offboard.places import Start, Unplaceable, fence_area
 from missions.offboard.segments import Decision, Event, WaitSegment
 from missions.offboard.state import MissionVehicle, State, Work
 from missions.offboard.steps import (
     AttitudeStep,
     Branch,
     Call,
+    Condition,
     FigureEight,
     Fly,
     Gimbal,
@@ -80,7 +81,8 @@ def compile_mission(
     timeline = _way(state, _Frame(mission.steps, "step ", first_step), 0)
     found = (*work.findings, *mission_checks.check(timeline, work))
     energy_wh = mission_checks.energy_wh(timeline, work)
-    return replace(timeline, findings=tuple(dict.fromkeys(found)), energy_wh=energy_wh)
+    fence = None if start.origin is None else fence_area(mission.fence, start.origin)
+    return replace(timeline, findings=tuple(dict.fromkeys(found)), energy_wh=energy_wh, fence=fence)
 
 
 def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
@@ -106,6 +108,7 @@ def _way(state: State, frame: _Frame | None, decisions: int) -> Timeline:
         step, state.place, frame = found
         state.title = step.name or step.step.replace("_", " ").capitalize()
         state.work.count(steps=1)
+        state.visit = state.work.steps
         if isinstance(step, Repeat):
             frame = _Frame(step.steps, f"{state.place}.", times_left=step.times, after=frame)
         elif isinstance(step, Call):
@@ -138,6 +141,7 @@ def _next(frame: _Frame | None) -> tuple[MissionStep, str, _Frame | None] | None
 
 def _branch(state: State, step: Branch, frame: _Frame | None, decisions: int) -> Timeline:
     c = step.condition
+    _check_condition(state, c, "the mission goes on with `otherwise`")
     decision = Decision(state.place, c.value, c.above, c.below, c.for_s)
     ways: list[Timeline] = []
     for word, steps in (("then", step.then), ("otherwise", step.otherwise)):
@@ -218,8 +222,24 @@ def _wait_step(state: State, step: Wait) -> None:
         _wait(state, "person", 0.0, state.position_ned_m, step.timeout_s, **rest)
         return
     c = step.until
+    _check_condition(state, c, f"after {step.timeout_s:g} s it does {step.on_timeout}")
     rest |= {"value": c.value, "above": c.above, "below": c.below, "for_s": c.for_s}
     _wait(state, "condition", c.for_s, state.position_ned_m, step.timeout_s, **rest)
+
+
+def _check_condition(state: State, condition: Condition, otherwise: str) -> None:
+    """Whether it can become true."""
+    name, above, below = condition.value, condition.above, condition.below
+    if (below is not None and below <= 0.0) or (
+        name == "battery_share" and above is not None and above >= 1.0
+    ):
+        bound = f"above {above:g}" if above is not None else f"below {below:g}"
+        message = f"{name} is never {bound}: {otherwise}."
+        state.report("condition_never", message, "Change the bound (battery_share is 0 to 1).")
+    reported = state.work.vehicle.reported
+    if reported is not None and name not in reported:
+        message = f"The vehicle does not report {name}, so the condition stays false: {otherwise}."
+        state.report("condition_unreported", message, "Choose another value, or switch its sensor on.")
 
 
 def _wait(

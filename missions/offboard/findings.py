@@ -26,6 +26,8 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
     "fence_crossed": ("error", "the path leaves the geofence"),
     "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
+    "condition_never": ("warning", "a condition that can never become true"),
+    "condition_unreported": ("warning", "a condition on a value that the vehicle does not report"),
     "gimbal_steep": ("warning", "the gimbal is asked for more than straight up or down"),
     "length_exceeded": ("warning", "longer than the operator's limit"),
     "endurance_exceeded": ("warning", "more energy than the battery gives"),

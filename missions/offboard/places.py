@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from missions.fence import Circle, FenceArea, Polygon, Region
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.trajectory.points import FARTHEST_M
-from missions.values import AltitudeM, LatDeg, LonDeg, Model
+from missions.values import AltitudeM, FenceCircle, FenceZone, LatDeg, LonDeg, Model
 
 LocalM = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
 Ned = tuple[LocalM, LocalM, LocalM]
+FENCE_NAME = "the mission's geofence"
 
 
 class Place(Model):
@@ -103,3 +106,26 @@ def to_local(place: Place, start: Start) -> Vector3:
             raise Unplaceable("home")
         amsl_m = start.home_alt_amsl_m + (place.alt_home_m or 0.0)
     return start.origin.to_ned(place.lat_deg or 0.0, place.lon_deg or 0.0, amsl_m)
+
+
+def fence_area(zones: Sequence[FenceZone], origin: LocalOrigin) -> FenceArea | None:
+    """A document's geofence in the local frame; None without zones."""
+    if not zones:
+        return None
+    kept_in, kept_out = Region(), list[Region]()
+    for zone in zones:
+        shape = _region(zone, origin)
+        if zone.inclusion:
+            circles, polygons = kept_in.circles + shape.circles, kept_in.polygons + shape.polygons
+            kept_in = Region(circles=circles, polygons=polygons)
+        else:
+            kept_out.append(shape)
+    return FenceArea(kept_in, tuple(kept_out))
+
+
+def _region(zone: FenceZone, origin: LocalOrigin) -> Region:
+    if isinstance(zone, FenceCircle):
+        north, east, _ = origin.to_ned(zone.center.lat_deg, zone.center.lon_deg, 0.0)
+        return Region(circles=(Circle((north, east), zone.radius_m, FENCE_NAME),))
+    corners = [origin.to_ned(point.lat_deg, point.lon_deg, 0.0) for point in zone.polygon]
+    return Region(polygons=(Polygon(tuple((north, east) for north, east, _ in corners), FENCE_NAME),))

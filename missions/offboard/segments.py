@@ -44,6 +44,8 @@ class Segment:
     events: tuple[Event, ...] = ()
     avoidance: bool = False
     """Whether the vehicle is led past obstacles that its sensors measure."""
+    visit: int = 0
+    """Counts the steps that are carried out: each round of a repeat is another one at the same place."""
 
     def at(self, t_s: float) -> Setpoint:
         """The setpoint at a time since the segment began."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from missions.check_context import Limits
@@ -32,12 +32,22 @@ class MissionVehicle:
 
     motion: MotionLimits = field(default_factory=MotionLimits)
     limits: Limits = field(default_factory=Limits)
+    reported: frozenset[str] | None = None
+    """Values of conditions that the vehicle sends; None: not known."""
 
     @classmethod
-    def from_parameters(cls, parameters: Mapping[str, float], limits: Limits | None = None) -> MissionVehicle:
+    def from_parameters(
+        cls,
+        parameters: Mapping[str, float],
+        limits: Limits | None = None,
+        reported: Iterable[str] | None = None,
+    ) -> MissionVehicle:
         """From the vehicle's parameters; `limits` are the operator's."""
         model = VehicleModel.from_parameters(parameters)
-        return cls(MotionLimits.from_parameters(parameters), replace(limits or Limits(), vehicle=model))
+        return cls(
+            MotionLimits.from_parameters(parameters), replace(limits or Limits(), vehicle=model),
+            None if reported is None else frozenset(reported),
+        )  # fmt: skip
 
     def within(self, bounds: Bounds) -> MotionLimits:
         """The vehicle's limits, lowered by those of a mission."""
@@ -106,6 +116,8 @@ class State:
     title: str = ""
     gimbal: GimbalTrack | None = None
     avoidance: bool = False
+    visit: int = 0
+    """Of the present step among all that are carried out, from 1."""
     needs: set[Estimate] = field(default_factory=set)
     segments: list[Segment] = field(default_factory=list)
 
@@ -116,7 +128,7 @@ class State:
     def add(self, segment: Segment) -> None:
         """Adds a segment and moves the planned position to its end."""
         self.work.count(segments=1)
-        self.segments.append(replace(segment, avoidance=True) if self.avoidance else segment)
+        self.segments.append(replace(segment, avoidance=self.avoidance, visit=self.visit))
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
     def report(self, code: str, message: str, fix: str | None = None) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import bisect
 from dataclasses import dataclass
 
+from missions.fence import FenceArea
 from missions.offboard.findings import MissionFinding
 from missions.offboard.segments import Decision, Segment
 from missions.setpoints import Estimate, Setpoint
@@ -48,6 +49,8 @@ class Timeline:
     otherwise: Timeline | None = None
     energy_wh: float | None = None
     """Of the longest way; None without a power model."""
+    fence: FenceArea | None = None
+    """The mission's own geofence; None where it has none, or its place is not known."""
 
     @property
     def own_duration_s(self) -> float:
@@ -79,6 +82,11 @@ class Timeline:
             for start_s, segment in zip(self.starts_s, self.segments, strict=True)
             for event in segment.events
         )
+
+    @property
+    def avoids(self) -> bool:
+        """Whether a step on any way is to be led past obstacles."""
+        return any(segment.avoidance for segment in self.segments) or any(way.avoids for way in self._ways)
 
     @property
     def _ways(self) -> tuple[Timeline, ...]:

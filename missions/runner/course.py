@@ -38,11 +38,11 @@ class Course:
         return index < len(self.segments) and _is_cut(self.segments[index])
 
     def next_step(self, index: int) -> int:
-        """The first segment of the step after that of a segment."""
+        """The first segment of the step after that of a segment; of a repeat, the next round's."""
         if index >= len(self.segments):
             return len(self.segments)
-        place = self.segments[index].place
-        while index < len(self.segments) and self.segments[index].place == place:
+        visit = self.segments[index].visit
+        while index < len(self.segments) and self.segments[index].visit == visit:
             index += 1
         return index
 

@@ -39,6 +39,7 @@ class Flight:
         self.course = Course(timeline)
         self.actions = timeline.actions
         self.needs = timeline.needs
+        self.fence = timeline.fence
         self.name = name
         self.motion = motion
         self.pace = Pace(
@@ -91,13 +92,14 @@ class Flight:
             end = here or (0.0, 0.0, 0.0)
             yaw_rad = reading.yaw_ned_rad or 0.0
             held = HoldSegment("the end", "Hold", 0.0, end, yaw_rad)
-            script = Script(self.name, (held,), pace=self.pace, number=self._scripts)
+            script = Script(self.name, (held,), pace=self.pace, number=self._scripts, fence=self.fence)
             return script, self.index - 1, self.index
         end = self.chunk_end(self.index, cut)
         segments = tuple(self.course.segments[self.index : end])
         begin_s = self.t_s if isinstance(segments[0], CurveSegment | TableSegment | HoldSegment) else 0.0
         approach = self._approach(reading, segments[0], begin_s)
-        return Script(self.name, segments, begin_s, approach, self.pace, self._scripts), self.index, end
+        script = Script(self.name, segments, begin_s, approach, self.pace, self._scripts, self.fence)
+        return script, self.index, end
 
     def _approach(self, reading: Reading, segment: Segment, begin_s: float) -> CurveSegment | None:
         here, yaw_rad = reading.position_ned_m, reading.yaw_ned_rad
@@ -113,11 +115,18 @@ class Flight:
             ends = (PassPoint(here, yaw_rad), PassPoint(begin, begin_yaw_rad))
         if math.dist(here, begin) < ON_PATH_M and turn_rad < ON_PATH_RAD:
             return None
+        if self.fence is not None and self.fence.is_left_between(here[:2], begin[:2]):
+            raise PlanError(
+                segment.place,
+                "the straight way there leaves the mission's geofence",
+                "Fly to where the straight way stays inside, then resume.",
+            )
         curve = through(ends, self.motion)
         end_yaw_rad = (yaw_rad or 0.0) if begin_yaw_rad is None else begin_yaw_rad
         return CurveSegment(
-            segment.place, "Approach", curve.duration_s, begin, end_yaw_rad, curve.length_m, curve=curve
-        )
+            segment.place, "Approach", curve.duration_s, begin, end_yaw_rad, curve.length_m,
+            avoidance=segment.avoidance, visit=segment.visit, curve=curve,
+        )  # fmt: skip
 
 
 def _begin_of(

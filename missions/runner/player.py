@@ -1,18 +1,25 @@
 """Samples a script at each sending. Pure: it is told the time and where the vehicle is.
 
-A wait holds until it is over. Paused, the mission's own time slows down to a standstill, so that the vehicle
-stays on its path, and speeds up again. A velocity or an attitude has no path: paused, the vehicle brakes and
-holds where it has stopped, and the flight goes on from there with another script. After the last segment its
-end is held.
+A wait holds until it is over. A vehicle that is held back on its path is waited for. Paused, the mission's
+own time slows down to a standstill, so that the vehicle stays on its path, and speeds up again. A velocity or
+an attitude has no path: paused, the vehicle brakes and holds where it has stopped, and the flight goes on
+from there with another script. After the last segment its end is held.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
 from missions.frames import Vector3
-from missions.offboard.segments import AttitudeSegment, Segment, VelocitySegment, WaitSegment
+from missions.offboard.segments import (
+    AttitudeSegment,
+    CurveSegment,
+    Segment,
+    VelocitySegment,
+    WaitSegment,
+)
 from missions.runner.script import Played, Script, Steering
 from missions.runner.time_scale import TimeScale
 from missions.setpoints import Attitude, DirectSetpoint, Position, Setpoint, Trajectory, Velocity, complete
@@ -23,6 +30,10 @@ LONGEST_STEP_S = 0.3
 BACK_WITHIN_M = 1.0
 """After a segment that holds no place: so near must the vehicle be to where the next one begins."""
 BACK_WITHIN_S = 15.0
+HELD_BACK_M = 8.0
+"""A vehicle so far behind over the ground (an obstacle, a limit, wind) is waited for."""
+ARRIVED_M = 2.0
+"""So near to its end, over the ground, is a path flown to its end."""
 STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
@@ -51,6 +62,8 @@ class Player:
         self._held: Position | None = None
         """Where the vehicle stopped off its path."""
         self._position: Vector3 | None = None
+        self._held_back = False
+        self.fence = script.fence
 
     def steer(self, steering: Steering) -> None:
         """Takes effect at the next sampling."""
@@ -78,7 +91,7 @@ class Player:
             waiting: the flight has not begun: the first setpoint is held.
         """
         dt_s = 0.0 if waiting else min(max(now_s - self._last_s, 0.0), LONGEST_STEP_S)
-        self._last_s = now_s
+        self._last_s, self._held_back = now_s, False
         if self._diverts(velocity_ned_m_s):
             setpoint = self._stop_off_path(dt_s, position_ned_m)
         else:
@@ -89,12 +102,24 @@ class Player:
         return setpoint
 
     def ahead(self, by_s: float) -> DirectSetpoint | None:
-        """The setpoint so much later by plan, within the segment that is flown; None: it is not known."""
-        segment = self._segment()
+        """The setpoint so much later by plan, at most up to the next wait; None: it is not known."""
         diverted = self._held is not None or self._braking_ned_m_s is not None
-        if segment is None or isinstance(segment, WaitSegment) or self._steering.paused or diverted:
+        if self._steering.paused or diverted:
             return None
-        found = segment.at(min(self._t_s + by_s * self._scale.rate, segment.duration_s))
+        t_s, found = self._t_s + by_s, None
+        ways = itertools.islice(self._segments, self._index, None)
+        if self._approach is not None:
+            found = self._approach.at(min(t_s, self._approach.duration_s))
+            if t_s <= self._approach.duration_s:
+                ways = iter(())
+            t_s += self._begin_s - self._approach.duration_s
+        for segment in ways:
+            if isinstance(segment, WaitSegment):
+                break
+            found = segment.at(min(t_s, segment.duration_s))
+            if t_s <= segment.duration_s:
+                break
+            t_s -= segment.duration_s
         return found if isinstance(found, Position | Trajectory) else None
 
     @property
@@ -116,6 +141,7 @@ class Player:
             isinstance(segment, WaitSegment),
             self._held is not None or self._braking_ned_m_s is not None,
             self._position,
+            self._held_back,
         )
 
     # --- along the path ---------------------------------------------------------------------------
@@ -143,7 +169,9 @@ class Player:
             velocity = whole(setpoint.velocity_ned_m_s)
         if isinstance(setpoint, Trajectory):
             acceleration = whole(setpoint.acceleration_ned_m_s2)
-        self._t_s += self._scale.step(dt_s, 0.0 if self._steering.paused else 1.0, velocity, acceleration)
+        self._held_back = self._away_m(self._position, position_ned_m) > HELD_BACK_M
+        goal = 0.0 if self._steering.paused or self._held_back else 1.0
+        self._t_s += self._scale.step(dt_s, goal, velocity, acceleration)
         while (segment := self._segment()) is not None:
             if isinstance(segment, WaitSegment):
                 self._t_s = 0.0
@@ -163,7 +191,15 @@ class Player:
         self._t_s = 0.0
 
     def _is_back(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
-        """Whether the next segment may begin: after one that holds no place the vehicle returns first."""
+        """Whether the next segment may begin: the vehicle has arrived where the present one ends.
+
+        After one that holds no place it returns there first.
+        """
+        if isinstance(segment, CurveSegment):
+            self._held_back = self._away_m(segment.end_ned_m, position_ned_m) > ARRIVED_M
+            if self._held_back:
+                self._t_s = segment.duration_s
+            return not self._held_back
         if not isinstance(segment, VelocitySegment | AttitudeSegment) or position_ned_m is None:
             return True
         self._returning_s = (self._returning_s or 0.0) + dt_s
@@ -173,6 +209,11 @@ class Player:
             return False
         self._returning_s = None
         return True
+
+    @staticmethod
+    def _away_m(place: Vector3 | None, position_ned_m: Vector3 | None) -> float:
+        """Over the ground; a detour over an obstacle changes the height only."""
+        return 0.0 if place is None or position_ned_m is None else math.dist(place[:2], position_ned_m[:2])
 
     def _slowed(self, setpoint: Setpoint) -> DirectSetpoint:
         """A setpoint of the path at the present rate."""

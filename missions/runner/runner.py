@@ -11,6 +11,7 @@ from typing import Literal
 
 from missions.offboard.segments import WaitSegment
 from missions.offboard.timeline import Timeline
+from missions.runner.corridor import Corridor, CorridorWatch
 from missions.runner.flight import Flight
 from missions.runner.parts import LandPart, Part, TakeOffPart
 from missions.runner.payload import release_gimbal
@@ -37,6 +38,7 @@ class Runner:
         name: of the mission.
         motion: the limits of pauses and of ways to the path; its speed is the one wanted.
         low_battery_share: below this the mission's action for low battery is taken.
+        corridor: of a dry run; leaving it is told of.
     """
 
     def __init__(
@@ -45,9 +47,11 @@ class Runner:
         name: str,
         motion: MotionLimits | None = None,
         low_battery_share: float = LOW_BATTERY_SHARE,
+        corridor: Corridor | None = None,
     ) -> None:
         self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0))
         self._watch = FlightWatch(self.flight, low_battery_share)
+        self._corridor = None if corridor is None else CorridorWatch(corridor)
         self._over: str | None = None
         self._reason: str | None = None
         self._suspended = False
@@ -197,6 +201,7 @@ class Runner:
             step=flight.index if segment else None,
             remaining_s=None if self._over else flight.course.remaining_s(flight.index, flight.t_s),
             deviation_m=deviation_m,
+            outside_corridor_m=self._corridor.outside_m if self._corridor and self._over is None else None,
             question=part.question if part is not None and not self._suspended and not self._over else None,
             reason=self._reason,
         )
@@ -243,6 +248,7 @@ class Runner:
             self._act(failure.action, failure.text, reading)
             if self._suspended:
                 return
+        self._watch_corridor(now_s, reading)
         self._out += part.tick(now_s, reading)
         if part.failure is not None:
             failure, part.failure = part.failure, None
@@ -251,6 +257,16 @@ class Runner:
             if not isinstance(part, StretchPart):
                 self.flight.move_to(self.flight.index + 1)
             self._begin_part(now_s, reading)
+
+    def _watch_corridor(self, now_s: float, reading: Reading) -> None:
+        watch = self._corridor
+        if watch is None or not reading.in_air or not watch.look(now_s, reading.position_ned_m):
+            return
+        if watch.left:
+            text = f"The vehicle is {watch.outside_m:.1f} m outside the corridor of the dry run."
+            self._tell("corridor_left", text, warning=True)
+        else:
+            self._tell("corridor_back", "The vehicle is inside the corridor of the dry run again.")
 
     def _begin_part(self, now_s: float, reading: Reading) -> None:
         """Of the present place, with whatever needs nothing to be done left out."""

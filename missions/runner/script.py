@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from missions.fence import FenceArea
 from missions.frames import Vector3
 from missions.offboard.segments import CurveSegment, Segment
 from missions.setpoints import Estimate
@@ -39,6 +40,8 @@ class Script:
     pace: Pace = Pace()
     number: int = 0
     """Tells a mission's scripts apart."""
+    fence: FenceArea | None = None
+    """The mission's own geofence, which a detour around an obstacle keeps to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,3 +76,5 @@ class Played:
     """A velocity or attitude was interrupted: the vehicle holds where it has stopped, off its path."""
     position_ned_m: Vector3 | None = None
     """The position that is sent; None while none is."""
+    held_back: bool = False
+    """The vehicle is too far behind on its path: the mission's own time waits for it."""

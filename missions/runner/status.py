@@ -33,6 +33,8 @@ class RunnerStatus:
     """By plan, on the longest way."""
     deviation_m: float | None
     """From the position that is sent."""
+    outside_corridor_m: float | None
+    """How far it is outside the dry run's corridor, 0 inside; None: none was given."""
     question: str | None
     """What a person is asked."""
     reason: str | None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from missions.errors import PlanError
 from missions.offboard.segments import HoldSegment, Segment, WaitSegment
 from missions.runner.course import ConditionWatch
@@ -15,6 +17,8 @@ from missions.runner.script import Played, Steering
 
 AHEAD_S = 60.0
 """So much of the flight is handed over in advance: whatever delays the rest changes nothing meanwhile."""
+HELD_BACK_TOLD_S = 2.0
+"""A vehicle that is held back for so long is told of."""
 RENEW_S = 0.5
 """The stream is told so often that somebody looks after it."""
 STARTS_WITHIN_S = 40.0
@@ -41,6 +45,8 @@ class StretchPart(Part):
         self._waited_s = 0.0
         self._answered = False
         self._played: Played | None = None
+        self._held_back_s = 0.0
+        """For how long the vehicle has been held back."""
 
     # --- what people ask for ----------------------------------------------------------------------
 
@@ -110,6 +116,7 @@ class StretchPart(Part):
             out += point_gimbal(self.flight, played, now_s)
         if self._stop_for is None and not self.flight.paused:
             out += self._wait(now_s, dt_s, reading, played)
+        out += self._tell_held_back(dt_s, reading, played)
         appended = self._append(now_s, reading)
         return [*out, *self._steer(now_s, appended)]
 
@@ -195,6 +202,14 @@ class StretchPart(Part):
                 return [*out, Tell("timeout", f"{text}: going on."), *self._past(played)]
             self.failure = Failure(segment.on_timeout, text)
         return out
+
+    def _tell_held_back(self, dt_s: float, reading: Reading, played: Played) -> list[Request]:
+        before_s, self._held_back_s = self._held_back_s, self._held_back_s + dt_s if played.held_back else 0.0
+        wanted, here = played.position_ned_m, reading.position_ned_m
+        if not before_s < HELD_BACK_TOLD_S <= self._held_back_s or wanted is None or here is None:
+            return []
+        text = f"The vehicle is {math.dist(wanted, here):.0f} m behind on its path: the mission waits for it."
+        return [Tell("held_back", text, warning=True)]
 
     def _past(self, played: Played) -> list[Request]:
         self._forget_wait()

@@ -55,7 +55,9 @@ class Missions:
         start = places.Start(local.position_ned_m, attitude.yaw_ned_rad, estimates.origin(), in_air=in_air)
         timeline = compile_mission(mission, start=start)
         name = MissionName(mission.name, None, None)
-        self.flight = self.all.begin("1", Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", 0.15))
+        self.flight = self.all.begin(
+            vehicle.id, Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", 0.15)
+        )
         return self.flight
 
     def take(self, who: Principal, *, force: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 
 import pytest
 
@@ -9,6 +10,7 @@ from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.plans import tasks
+from gcs_server.streamer.missions.readings import reported_values
 from tests.protocol.api_calls import ANNA, desk, lines, view
 from tests.protocol.api_calls import BOB as BOB_
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
@@ -16,7 +18,10 @@ from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, codes_
 from tests.protocol.offboard_world import POSITION, asks, order, seconds, silent
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.support.offboard_missions import mission
+from vehicle_sim.mavlink import generated_dialect as sim
 
+YAW_RAD = 0.5
+"""Of the scripted vehicle."""
 FLIGHT = """
 - {step: take_off, height_m: 4}
 - {step: gimbal, track: look_at, place: {offset_ned_m: [10, 0, 0]}}
@@ -152,6 +157,56 @@ def test_a_pilot_who_takes_the_vehicle_while_it_is_resumed_is_not_fought(jump, t
         await missions.reach("suspended", within_s=2)
         await silent(pilot, None, 5.0, settle_s=0.3)
         assert (len(asks(pilot, OFFBOARD)), pilot.mode) == (asked, POSITION)
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_a_way_back_on_which_an_obstacle_is_measured_is_not_flown(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        await vehicle.command.hold(by="Bob")
+        await missions.reach("suspended", within_s=2)
+        pilot.ned = [
+            -20 * math.cos(YAW_RAD),
+            -20 * math.sin(YAW_RAD),
+            -5.0,
+        ]  # the path lies ahead of its nose
+
+        def measure():
+            pilot.send(sim.MAVLink_distance_sensor_message(pilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0))
+
+        pilot._every(0.2, measure)
+        await seconds(1)
+        missions.flight.resume("Alice")
+        await seconds(1)
+        assert missions.state == "suspended"
+        assert "An obstacle is measured 3 m ahead" in missions.flight.status().reason
+        assert pilot.mode == HOLD
+        vehicle.offboard.avoidance.way = "over"
+        missions.flight.resume("Alice")
+        await missions.reach("flying", within_s=10)
+
+    hovering(jump, tmp_path, hover(), story)
+
+
+def test_a_condition_is_told_wind_and_distance_of_the_sensor_that_looks_down(jump, tmp_path):
+    async def story(missions, vehicle, pilot):
+        assert missions.flight.reading().wind_speed_m_s is None
+        for orientation, centimetres in ((0, 150), (25, 420)):
+            pilot.send(
+                sim.MAVLink_distance_sensor_message(
+                    pilot.boot_ms(), 10, 2000, centimetres, 0, orientation, orientation, 0
+                )
+            )
+        pilot.send(sim.MAVLink_wind_cov_message(0, 3.0, -4.0, math.nan, 0, 0, 0, 0, 0))
+        await seconds(0.3)
+        reading = missions.flight.reading()
+        assert (reading.distance_m, reading.wind_speed_m_s) == (pytest.approx(4.2), pytest.approx(5.0))
+        assert {"distance_m", "wind_speed_m_s"} <= set(reported_values(vehicle))
+        await seconds(11)
+        assert (missions.flight.reading().distance_m, missions.flight.reading().wind_speed_m_s) == (
+            None,
+            None,
+        )
 
     hovering(jump, tmp_path, hover(), story)
 

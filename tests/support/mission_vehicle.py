@@ -43,6 +43,7 @@ class FlownMission:
         self.refused: dict[type, str] = {}
         """Requests that fail, by class, and why."""
         self._goal_down_m = 0.0
+        self._held_at: tuple[float, float, float] | None = None
 
     # --- what happens to it -----------------------------------------------------------------------
 
@@ -54,6 +55,15 @@ class FlownMission:
         """Somebody else than the runner changes the mode; a stream ends with that."""
         self.player = None
         self.know(mode=mode, mode_source=source, mode_text=text, stream="idle", played=None)
+
+    def hold_back(self) -> Any:
+        """Something keeps it where it is, whatever is sent; where that is."""
+        self._held_at = self.reading.position_ned_m
+        return self._held_at
+
+    def let_go(self) -> None:
+        """It follows what is sent again."""
+        self._held_at = None
 
     def lose_link(self) -> None:
         """Nothing is heard, and the stream has ended by asking for Hold."""
@@ -190,6 +200,8 @@ class FlownMission:
             d = min(0.0, d + CLIMB_M_S * STEP_S)
             if d == 0.0:
                 self.know(landed="on_ground", armed=False)
+        if self._held_at is not None:
+            (n, e, d), velocity = self._held_at, (0.0, 0.0, 0.0)
         self.path.append((n, e, d))
         if self.reading.position_ned_m is not None:
             self.know(position_ned_m=(n, e, d), velocity_ned_m_s=velocity)

@@ -9,12 +9,21 @@ from typing import Any, Protocol
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
 from gcs_server.streamer.missions.readings import reading_of
-from gcs_server.streamer.missions.status import MissionName, OffboardMissionStatus
+from gcs_server.streamer.missions.status import (
+    FlownMission,
+    MissionName,
+    OffboardMissionStatus,
+)
 from gcs_server.streamer.offboard.control import OffboardControl
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.order import OnExpiry, Order
 from gcs_server.vehicle.samples import GlobalPosition
+from missions.avoidance.corridor import first_on_line
+from missions.offboard.segments import CurveSegment
 from missions.offboard.timeline import Timeline
+from missions.runner.corridor import Corridor
+from missions.runner.flown import FlownTrack
 from missions.runner.reading import Reading
 from missions.runner.requests import (
     Photo,
@@ -64,6 +73,8 @@ class Start:
     motion: MotionLimits
     client: str
     low_battery_share: float
+    corridor: Corridor | None = None
+    """Of a dry run."""
 
 
 class MissionFlight:
@@ -85,7 +96,11 @@ class MissionFlight:
         self._spawn = spawn
         self._start = start
         self._began_unix_s = clock.unix_s()
-        self._runner = Runner(start.timeline, start.mission.name, start.motion, start.low_battery_share)
+        self._began_s = clock.monotonic_s()
+        self._runner = Runner(
+            start.timeline, start.mission.name, start.motion, start.low_battery_share, start.corridor
+        )
+        self._track = FlownTrack()
         self._task: Task | None = None
         """The command that is being carried out: a newer one ends it."""
         self._pictures = 0
@@ -102,7 +117,9 @@ class MissionFlight:
                 f"Vehicle {self._vehicle.id} sends no attitude just now.",
                 remedy="Check its link, then try again.",
             )
-        self._do(_asked(self._runner.start, self._now_s, reading))
+        requests = _asked(self._runner.start, self._now_s, reading)
+        self._control.avoidance.mission_way = "over" if self._start.timeline.avoids else None
+        self._do(requests)
 
     def pause(self, by: str) -> None:
         """Raises Refused where it cannot."""
@@ -129,7 +146,9 @@ class MissionFlight:
     def tick(self) -> None:
         """About ten times a second."""
         if not self._runner.over:
-            self._do(self._runner.tick(self._now_s, self.reading()))
+            reading = self.reading()
+            self._do(self._runner.tick(self._now_s, reading))
+            self._track.keep(self._now_s - self._began_s, reading, self._runner.status(reading))
 
     @property
     def over(self) -> bool:
@@ -155,11 +174,20 @@ class MissionFlight:
             title=found.title,
             duration_s=round(self._start.timeline.duration_s, 1),
             remaining_s=None if found.remaining_s is None else round(found.remaining_s, 1),
-            deviation_m=None if found.deviation_m is None else round(found.deviation_m, 2),
+            deviation_m=_centimetres(found.deviation_m),
+            outside_corridor_m=_centimetres(found.outside_corridor_m),
             question=found.question,
             reason=found.reason,
             if_stream_stops=None if failsafe is None else failsafe.words,
         )
+
+    def flown(self) -> FlownMission:
+        """What was flown so far, beside what was sent."""
+        samples = tuple(self._track.samples)
+        off_m = [each.deviation_m for each in samples if each.deviation_m is not None]
+        mean_m = sum(off_m) / len(off_m) if off_m else None
+        name = self._start.mission.name
+        return FlownMission(name, self._began_unix_s, samples, _centimetres(mean_m), max(off_m, default=None))
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -191,6 +219,8 @@ class MissionFlight:
                     self._spawn(
                         "mission gimbal", self._quietly(request, self._vehicle.gimbal.release_control)
                     )
+        if self._runner.over:
+            self._control.avoidance.mission_way = None
 
     def _tell(self, request: Tell) -> None:
         data = {"source": "offboard_mission", "code": request.code, "mission": self._start.mission.name}
@@ -233,6 +263,7 @@ class MissionFlight:
             await (command.land if request.mode == "land" else command.rtl)(by=self._by)
 
     async def _play(self, request: Play) -> None:
+        self._check_way(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
         order = Order(request.script, RENEWED_WITHIN_S, on_expiry, name, owner="mission")
@@ -241,6 +272,24 @@ class MissionFlight:
             await self._control.setpoint(order)
         else:
             await self._control.start(order, RATE_HZ)
+
+    def _check_way(self, approach: CurveSegment | None) -> None:
+        """Raises Refused where the straight way to the path is blocked by what the sensors measure now."""
+        avoidance = self._control.avoidance
+        here = None if approach is None else self.reading().position_ned_m
+        if (
+            approach is None
+            or here is None
+            or avoidance.way
+            or (avoidance.mission_way and approach.avoidance)
+        ):
+            return
+        first_m = first_on_line(VehicleEstimates(self._vehicle).scans(), here, approach.end_ned_m)
+        if first_m is not None:
+            raise Refused(
+                f"An obstacle is measured {first_m:.0f} m ahead on the straight way to the path.",
+                remedy="Fly around it by hand, or switch obstacle avoidance on, then resume.",
+            )
 
     def _above_home_m(self) -> float:
         sample = self._vehicle.topic("global_position")
@@ -276,6 +325,10 @@ class MissionFlight:
                 self._gimbal_ours = True
 
             self._spawn("mission gimbal", self._quietly(request, take))
+
+
+def _centimetres(value: float | None) -> float | None:
+    return None if value is None else round(value, 2)
 
 
 def _asked(what: Callable[..., list[Request]], *arguments: object) -> list[Request]:

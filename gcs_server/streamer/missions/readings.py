@@ -5,10 +5,14 @@ from __future__ import annotations
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import StreamState
-from gcs_server.vehicle.samples import Battery, Gps
+from gcs_server.vehicle.samples import Battery, DistanceSensors, Gps, Wind
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.avoidance.scans import STEEP
 from missions.runner.reading import Reading, StreamPhase
 from missions.setpoints import Estimate
 
+DISTANCE_FRESH_S, WIND_FRESH_S = 3.0, 10.0
+"""PX4 sends DISTANCE_SENSOR every two seconds by itself, and WIND_COV as seldom."""
 PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
 
 
@@ -22,6 +26,47 @@ def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
         "home": estimates.home() is not None,
     }
     return frozenset(name for name, valid in found.items() if valid)
+
+
+def distance_m(vehicle: Vehicle) -> float | None:
+    """Of the sensor that looks down; where none does, the shortest of all. None: nothing within its range."""
+    sample = vehicle.topic("distance_sensors")
+    if sample is None or not isinstance(sample.value, DistanceSensors):
+        return None
+    if vehicle.clock.monotonic_s() - sample.received_monotonic_s > DISTANCE_FRESH_S:
+        return None
+    down = [each for each in sample.value.sensors if each.direction_frd[2] > STEEP]
+    measured = (
+        each.distance_m
+        for each in down or sample.value.sensors
+        if each.distance_m is not None and each.distance_m <= each.range_max_m
+    )
+    return min(measured, default=None)
+
+
+def wind_speed_m_s(vehicle: Vehicle) -> float | None:
+    """Over the ground, where the vehicle estimates it."""
+    sample = vehicle.topic("wind")
+    if sample is None or not isinstance(sample.value, Wind):
+        return None
+    fresh = vehicle.clock.monotonic_s() - sample.received_monotonic_s <= WIND_FRESH_S
+    return sample.value.speed_m_s if fresh else None
+
+
+def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
+    """The values of conditions that the vehicle has ever sent: a condition on another stays false."""
+    battery, gps, sensors = (vehicle.topic(name) for name in ("battery", "gps", "distance_sensors"))
+    known = {
+        "battery_share": battery is not None
+        and isinstance(battery.value, Battery)
+        and battery.value.remaining_percent is not None,
+        "wind_speed_m_s": vehicle.topic("wind") is not None,
+        "ground_speed_m_s": vehicle.topic("local_position") is not None,
+        "distance_m": sensors is not None,
+        "satellites": gps is not None and isinstance(gps.value, Gps) and gps.value.satellites is not None,
+        "horizontal_error_m": vehicle.topic("estimator") is not None,
+    }
+    return tuple(name for name, heard in known.items() if heard)
 
 
 def reading_of(control: OffboardControl, state: StreamState) -> Reading:
@@ -52,6 +97,8 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
         holder=None if holder is None else holder.holder_key,
         holder_name=None if holder is None else holder.holder,
         battery_share=None if percent is None else percent / 100.0,
+        wind_speed_m_s=wind_speed_m_s(vehicle),
+        distance_m=distance_m(vehicle),
         satellites=gps.value.satellites if gps and isinstance(gps.value, Gps) else None,
         horizontal_error_m=estimates.accuracy_m(),
         stream=PHASES.get(state.phase, "ending") if ours else "idle",

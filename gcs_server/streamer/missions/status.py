@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from missions.runner.flown import FlownSample
+
 MissionState = Literal[
     "ready", "taking_off", "starting", "flying", "waiting", "pausing", "paused", "landing", "suspended",
     "done", "aborted", "stopped",
@@ -45,9 +47,25 @@ class OffboardMissionStatus:
     """By plan, on the longest way; None when it is over."""
     deviation_m: float | None
     """From the position that is sent."""
+    outside_corridor_m: float | None
+    """How far it is outside the dry run's corridor, 0 inside; None: none was given at the start."""
     question: str | None
     """What a person is asked; answered by `go_on`."""
     reason: str | None
     """Why it is suspended, or over."""
     if_stream_stops: str | None
     """What the vehicle will do by itself should the server or its link die, in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlownMission:
+    """What was flown of a vehicle's newest mission, beside what was planned."""
+
+    name: str
+    started_unix_s: float
+    samples: tuple[FlownSample, ...]
+    """Two a second; of a flight longer than half an hour fewer."""
+    deviation_mean_m: float | None
+    """From the places that were sent; null: none was."""
+    deviation_max_m: float | None
+    """The greatest of it; null: no place was sent."""

@@ -44,9 +44,20 @@ class AvoidanceControl:
         self._asked_s = float("-inf")
         self.way: AvoidanceWay | None = None
         """What is tried first; None: off."""
+        self.mission_way: AvoidanceWay | None = None
+        """The same in the steps of the present mission that ask for avoidance; it ends with the mission."""
 
     async def switch_on(self, way: AvoidanceWay) -> None:
         """From now on, for the stream that runs too; returns once a sensor is heard often enough.
+
+        Raises:
+            Refused: no sensor sees obstacles.
+        """
+        await self.hear()
+        self.way = way
+
+    async def hear(self) -> None:
+        """Returns once a sensor is heard often enough to avoid obstacles by.
 
         Raises:
             Refused: no sensor sees obstacles.
@@ -57,11 +68,10 @@ class AvoidanceControl:
             self.ask_for_rates()
             await self._clock.sleep(LOOK_EVERY_S)
         self.require_sensor()
-        self.way = way
 
     def switch_off(self) -> None:
-        """The setpoints are flown as ordered; the obstacle brake stays."""
-        self.way = None
+        """The setpoints are flown as ordered, those of the present mission too; the obstacle brake stays."""
+        self.way = self.mission_way = None
 
     def require_sensor(self) -> None:
         """Before avoidance is relied on.
@@ -117,9 +127,12 @@ class AvoidanceControl:
         text = "" if doing is None else doing.text
         if self.way is not None and state.phase == "idle":
             text = "On: it acts once setpoints are streamed."
+        elif self.way is None and self.mission_way is not None and doing is None:
+            text = "On in the steps of the mission that ask for it."
+        way = self.way or self.mission_way
         return AvoidanceView(
-            on=self.way is not None,
-            way=self.way or "over",
+            on=way is not None,
+            way=way or "over",
             state=None if doing is None else doing.state,
             text=text,
             sensor=self.has_sensor(),

@@ -316,6 +316,7 @@ class OffboardControl:
             hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
             leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
             avoidance=self.avoidance.way,
+            mission_avoidance=self.avoidance.mission_way,
         )
 
     def snapshot_without_estimates(self) -> Snapshot:

@@ -9,6 +9,7 @@ from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.avoider import Avoider
 from missions.avoidance.values import Adjusted, Allowed, AvoidanceState, AvoidanceWay, Here, Wanted
+from missions.fence import FenceArea
 from missions.frames import Vector3
 from missions.setpoints import (
     DirectSetpoint,
@@ -45,6 +46,11 @@ class AvoidanceStage:
         self.doing: Avoiding | None = None
         """None: off."""
 
+    @property
+    def on_a_detour(self) -> bool:
+        """Whether it flies otherwise than ordered."""
+        return self.doing is not None and self.doing.state != "clear"
+
     def forget(self) -> None:
         """A new stream begins, or no order is followed any more."""
         self._avoider = self.doing = None
@@ -61,6 +67,7 @@ class AvoidanceStage:
         ordered: DirectSetpoint,
         later: Later | None,
         way: AvoidanceWay | None,
+        fence: FenceArea | None = None,
     ) -> DirectSetpoint:
         """What to send instead of what is ordered.
 
@@ -70,6 +77,7 @@ class AvoidanceStage:
             ordered: at this moment.
             later: what is ordered at other moments; None: the same.
             way: what is tried first; None: avoidance is off.
+            fence: of the mission that is flown.
         """
         if way is None:
             self.forget()
@@ -89,7 +97,7 @@ class AvoidanceStage:
         )
         yaw = getattr(ordered, "yaw_ned_rad", None)
         wanted = Wanted(place, feed, yaw, _ahead(now_s, later, snapshot))
-        adjusted = self._avoider.adjust(now_s, here, wanted, snapshot.scans, _allowed(snapshot))
+        adjusted = self._avoider.adjust(now_s, here, wanted, snapshot.scans, _allowed(snapshot, fence))
         self._tell(Avoiding(adjusted.state, adjusted.text))
         return _flown(ordered, adjusted)
 
@@ -139,11 +147,12 @@ def _here(now_s: float, snapshot: Snapshot) -> Here | None:
     return Here(position, velocity or (0.0, 0.0, 0.0), yaw or 0.0)
 
 
-def _allowed(snapshot: Snapshot) -> Allowed:
+def _allowed(snapshot: Snapshot, fence: FenceArea | None) -> Allowed:
     bounds = snapshot.bounds
     return Allowed(
         min(bounds.speed_m_s, bounds.approach_m_s),
         min(bounds.climb_m_s, bounds.approach_climb_m_s),
         min(bounds.sink_m_s, bounds.approach_sink_m_s),
         bounds.region,
+        fence,
     )

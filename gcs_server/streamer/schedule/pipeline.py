@@ -14,6 +14,7 @@ from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import SetpointLoader
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import fresh, looks_out
+from missions.avoidance.values import AvoidanceWay
 from missions.runner.script import Played, Script, Steering
 from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
 
@@ -157,7 +158,21 @@ class SetpointPipeline:
         def later(at_s: float) -> DirectSetpoint | None:
             return None if resolved is None else resolved.later(now_s, at_s, snapshot)
 
-        return self._avoidance.apply(now_s, snapshot, wanted, None if waiting else later, snapshot.avoidance)
+        player = None if resolved is None else resolved.player
+        return self._avoidance.apply(
+            now_s, snapshot, wanted, None if waiting else later, self._way(snapshot),
+            None if player is None else player.fence,
+        )  # fmt: skip
+
+    def _way(self, snapshot: Snapshot) -> AvoidanceWay | None:
+        """What avoidance tries first now; None: it is off.
+
+        A mission's own ends with the step that asks for it, but never in the middle of a detour.
+        """
+        player = None if self._resolved is None else self._resolved.player
+        if snapshot.avoidance is not None or player is None:
+            return snapshot.avoidance
+        return snapshot.mission_avoidance if player.avoids or self._avoidance.on_a_detour else None
 
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
@@ -182,7 +197,7 @@ class SetpointPipeline:
 
     def _around(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Around | None:
         """What the brake goes by; None where it is off (avoidance keeps it on) or no sensor is heard."""
-        if not bounds.obstacle_brake and snapshot.avoidance is None:
+        if not bounds.obstacle_brake and self._way(snapshot) is None:
             return None
         sees = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SEES_FOR_S))
         position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)

@@ -60,6 +60,8 @@ class Snapshot:
     """What its distance sensors measured last."""
     avoidance: AvoidanceWay | None = None
     """Switched on for this vehicle, and what it tries first; None: off."""
+    mission_avoidance: AvoidanceWay | None = None
+    """In the steps of a mission that ask for it; None: there are none, or it is switched off for them."""
 
     @property
     def heard_s(self) -> float:

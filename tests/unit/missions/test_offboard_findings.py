@@ -35,6 +35,9 @@ ROOT = Path(__file__).resolve().parents[3]
         (flown("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
         (flown("step: fly, points: [{offset_ned_m: [900000, 0, -9]}]"), "length_exceeded"),
         (flown("step: hold, duration_s: 86400"), "endurance_exceeded"),
+        (flown("step: wait, until: {value: battery_share, above: 1}, timeout_s: 9"), "condition_never"),
+        (flown("step: branch, condition: {value: satellites, below: 0}, then: []"), "condition_never"),
+        (flown("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9"), "condition_unreported"),
         (flown("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
         (flown("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
     ],
@@ -45,7 +48,8 @@ def test_what_is_wrong_is_found_with_its_step(steps: str, code: str) -> None:
         power=PowerModel(200.0, 100.0, 2.0),
         vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),
     )
-    found = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits))
+    reported = frozenset({"battery_share", "satellites"})
+    found = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits, reported))
     assert code in codes(found)
     assert all(finding.message.endswith(".") for finding in found.findings)
 
@@ -62,6 +66,13 @@ def test_a_path_outside_the_geofence_is_found_with_its_place() -> None:
     assert "north" in found.findings[0].message
     inside = text.replace("60, 0", "40, 0")
     assert compile_mission(read(inside).model_copy(update={"home": HOME})).findings == ()
+
+
+def test_a_condition_that_the_vehicle_reports_and_that_can_come_true_is_no_finding() -> None:
+    wait = flown("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
+    assert codes(compile_mission(mission(wait))) == set()
+    vehicle = MissionVehicle(reported=frozenset({"wind_speed_m_s"}))
+    assert codes(compile_mission(mission(wait), vehicle)) == set()
 
 
 def test_every_code_has_a_meaning_in_the_documentation() -> None:

@@ -122,4 +122,8 @@ export const FIELDS = {
     range_min_m: 'number',
     range_max_m: 'number',
   },
+  wind: {
+    wind_ned_m_s: 'vector3',
+    speed_m_s: 'number',
+  },
 } as const;

@@ -1788,6 +1788,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{v}/offboard_mission/flown": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show Flown
+         * @description Where the newest mission led, and the places that were sent at the same moments.
+         */
+        get: operations["show_flown_api_v1_vehicles__v__offboard_mission_flown_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{v}/offboard_mission/start": {
         parameters: {
             query?: never;
@@ -4574,6 +4594,76 @@ export interface components {
              * @description Step of an offboard mission: `step 3`, `step 4.2`.
              */
             step: string | null;
+        };
+        /**
+         * FlownMission
+         * @description What was flown of a vehicle's newest mission, beside what was planned.
+         */
+        FlownMission: {
+            /**
+             * Name
+             * @description Name.
+             */
+            name: string;
+            /**
+             * Started Unix S
+             * @description Started [s since 1970 UTC].
+             */
+            started_unix_s: number;
+            /**
+             * Samples
+             * @description Two a second; of a flight longer than half an hour fewer.
+             */
+            samples: components["schemas"]["FlownSample"][];
+            /**
+             * Deviation Mean M
+             * @description From the places that were sent; null: none was.
+             */
+            deviation_mean_m: number | null;
+            /**
+             * Deviation Max M
+             * @description The greatest of it; null: no place was sent.
+             */
+            deviation_max_m: number | null;
+        };
+        /**
+         * FlownMissionView
+         * @description The newest mission of a vehicle as it was flown.
+         */
+        FlownMissionView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            vehicle: string;
+            /** @description So far, while it is flown. */
+            flown: components["schemas"]["FlownMission"];
+        };
+        /**
+         * FlownSample
+         * @description One moment.
+         */
+        FlownSample: {
+            /** T S */
+            t_s: number;
+            /** Place */
+            place: string | null;
+            /** Flown Ned M */
+            flown_ned_m: [
+                number,
+                number,
+                number
+            ];
+            /** Planned Ned M */
+            planned_ned_m: [
+                number,
+                number,
+                number
+            ] | null;
+            /** Deviation M */
+            deviation_m: number | null;
+            /** Outside Corridor M */
+            outside_corridor_m: number | null;
         };
         /**
          * Fly
@@ -7842,6 +7932,11 @@ export interface components {
              */
             deviation_m: number | null;
             /**
+             * Outside Corridor M
+             * @description How far it is outside the dry run's corridor, 0 inside; None: none was given at the start.
+             */
+            outside_corridor_m: number | null;
+            /**
              * Question
              * @description What a person is asked; answered by `go_on`.
              */
@@ -10950,6 +11045,11 @@ export interface components {
             /** @description A mission that is not kept on the server. */
             mission?: components["schemas"]["OffboardMission"] | null;
             /**
+             * Dry Run
+             * @description Id of a dry run of this mission with several flights: leaving its corridor is told of.
+             */
+            dry_run?: string | null;
+            /**
              * Despite
              * @description Codes of the mission's error findings that the caller accepts.
              * @default []
@@ -11664,6 +11764,8 @@ export interface components {
             distance_sensors?: components["schemas"]["DistanceSensorsSample"] | null;
             /** @description Newest `obstacle_distance`. */
             obstacle_distance?: components["schemas"]["ObstacleDistanceSample"] | null;
+            /** @description Newest `wind`. */
+            wind?: components["schemas"]["WindSample"] | null;
         };
         /**
          * TrajectoryOrder
@@ -12736,6 +12838,44 @@ export interface components {
              * @default 0
              */
             rate_m_s: number | null;
+        };
+        /**
+         * Wind
+         * @description WIND_COV: what the vehicle's estimator takes the wind to be; a multicopter seldom estimates it.
+         */
+        Wind: {
+            /**
+             * Wind Ned M S
+             * @description Where the air moves to; its vertical part is 0 where it is not told.
+             */
+            wind_ned_m_s: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Speed M S
+             * @description Over the ground.
+             */
+            speed_m_s: number;
+        };
+        /**
+         * WindSample
+         * @description The newest `wind` and the two clocks it is judged by.
+         */
+        WindSample: {
+            /**
+             * Vehicle Time Boot S
+             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             */
+            vehicle_time_boot_s: number | null;
+            /**
+             * Received Unix S
+             * @description When the server received it [s since 1970 UTC].
+             */
+            received_unix_s: number;
+            /** @description The sample itself. */
+            value: components["schemas"]["Wind"];
         };
         /**
          * StartRequest
@@ -18736,6 +18876,65 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    show_flown_api_v1_vehicles__v__offboard_mission_flown_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                v: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FlownMissionView"];
                 };
             };
             400: components["responses"]["Refused400"];

@@ -32,6 +32,7 @@ def test_a_process_answers_what_a_thread_answers():
         "parameters": {"MPC_XY_CRUISE": 3.0},
         "home": None,
         "origin": None,
+        "reported": None,
         "power": None,
     }
 
@@ -84,7 +85,14 @@ def test_no_more_wait_than_there_is_room_for(monkeypatch):
         with pytest.raises(InvalidRequest):  # there is room again
             await plan_work.run(
                 "check",
-                {"plan": "[]", "parameters": {}, "home": None, "origin": None, "power": None},
+                {
+                    "plan": "[]",
+                    "parameters": {},
+                    "home": None,
+                    "origin": None,
+                    "reported": None,
+                    "power": None,
+                },
                 small=True,
             )
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from missions.avoidance.corridor import first_on_line
 from missions.avoidance.memory import KEPT_S, MOST_COLUMNS, ObstacleMemory, along
 from missions.avoidance.scans import Scan, fresh, looks_down, looks_level, looks_out, seen_m
 
@@ -73,3 +74,18 @@ def test_a_line_sees_columns_along_it_and_beside_it():
     assert seen.beside_m.tolist() == [1.0]
     assert seen.away_m[0] == pytest.approx(math.sqrt(26.0))
     assert seen.beyond_m[0] == pytest.approx(math.sqrt(10.0))
+
+
+@pytest.mark.parametrize(
+    ("there", "first_m"),
+    [
+        ((9.0, 0.0, -2.0), 5.0),
+        ((4.0, 0.0, -2.0), None),  # it ends before
+        ((9.0, 9.0, -2.0), None),  # it passes beside
+        ((9.0, 0.0, -8.0), 5.0),  # it climbs, beginning at the obstacle's height
+        ((-9.0, 0.0, -2.0), None),
+    ],
+)
+def test_what_is_measured_on_a_straight_way_is_found(there, first_m):
+    assert first_on_line((AHEAD, DOWN), (0.0, 0.0, -2.0), there) == first_m
+    assert first_on_line((DOWN,), (0.0, 0.0, -2.0), there) is None

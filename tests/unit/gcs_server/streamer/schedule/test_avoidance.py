@@ -8,7 +8,9 @@ from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import Scan
 from missions.fence import Region
 from missions.geodesy import LocalOrigin
+from missions.runner.script import Script
 from missions.setpoints import Path, PathPoint, Position, PositionGlobal, Trajectory, Velocity
+from tests.support.offboard_missions import flown, timeline
 
 GOAL = Position((10.0, 0.0, -2.0), 0.0)
 ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
@@ -21,6 +23,7 @@ class Stream:
     def __init__(self):
         self.pipeline, self.now_s = SetpointPipeline(self), 100.0
         self.ahead_m, self.avoidance, self.bounds, self.silent_s = 3.0, None, Bounds(), 0.0
+        self.mission_avoidance = None
         self.position = (0.0, 0.0, -2.0)
         self.told = []
 
@@ -36,6 +39,7 @@ class Stream:
         return Snapshot(
             self.now_s, "offboard", self.position, STILL, 0.0,
             bounds=self.bounds, scans=scans, avoidance=self.avoidance,
+            mission_avoidance=self.mission_avoidance,
         )  # fmt: skip
 
     def send(self, setpoint, steps=1):
@@ -150,3 +154,34 @@ def test_the_fence_holds_a_detour_as_any_other_setpoint(stream):
     sent = stream.send(GOAL, 3)
     assert stream.pipeline.avoiding.state == "stopped"
     assert isinstance(sent, Position)
+
+
+def script(step):
+    """A mission that flies 10 m north through the place of the box."""
+    return Script("Test", timeline(flown(step)).segments[1:-1])
+
+
+AVOIDING, NOT_AVOIDING = (
+    f"step: fly, points: [{{position_ned_m: [10, 0, -10]}}], avoidance: {word}" for word in ("true", "false")
+)
+
+
+def test_a_missions_avoidance_acts_in_its_steps_only_and_not_once_it_is_switched_off(stream):
+    stream.position, stream.mission_avoidance, stream.ahead_m = (0.0, 0.0, -10.0), "over", 15.0
+    for step, on in ((AVOIDING, True), (NOT_AVOIDING, False)):
+        stream.send(script(step))
+        assert (stream.pipeline.avoiding is not None) == on
+    stream.mission_avoidance = None
+    stream.send(script(AVOIDING))
+    assert stream.pipeline.avoiding is None
+    stream.avoidance = "around"
+    stream.send(script(NOT_AVOIDING))
+    assert stream.pipeline.avoiding.state == "clear"
+
+
+def test_a_detour_is_not_broken_off_where_the_next_step_asks_for_no_avoidance(stream):
+    stream.position, stream.mission_avoidance = (0.0, 0.0, -10.0), "over"
+    stream.send(script(AVOIDING), 3)
+    assert stream.pipeline.avoiding.state == "over"
+    stream.send(script(NOT_AVOIDING), 3)
+    assert stream.pipeline.avoiding.state == "over"

@@ -15,6 +15,7 @@ const FLOWN: Flown = {
   duration_s: 200,
   remaining_s: 150,
   deviation_m: 0.34,
+  outside_corridor_m: null,
   question: null,
   reason: null,
   if_stream_stops: 'it lands.',

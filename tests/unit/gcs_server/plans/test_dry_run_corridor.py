@@ -1,0 +1,44 @@
+"""The corridor of a dry run in the frame of the vehicle that flies the mission for real."""
+
+import pytest
+
+from gcs_server.errors import Refused
+from gcs_server.plans.dry_run_corridor import corridor_of
+from missions.geodesy import LocalOrigin
+
+ORIGIN = LocalOrigin(47.0, 8.0, 480.0)
+HERE = (30.0, -20.0, -5.0)
+
+
+def found(**changes):
+    lat, lon, alt = ORIGIN.to_geodetic(HERE)
+    bands = {"p5": [-0.2, -0.4], "p50": [0.0, 0.0], "p95": [0.3, 0.6], "greatest": [0.5, -1.5]}
+    corridor = {
+        "position_ned_m": [[0.0, 0.0, 0.0], [10.0, 0.0, -8.0]],
+        "horizontal_m": {**bands, "greatest": [0.5, 1.5]},
+        "vertical_m": bands,
+    }
+    origin = {"lat_deg": lat, "lon_deg": lon, "alt_amsl_m": alt}
+    whole = {"nominal": {"origin": origin}, "monte_carlo": {"corridor": corridor}}
+    return {"id": "3", "kind": "offboard_mission", **whole, **changes}
+
+
+def test_its_places_lie_where_it_began_and_its_bounds_hold_all_flights():
+    corridor = corridor_of(found(), HERE, ORIGIN)
+    assert corridor.position_ned_m[1] == pytest.approx((40.0, -20.0, -13.0), abs=0.01)
+    assert corridor.beside_m == (0.5, 1.5)
+    assert (corridor.above_m, corridor.below_m) == ((0.5, 0.6), (0.2, 1.5))
+    assert corridor_of(found(), HERE, None).position_ned_m[0] == HERE
+
+
+@pytest.mark.parametrize(
+    ("dry_run", "here", "said"),
+    [
+        (found(monte_carlo=None), HERE, "has no corridor"),
+        (found(kind="waypoint_plan"), HERE, "has no corridor"),
+        (found(), (90.0, -20.0, 0.0), "began 60 m from where the vehicle is"),
+    ],
+)
+def test_one_without_a_corridor_or_of_another_start_is_refused(dry_run, here, said):
+    with pytest.raises(Refused, match=said):
+        corridor_of(dry_run, here, ORIGIN)

@@ -1,0 +1,98 @@
+"""A mission beside its dry run: inside the corridor or not, and what was flown beside what was sent."""
+
+import math
+
+import pytest
+
+from missions.runner.corridor import OUTSIDE_FOR_S, SPARE_M, Corridor, CorridorWatch
+from missions.runner.flown import MOST_SAMPLES, FlownTrack
+from missions.runner.reading import Reading
+from missions.runner.script import Played
+from tests.support.mission_vehicle import FlownMission
+from tests.support.offboard_missions import flown, mission
+
+NORTH = Corridor(
+    ((0.0, 0.0, -10.0), (30.0, 0.0, -10.0), (30.0, 40.0, -10.0)), (1.0, 2.0, 2.0), (1.0,) * 3, (0.5,) * 3
+)
+
+
+@pytest.mark.parametrize(
+    ("here", "outside_m"),
+    [
+        ((10.0, 0.0, -10.0), 0.0),
+        ((10.0, 2.0 + SPARE_M, -10.0), 0.0),
+        ((10.0, 5.0 + SPARE_M, -10.0), 3.0),
+        ((10.0, 0.0, -11.0 - SPARE_M), 0.0),
+        ((10.0, 0.0, -14.0 - SPARE_M), 3.0),
+        ((10.0, 0.0, -8.5 + SPARE_M), 1.0),
+        ((10.0, 5.0 + SPARE_M, -15.0 - SPARE_M), 5.0),
+        ((32.0, 20.0, -10.0), 0.0),
+        ((-6.0 - SPARE_M, 0.0, -10.0), 4.0),
+    ],
+)
+def test_how_far_outside_is_measured_from_the_nearest_part(here, outside_m):
+    watch = CorridorWatch(NORTH)
+    watch.look(0.0, here)
+    assert watch.outside_m == pytest.approx(outside_m, abs=1e-6)
+
+
+def test_a_moment_outside_is_not_told_and_a_longer_one_is_once():
+    watch = CorridorWatch(NORTH)
+    outside, inside = (10.0, 20.0, -10.0), (10.0, 0.0, -10.0)
+    assert not watch.look(0.0, outside)
+    assert not watch.look(OUTSIDE_FOR_S - 0.1, outside)
+    assert not watch.look(OUTSIDE_FOR_S, inside)
+    assert not watch.look(2.0, outside)
+    assert watch.look(2.0 + OUTSIDE_FOR_S, outside)
+    assert not watch.look(9.0, None)
+    assert watch.left
+    assert watch.look(10.0, inside)
+    assert not watch.left
+
+
+@pytest.mark.parametrize("wrong", [{"beside_m": (1.0,)}, {"position_ned_m": ((0.0, 0.0, 0.0),)}])
+def test_bounds_that_do_not_fit_the_path_are_refused(wrong):
+    fields = {
+        "position_ned_m": NORTH.position_ned_m,
+        "beside_m": (1.0,) * 3,
+        "above_m": (1.0,) * 3,
+        "below_m": (1.0,) * 3,
+    }
+    with pytest.raises(ValueError, match="each with its bounds"):
+        Corridor(**{**fields, **wrong})
+
+
+def test_a_vehicle_that_leaves_the_corridor_and_returns_is_told_of():
+    fake = FlownMission(
+        mission(flown("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
+    ).start()
+    fake.until(lambda: fake.path[-1:] != [] and fake.path[-1][0] > 10.0)
+    assert fake.status.outside_corridor_m == 0.0
+    fake.know(position_ned_m=(12.0, 7.0, -10.0))
+    fake.hold_back()
+    fake.fly(3.0)
+    fake.let_go()
+    fake.fly(2.0)
+    assert [text for text in fake.told if "corridor" in text][-2:] == [
+        "The vehicle is 4.5 m outside the corridor of the dry run.",
+        "The vehicle is inside the corridor of the dry run again.",
+    ]
+    fake.in_state("done")
+    assert fake.status.outside_corridor_m is None
+
+
+def test_what_was_flown_is_kept_beside_what_was_sent_and_never_grows_without_end():
+    fake = FlownMission(mission(flown("step: hold, duration_s: 5"))).start().in_state("flying")
+    track, status = FlownTrack(), fake.status
+    sent = Reading(
+        position_ned_m=(3.0, 4.0, -10.0), stream="flying", played=Played(position_ned_m=(0.0, 0.0, -10.0))
+    )
+    for tenth in range(10 * 4 * MOST_SAMPLES):
+        track.keep(tenth / 10, sent, status)
+    assert MOST_SAMPLES / 2 <= len(track.samples) <= MOST_SAMPLES
+    assert track.samples[-1].t_s > 3.9 * MOST_SAMPLES
+    assert (track.samples[0].deviation_m, track.samples[0].place) == (5.0, "step 2")
+    by_px4 = FlownTrack()
+    by_px4.keep(0.0, Reading(position_ned_m=(0.0, 0.0, 0.0)), status)
+    assert (by_px4.samples[0].planned_ned_m, by_px4.samples[0].deviation_m) == (None, None)
+    assert math.isfinite(by_px4.samples[0].t_s)

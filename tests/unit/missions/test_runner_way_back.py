@@ -1,0 +1,87 @@
+"""The mission runner's way to its path, from wherever the vehicle is: geofence, rounds of a repeat, lag."""
+
+import math
+
+import pytest
+
+from missions.runner.requests import Play, SetMode
+from missions.values import FenceCircle, FencePolygon, Point
+from tests.support.mission_vehicle import FlownMission
+from tests.support.offboard_missions import HOME, flown, mission
+
+CORNER = mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}, {offset_ned_m: [60, 60, -10]}]"))
+DEG = 1.0 / 111_195.0
+"""A metre north."""
+
+
+def circle(radius_m, *, inclusion, north_m=0.0):
+    center = Point(lat_deg=HOME.lat_deg + north_m * DEG, lon_deg=HOME.lon_deg)
+    return FenceCircle(inclusion=inclusion, center=center, radius_m=radius_m)
+
+
+def square(north_m, half_m):
+    south, north = (HOME.lat_deg + (north_m + side) * DEG for side in (-half_m, half_m))
+    east = half_m * DEG / math.cos(math.radians(HOME.lat_deg))
+    corners = ((south, -east), (south, east), (north, east), (north, -east))
+    points = tuple(Point(lat_deg=lat, lon_deg=HOME.lon_deg + lon) for lat, lon in corners)
+    return FencePolygon(inclusion=False, polygon=points)
+
+
+@pytest.mark.parametrize(
+    ("zones", "north_m", "flown_back"),
+    [
+        ((), -40.0, True),
+        ((circle(100, inclusion=True),), -40.0, True),
+        ((circle(100, inclusion=True),), -140.0, True),  # from outside the way in is flown
+        ((circle(100, inclusion=True), circle(8, inclusion=False, north_m=-20)), -40.0, False),
+        ((square(-20, 8),), -40.0, False),
+        ((square(-20, 8),), 30.0, True),
+    ],
+)
+def test_a_way_back_to_the_path_that_leaves_the_missions_geofence_is_not_flown(zones, north_m, flown_back):
+    fake = FlownMission(CORNER.model_copy(update={"home": HOME, "fence": zones})).start()
+    fake.in_state("flying").fly(5.0)
+    fake.mode("hold", "command", "Bob commanded 'hold'")
+    fake.in_state("suspended")
+    fake.know(position_ned_m=(north_m, 0.0, -10.0))
+    plays, modes = fake.count(Play), fake.count(SetMode)
+    fake.resume()
+    assert fake.count(Play) == plays + flown_back
+    assert (fake.status.state == "suspended") != flown_back
+    if not flown_back:
+        assert "leaves the mission's geofence" in str(fake.status.reason)
+        assert fake.modes()[modes:] == ["hold"]
+
+
+def test_one_round_of_a_repeat_is_skipped_and_the_next_one_is_flown():
+    fake = FlownMission(mission(flown("step: repeat, times: 3, steps: [{step: hold, duration_s: 30}]")))
+    fake.start().in_state("flying").fly(1.0)
+    begun_s = fake.now_s
+    fake.skip()
+    fake.in_state("landing")
+    assert fake.now_s - begun_s == pytest.approx(60.0, abs=3.0)
+
+
+def test_a_vehicle_that_is_held_back_is_waited_for_and_told_of_once():
+    fake = FlownMission(mission(flown("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
+    fake.in_state("flying").fly(3.0)
+    there = fake.hold_back()
+    fake.fly(30.0)
+    assert fake.status.state == "flying"
+    assert 8.0 < fake.status.deviation_m < 16.0
+    assert sum("the mission waits" in text for text in fake.told) == 1
+    assert fake.reading.position_ned_m == there
+    fake.let_go()
+    fake.in_state("done")
+    assert math.dist(fake.path[-1][:2], (60.0, 0.0)) < 1.0
+
+
+def test_a_path_ends_only_where_the_vehicle_has_arrived():
+    fake = FlownMission(mission(flown("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
+    fake.until(lambda: fake.status.state == "flying" and fake.path[-1][0] > 14.0)
+    fake.hold_back()
+    fake.fly(20.0)
+    assert fake.status.place == "step 2"
+    assert fake.modes() == []
+    fake.let_go()
+    fake.in_state("done")
