@@ -38,6 +38,26 @@ def test_example_flies_and_ends_disarmed_on_the_ground(station: Any, example: st
     assert max(heights) == pytest.approx(height_m, abs=0.8)
 
 
+@pytest.mark.parametrize(
+    ("example", "flags", "said"),
+    [
+        ("figure_eight", [], "step 2: Two rounds"),
+        ("tower_inspection", ["--yes"], "step 8: Down around the mast"),
+        ("survey", [], "Uploaded and verified"),
+    ],
+)
+def test_the_example_flies_its_plan_and_lands(
+    station: Any, example: str, flags: list[str], said: str
+) -> None:
+    module = f"missions.examples.{example}"
+    command = [sys.executable, "-m", module, "--server", station.url, "--vehicle", "101", *flags]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stderr
+    assert said in done.stdout
+    assert done.stdout.rstrip().endswith("Landed and disarmed.")
+    assert not station.drone.show()["status"]["armed"]
+
+
 def test_the_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
     port = free_port()
     with (

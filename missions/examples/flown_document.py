@@ -1,0 +1,63 @@
+"""What the examples of offboard missions share: flies the document beside them, and says how it goes."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+from gcs_server.client import Gcs, Vehicle
+from missions.examples.arguments import parse
+
+OVER = ("done", "aborted", "stopped", "suspended")
+
+
+async def fly(server: str, vehicle: str | None, document: str, *, yes: bool) -> None:
+    """From ready to disarmed.
+
+    Args:
+        server: address of the ground station.
+        vehicle: its id; None: the first one heard.
+        document: the file's name.
+        yes: answers each question of the mission by itself.
+
+    Raises:
+        SystemExit: the mission has not come to its end.
+    """
+    async with Gcs(server, client=Path(document).stem) as gcs:
+        drone = await gcs.wait_for_vehicle(vehicle, ready=True)
+        text = (Path(__file__).parent / document).read_bytes()
+        mission = (await gcs.plans().read_file(text, document))["plan"]
+        started = await drone.offboard_mission.start(mission)
+        print(f"{started['name']}: about {started['duration_s']:.0f} s. {started['if_stream_stops']}")
+        ended = await follow(drone, yes=yes)
+        if ended["state"] != "done":
+            raise SystemExit(f"The mission is {ended['state']}: {ended['reason']}")
+        await drone.until_disarmed()
+    print("Landed and disarmed.")
+
+
+async def follow(drone: Vehicle, *, yes: bool) -> dict[str, Any]:
+    """Prints each new step, asks what the mission asks, and returns its state at its end."""
+    shown = None
+    while True:
+        state = await drone.offboard_mission.state()
+        assert state is not None
+        if state["state"] in OVER:
+            return state
+        if (state["place"], state["title"]) != shown:
+            shown = (state["place"], state["title"])
+            print(f"{state['place']}: {state['title']}, {state['remaining_s']:.0f} s left")
+        if state["question"] is not None:
+            if yes:
+                print(f"{state['question']} Yes.")
+            else:
+                await asyncio.to_thread(input, f"{state['question']} Press Enter: ")
+            await drone.offboard_mission.go_on()
+        await asyncio.sleep(0.5)
+
+
+def main(description: str, document: str) -> None:
+    """What `python -m` of an example does."""
+    arguments = parse(description, yes="answer each question of the mission by itself")
+    asyncio.run(fly(arguments.server, arguments.vehicle, document, yes=arguments.yes))

@@ -1,0 +1,9 @@
+"""A tower from all sides with the gimbal on it: `python -m missions.examples.tower_inspection`.
+
+Start the station with a camera on the simulated vehicle: `make run ARGS="--sim-args=--camera"`.
+"""
+
+from missions.examples.flown_document import main
+
+if __name__ == "__main__":
+    main("Inspect a tower 30 m north of the start, and land.", "tower_inspection.yaml")
