@@ -10,6 +10,7 @@ from gcs_server.api.plan_models import MissionBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer.missions.status import FlownMission, OffboardMissionStatus
+from missions.runner.flown import FlownSample
 
 
 class StartMission(StrictBody):
@@ -58,7 +59,7 @@ class OffboardMissionView(BaseModel):
     )
 
 
-FlownMissionModel = model_of(FlownMission)
+FlownMissionModel = model_of(FlownMission, samples=tuple[model_of(FlownSample), ...])
 
 
 class FlownMissionView(BaseModel):

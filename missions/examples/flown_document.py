@@ -45,7 +45,7 @@ async def follow(drone: Vehicle, *, yes: bool) -> dict[str, Any]:
         assert state is not None
         if state["state"] in OVER:
             return state
-        if (state["place"], state["title"]) != shown:
+        if state["place"] is not None and (state["place"], state["title"]) != shown:
             shown = (state["place"], state["title"])
             print(f"{state['place']}: {state['title']}, {state['remaining_s']:.0f} s left")
         if state["question"] is not None:

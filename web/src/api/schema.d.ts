@@ -4644,25 +4644,43 @@ export interface components {
          * @description One moment.
          */
         FlownSample: {
-            /** T S */
+            /**
+             * T S
+             * @description Since the mission was started.
+             */
             t_s: number;
-            /** Place */
+            /**
+             * Place
+             * @description Which step: "step 3", "step 4.2".
+             */
             place: string | null;
-            /** Flown Ned M */
+            /**
+             * Flown Ned M
+             * @description Where the vehicle was, by its own estimate, from its local origin.
+             */
             flown_ned_m: [
                 number,
                 number,
                 number
             ];
-            /** Planned Ned M */
+            /**
+             * Planned Ned M
+             * @description The place that was sent to it; null: PX4 flew by itself, or no place was sent.
+             */
             planned_ned_m: [
                 number,
                 number,
                 number
             ] | null;
-            /** Deviation M */
+            /**
+             * Deviation M
+             * @description Between the two.
+             */
             deviation_m: number | null;
-            /** Outside Corridor M */
+            /**
+             * Outside Corridor M
+             * @description How far it was outside the dry run's corridor, 0 inside; null: none was given at the start.
+             */
             outside_corridor_m: number | null;
         };
         /**

@@ -1,0 +1,113 @@
+"""Missions through the place of the obstacle box: avoidance of the plan, of the operator, and none."""
+
+import asyncio
+import math
+
+import pytest
+
+from gcs_server.streamer.values.limit_values import OperatorLimits
+from tests.protocol.mission_flights import Missions, codes_told
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.support.offboard_missions import mission
+from tests.unit.vehicle_sim.flown import flown
+from tests.unit.vehicle_sim.sim_station import Station
+from vehicle_sim.world.files import load_world
+
+pytestmark = pytest.mark.flight
+
+BOX_NORTH_M = (4.25, 5.75)
+BEHIND = (10.0, 0.0)
+
+
+def through_the_box(jump, tmp_path, story, avoidance):
+    """A vehicle at the box's height that flies a mission straight north."""
+
+    async def run():
+        station = flown(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
+        world = SimulatedWorld(sim=station.sim)
+        missions = Missions(world, tmp_path)
+        try:
+            vehicle = await world.ready()
+            await vehicle.offboard.operator.set(
+                OperatorLimits(obstacle_brake=avoidance != "no brake"), by="test"
+            )
+            await vehicle.offboard.avoidance.hear()
+            word = "true" if avoidance == "plan" else "false"
+            step = f"step: fly, points: [{{offset_ned_m: [10, 0, 0]}}], speed_m_s: 2, avoidance: {word}"
+            missions.begin(vehicle, mission(f"- {{{step}}}\n- {{step: hold, duration_s: 1}}\n"), in_air=True)
+            await missions.reach("flying", within_s=10)
+            await story(missions, vehicle, world.sim.simulation.truth.position_ned_m[0])
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def hit(vehicle):
+    return any("Collision" in event.text for event in vehicle.events.since())
+
+
+async def highest_over_the_box_m(missions, at):
+    """Flies on to the end."""
+    highest_m = 0.0
+    for _ in range(900):
+        if missions.state not in ("flying", "waiting"):
+            break
+        if BOX_NORTH_M[0] <= at[0] <= BOX_NORTH_M[1]:
+            highest_m = max(highest_m, -at[2])
+        await asyncio.sleep(0.1)
+    return highest_m
+
+
+def test_a_step_with_avoidance_climbs_over_the_box_comes_down_behind_and_leaves_it_off(jump, tmp_path):
+    async def story(missions, vehicle, at):
+        assert vehicle.offboard.status().avoidance.on
+        assert 4.4 < await highest_over_the_box_m(missions, at) < 7.0
+        assert missions.state == "done"
+        assert math.dist(at[:2], BEHIND) < 1.0
+        assert -at[2] == pytest.approx(2.0, abs=0.6)
+        assert not hit(vehicle)
+        view = vehicle.offboard.status().avoidance
+        assert (view.on, view.state) == (False, None)
+
+    through_the_box(jump, tmp_path, story, "plan")
+
+
+@pytest.mark.broad
+def test_without_avoidance_the_brake_holds_it_the_mission_waits_and_switched_on_in_flight_it_goes_over(
+    jump, tmp_path
+):
+    async def story(missions, vehicle, at):
+        await asyncio.sleep(25)
+        assert missions.state == "flying"
+        assert at[0] < BOX_NORTH_M[0] - 0.5
+        assert "held_back" in codes_told(vehicle)
+        await vehicle.offboard.avoidance.switch_on("over")
+        assert await highest_over_the_box_m(missions, at) > 4.4
+        assert missions.state == "done"
+        assert math.dist(at[:2], BEHIND) < 1.0
+        assert vehicle.offboard.status().avoidance.on, "the operator's choice stays"
+
+    through_the_box(jump, tmp_path, story, "off")
+
+
+@pytest.mark.broad
+def test_a_plans_avoidance_that_the_operator_switches_off_in_flight_stays_off_for_this_mission(
+    jump, tmp_path
+):
+    async def story(missions, vehicle, at):
+        vehicle.offboard.avoidance.switch_off()
+        await asyncio.sleep(15)
+        assert vehicle.offboard.status().avoidance.state is None
+        assert (missions.state, at[0] < BOX_NORTH_M[0]) == ("flying", True)
+
+    through_the_box(jump, tmp_path, story, "plan")
+
+
+def test_without_avoidance_and_brake_it_hits_the_box(jump, tmp_path):
+    async def story(missions, vehicle, at):
+        await until(lambda: hit(vehicle), 30)
+        assert at[0] < BOX_NORTH_M[0]
+        await missions.reach("stopped", within_s=5)
+
+    through_the_box(jump, tmp_path, story, "no brake")

@@ -1,0 +1,160 @@
+"""What interrupts a mission, told once for every kind of step, on simulated PX4 vehicles."""
+
+import asyncio
+
+import pytest
+
+from tests.protocol.mission_squadron import BY_PX4, BY_SETPOINTS, STEPS, fly
+from tests.protocol.simulated_world import until
+from vehicle_sim.autopilot.modes import NavState
+
+pytestmark = pytest.mark.flight
+
+SUSPENDED = dict.fromkeys(STEPS, "suspended")
+WHILE_ASKED = ("landing", "done")
+
+
+@pytest.mark.broad
+def test_paused_all_stand_still_and_resumed_all_end_as_planned(jump, tmp_path):
+    async def story(air):
+        for flight in air.flights.values():
+            flight.pause("Alice")
+        stands = {kind: "suspended" if kind in BY_PX4 else "paused" for kind in STEPS}
+        await air.reach(stands, within_s=15)
+        await until(lambda: all(air.modes()[kind] == "hold" for kind in BY_PX4), 5)
+        assert {air.modes()[kind] for kind in BY_SETPOINTS} == {"offboard"}
+        await asyncio.sleep(5.0)
+        await air.stay([kind for kind in STEPS if kind != "take_off"])
+        for flight in air.flights.values():
+            flight.resume("Alice")
+        await asyncio.sleep(1.0)
+        await air.end_well()
+
+    fly(jump, tmp_path, story)
+
+
+def test_aborted_all_hold_and_nothing_more_is_sent(jump, tmp_path):
+    async def story(air):
+        for flight in air.flights.values():
+            flight.abort("Alice", "hold")
+        await until(lambda: set(air.modes().values()) == {"hold"}, 5)
+        await asyncio.sleep(8.0)
+        assert not any(vehicle.offboard.status().streaming for vehicle in air.vehicles.values())
+        await air.stay([kind for kind in STEPS if kind != "take_off"])
+        assert set(air.modes().values()) == {"hold"}
+
+    fly(jump, tmp_path, story)
+
+
+@pytest.mark.broad
+def test_an_operators_hold_suspends_all_and_each_goes_on_from_there(jump, tmp_path):
+    async def story(air):
+        async with asyncio.TaskGroup() as tasks:
+            for vehicle in air.vehicles.values():
+                tasks.create_task(vehicle.command.hold(by="Bob"))
+        await air.reach(SUSPENDED, within_s=5)
+        assert all("Bob" in reason for reason in air.reasons().values())
+        await asyncio.sleep(8.0)
+        await air.stay([kind for kind in STEPS if kind != "take_off"])
+        for flight in air.flights.values():
+            flight.resume("Alice")
+        await air.reach({kind: ("flying", "waiting", "landing", "done") for kind in STEPS})
+        await air.end_well()
+
+    fly(jump, tmp_path, story)
+
+
+@pytest.mark.parametrize("how", [pytest.param("stick", marks=pytest.mark.broad), "switch"])
+def test_a_pilot_takes_every_vehicle_and_is_never_fought(jump, tmp_path, how):
+    async def story(air):
+        for row in range(len(STEPS)):
+            air.sim.set_parameter(row, "COM_RC_OVERRIDE", 3)
+        forward = 0
+
+        async def hold_sticks():
+            while True:
+                air.move_sticks(forward)
+                await asyncio.sleep(0.1)
+
+        holding = asyncio.ensure_future(hold_sticks())
+        try:
+            await asyncio.sleep(1.0)
+            if how == "stick":
+                forward = 600
+            else:
+                for kind in STEPS:
+                    assert air.commander(kind).set_mode(NavState.POSITION)
+            await until(lambda: set(air.modes().values()) == {"position"}, 3)
+            forward = 0
+            await air.reach(SUSPENDED, within_s=3)
+            await asyncio.sleep(6.0)
+            assert set(air.modes().values()) == {"position"}
+            assert not any(vehicle.offboard.status().streaming for vehicle in air.vehicles.values())
+        finally:
+            holding.cancel()
+
+    fly(jump, tmp_path, story, link_loss="continue", low_battery="return", failure="return")
+
+
+def test_a_lost_link_leaves_px4_its_own_flight_and_its_failsafe_the_rest(jump, tmp_path):
+    async def story(air):
+        told = {kind: air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+        assert all(told.values())
+        for row in range(len(STEPS)):
+            air.sim.set_link_up(row, "gcs", False)
+        await asyncio.sleep(8.0)
+        failsafe = {air.modes()[kind] for kind in BY_SETPOINTS}
+        assert "offboard" not in failsafe
+        for row in range(len(STEPS)):
+            air.sim.set_link_up(row, "gcs", True)
+        await air.reach(dict.fromkeys(BY_SETPOINTS, "suspended"), within_s=15)
+        await air.reach(dict.fromkeys(BY_PX4, "done"), within_s=40)
+        assert {air.modes()[kind] for kind in BY_SETPOINTS} <= {
+            *failsafe,
+            "hold",
+        }  # the stream's last request
+
+    fly(jump, tmp_path, story, link_loss="continue")
+
+
+@pytest.mark.broad
+def test_a_low_battery_returns_all_but_the_one_that_lands(jump, tmp_path):
+    async def story(air):
+        for row in range(len(STEPS)):
+            air.sim.simulation.set_battery_remaining(row, 0.12)
+        rest = [kind for kind in STEPS if kind != "land"]
+        await air.reach(dict.fromkeys(rest, "suspended"), within_s=10)
+        await until(lambda: {air.modes()[kind] for kind in rest} == {"rtl"}, 5)
+        assert all("Battery" in air.reasons()[kind] for kind in rest)
+        await air.reach({"land": "done"}, within_s=40)
+
+    fly(jump, tmp_path, story)
+
+
+@pytest.mark.broad
+def test_a_lost_position_brings_all_down(jump, tmp_path):
+    async def story(air):
+        for row in range(len(STEPS)):
+            air.sim.simulation.set_gps_enabled(row, False)
+        await air.reach({kind: ("suspended", "done", "stopped") for kind in STEPS}, within_s=60)
+        before = {kind: -air.place(kind)[2] for kind in STEPS}
+        await asyncio.sleep(5.0)
+        sinks = {kind: height - -air.place(kind)[2] for kind, height in before.items()}
+        assert all(sinks[kind] > 1.0 or -air.place(kind)[2] < 0.5 for kind in STEPS), sinks
+
+    fly(jump, tmp_path, story)
+
+
+def test_a_killed_server_leaves_each_vehicle_to_what_was_told_before(jump, tmp_path):
+    async def story(air):
+        told = {air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+        assert all("without" in text or "lands" in text for text in told), told
+        await air.world.supervisor.close()
+        for _ in range(300):
+            air.sim.step(0.02)
+        modes = air.modes()
+        assert "offboard" not in modes.values()
+        assert modes["take_off"] in ("takeoff", "hold")
+        assert modes["land"] == "land"
+
+    fly(jump, tmp_path, story)
