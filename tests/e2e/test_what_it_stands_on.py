@@ -7,12 +7,14 @@ import time
 from typing import Any
 
 import httpx
+import pytest
 from websockets.sync.client import connect
 
 from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
 
+@pytest.mark.story
 def test_why_it_cannot_go_offboard_and_what_its_parameters_mean(station: Station) -> None:
     base = f"{station.url}/api/v1/vehicles/101"
     with httpx.Client(base_url=base, timeout=30, headers={"X-Client-Id": "e2e"}) as http:

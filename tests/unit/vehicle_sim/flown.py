@@ -1,4 +1,4 @@
-"""Hovering vehicles for tests that begin in the air: each is flown up once, and every test gets a copy."""
+"""Vehicles that stand or hover: each is brought there once, and every test that begins there gets a copy."""
 
 from typing import Any, TypeVar
 
@@ -7,6 +7,21 @@ from tests.unit.vehicle_sim.sim_station import Station
 
 S = TypeVar("S", bound=Station)
 _FLOWN: dict[tuple[Any, ...], Any] = {}
+
+
+def standing(kind: type[S], run_s: float = 12.0, **fleet: Any) -> S:
+    """A station whose vehicle has been on the ground for that long and can be armed.
+
+    Args:
+        kind: of the station.
+        run_s: since boot.
+        fleet: of the station, before boot.
+    """
+    key = (kind, f"standing {run_s}", repr(sorted(fleet.items())))
+    if key not in _FLOWN:
+        _FLOWN[key] = kind(**fleet)
+        _FLOWN[key].run(run_s)
+    return snapshot(_FLOWN[key])
 
 
 def flown(kind: type[S], height_m: float, parameters: dict[str, float] | None = None, **fleet: Any) -> S:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.unit.vehicle_sim.flown import standing
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.parameters import Parameters
 
@@ -13,9 +14,7 @@ POSITION, ALTITUDE, STABILIZED = 3, 2, 7
 
 @pytest.fixture
 def station() -> Station:
-    station = Station(sensor_noise=False)
-    station.run(12.0)
-    return station
+    return standing(Station, sensor_noise=False)
 
 
 def with_sticks(station: Station, seconds: float, throttle: int) -> None:

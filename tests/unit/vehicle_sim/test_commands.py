@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.flown import flown
+from tests.unit.vehicle_sim.flown import flown, standing
 from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
 from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, RTL, TAKEOFF
 
@@ -19,9 +19,7 @@ STABILIZED, MANUAL = 0x70000, 0x10000
 
 @pytest.fixture
 def ground() -> PlanStation:
-    station = PlanStation(sensor_noise=False)
-    station.ready_to_arm()
-    return station
+    return standing(PlanStation, 3.0, sensor_noise=False)
 
 
 @pytest.fixture

@@ -160,6 +160,7 @@ def test_the_same_seed_gives_the_same_estimate_under_a_fault():
 
 
 @pytest.mark.flight
+@pytest.mark.story
 def test_a_lost_gps_is_flown_as_recorded(shared):
     compared = faults.measure(["gps_lost_offboard_vel"])[0]
     assert not compared.late, compared.late

@@ -14,8 +14,7 @@ from tests.bench import (
 
 pytestmark = pytest.mark.flight
 
-SHORT = ("att_roll_10", "pos_step_z_up3")
-MORE = ("rate_roll_pulse", "vel_z_up1p5", "yaw_step_90")
+SHORT = ("att_roll_10", "rate_roll_pulse", "vel_z_up1p5", "pos_step_z_up3", "yaw_step_90")
 
 
 @pytest.fixture(scope="module")
@@ -23,19 +22,22 @@ def comparisons(shared):
     return {each.name: each for each in reference_flights.measure(list(SHORT))}
 
 
-@pytest.mark.parametrize("name", [*SHORT, *(pytest.param(name, marks=pytest.mark.broad) for name in MORE)])
+@pytest.mark.story
+@pytest.mark.parametrize("name", SHORT)
 def test_flights_stay_within_their_limits(comparisons, name):
-    flown = comparisons[name] if name in SHORT else reference_flights.measure([name])[0]
+    flown = comparisons[name]
     assert flown.error <= flown.limit
     assert flown.path_error_m <= max(flown.path_limit_m, 1.0)
 
 
+@pytest.mark.story
 def test_both_controllers_fly_while_the_kind_of_set_point_changes(comparisons):
     flown = comparisons["att_roll_10"]
     assert flown.real.rise_s > 0.4, "PX4 needs three times as long as for the step alone"
     assert flown.sim.rise_s == pytest.approx(flown.real.rise_s, abs=0.15)
 
 
+@pytest.mark.story
 def test_the_table_has_a_row_for_each_flight_and_a_sum(comparisons):
     rows = list(reference_flights.rows(list(comparisons.values())))
     assert len(rows) == 2 + len(SHORT) + 2

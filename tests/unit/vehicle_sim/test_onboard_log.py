@@ -156,7 +156,7 @@ def test_texts_and_events_stand_in_it(flight):
 )  # fmt: skip
 def test_sdlog_mode_says_from_when_to_when(mode, expected):
     station = Station(log=True, parameters={"SDLOG_MODE": mode})
-    station.run(12)
+    station.run_until(lambda: station.ready, 15)
     logger, commander = station.sim.loggers[0], station.sim.autopilots[0].commander
     seen = [logger.running]
     assert commander.arm()
@@ -237,7 +237,7 @@ def test_the_oldest_days_go_when_there_are_too_many(tmp_path):
 def test_a_folder_that_cannot_be_written_is_told_and_the_vehicle_flies_on(tmp_path):
     (tmp_path / "log").write_text("in the way")
     station = Station(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_MODE": 0})
-    station.run(12)
+    station.run_until(lambda: station.ready, 15)
     station.command(400, 1)
     station.run(0.3)
     assert station.armed
@@ -276,7 +276,7 @@ def test_too_little_room_is_told_before_and_during_a_log():
 
 def test_a_log_does_not_grow_without_end_and_the_next_arming_opens_another():
     station = Station(log=True)
-    station.run(12)
+    station.run_until(lambda: station.ready, 15)
     logger = station.sim.loggers[0]
     first, logger.written_bytes = logger.path, (1 << 30) + 1
     station.run(5.1)
@@ -290,7 +290,7 @@ def test_a_log_does_not_grow_without_end_and_the_next_arming_opens_another():
 
 def test_without_logs_nothing_is_written_and_nobody_told():
     station = Station()
-    station.run(12)
+    station.run_until(lambda: station.ready, 15)
     assert station.sim.autopilots[0].commander.arm()
     station.run(0.5)
     assert not station.sim.loggers[0].start_by_hand()

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.unit.vehicle_sim.flown import standing
 from tests.unit.vehicle_sim.sim_station import NAN, Station
 
 pytestmark = pytest.mark.flight
@@ -12,8 +13,7 @@ ACCEPTED, TEMPORARILY_REJECTED = 0, 1
 
 @pytest.fixture
 def station() -> Station:
-    station = Station()
-    station.run(12.0)
+    station = standing(Station)
     station.sim.set_parameter(0, "MPC_XY_CRUISE", 7.0)
     station.sim.set_parameter(0, "COM_FLIGHT_UUID", 42)
     station.run(0.2)
