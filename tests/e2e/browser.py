@@ -111,6 +111,8 @@ class Watched:
         """A refusal is one, and so is that a vehicle has just gone; Chromium counts them as errors."""
         if re.search("status of (409|503)", message.text):
             return True
+        if "status of 422" in message.text and "/api/v1/plans/import" in message.location["url"]:
+            return True  # a file that cannot be read
         if message.text.startswith("Tried to update non-existent component"):
             return True  # viser's client, drawing slower than labels change: the next update is shown
         return "status of 404" in message.text and "/api/v1/vehicles/" in message.location["url"]

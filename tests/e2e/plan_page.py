@@ -13,6 +13,28 @@ from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
 EXAMPLES: Path = REPOSITORY / "missions" / "examples"
+TOWER = """
+format: offboard-gcs-mission
+version: 1
+name: Tower inspection
+steps:
+  - {step: take_off, height_m: 6}
+  - {step: gimbal, name: Look at the tower top, track: look_at, place: {offset_ned_m: [20, 0, -10]}}
+  - step: fly
+    name: Around the tower
+    curve: smooth
+    speed_m_s: 5
+    points:
+      - {offset_ned_m: [2, -14, -12]}
+      - {offset_ned_m: [22, -17, -16]}
+      - {offset_ned_m: [38, 2, -18]}
+      - {offset_ned_m: [20, 17, -15]}
+    look_at: {offset_ned_m: [20, 0, -10]}
+    photo_every_m: 6
+  - {step: fly, name: Back, points: [{offset_ned_m: [0, 0, -6]}], speed_m_s: 5}
+  - {step: land}
+"""
+"""Flown in less than a minute."""
 PLACES = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
 """Clicked, as shares of the map."""
 
@@ -55,6 +77,13 @@ def undo_and_redo_everything(page: Page, room: Locator) -> None:
         page.keyboard.press("Control+Shift+z")
     expect(redo).to_be_disabled()
     assert steps.all_inner_texts() == before
+
+
+def imported_tower(page: Page, room: Locator) -> None:
+    """The tower inspection in the editor, by choosing a file."""
+    file = {"name": "tower.yaml", "mimeType": "application/yaml", "buffer": TOWER.encode()}
+    page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
+    expect(room.get_by_label("Name of the plan")).to_have_value("Tower inspection")
 
 
 def dry_run(page: Page, room: Locator) -> Locator:

@@ -52,7 +52,7 @@ export interface ConditionRow {
 /** The rows of the form; bounds as the server's. */
 export const ROWS: readonly ConditionRow[] = [
   { name: 'wind_m_s', label: 'Wind', unit: 'm/s', min: 0, max: 30 },
-  { name: 'from_deg', label: 'From', unit: '°', min: 0, max: 360, step: 10 },
+  { name: 'from_deg', label: 'Wind from', unit: '°', min: 0, max: 360, step: 10 },
   { name: 'gusts_m_s', label: 'Gusts (one sigma)', unit: 'm/s', min: 0, max: 20, step: 0.5 },
   { name: 'mass_percent', label: 'Mass, of the simulated one', unit: '%', min: 30, max: 300, step: 5 },
   { name: 'battery_percent', label: 'Battery, of its capacity', unit: '%', min: 5, max: 300, step: 5 },

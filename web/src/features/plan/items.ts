@@ -40,6 +40,7 @@ export function altitudeText(altitude: Altitude): string {
 
 export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: unknown }): string {
   if (item.kind === 'complex') return `Pattern (${String(item['complex_type'])})`;
+  if (item.kind === 'trigger_distance' && item['distance_m'] === 0) return 'Stop taking pictures';
   if (item.kind === 'command') return `MAV_CMD ${String(item['command'])}`;
   const words = item.kind.replaceAll('_', ' ');
   return TITLES[item.kind] ?? words.charAt(0).toUpperCase() + words.slice(1);

@@ -111,21 +111,12 @@ export function drawIcon(name: string, palette: Palette): ImageData | null {
     ctx.strokeStyle = colour;
     ctx.stroke(new Path2D('M0-5v10M-5 0h10'));
   } else if (mark === 'ghost') {
-    // A vehicle from above, hollow: four rotors, and an arrow ahead.
-    ctx.strokeStyle = colour;
-    ctx.stroke(new Path2D('M-6-6L6 6M6-6L-6 6'));
-    for (const [x, y] of [
-      [-7, -7],
-      [7, -7],
-      [-7, 7],
-      [7, 7],
-    ] as const) {
-      ctx.translate(x, y);
-      disc(ctx, 4.5, palette.panel, colour, 1.8);
-      ctx.translate(-x, -y);
-    }
-    ctx.fillStyle = colour;
-    ctx.fill(new Path2D('M-4-11L0-17L4-11Z'));
+    // A vehicle from above on a disc, so that it stands out of the lines around it; an arrow ahead.
+    disc(ctx, radius, palette.panel, colour, 1.2);
+    ctx.strokeStyle = ctx.fillStyle = colour;
+    ctx.stroke(new Path2D('M-6-5L6 7M6-5L-6 7'));
+    for (const at of ['M-6-5', 'M6-5', 'M-6 7', 'M6 7']) ctx.fill(new Path2D(`${at}m-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0`));
+    ctx.fill(new Path2D('M-4-9L0-15L4-9Z'));
   } else if (mark === 'home') {
     disc(ctx, radius, palette.panel, colour, palette.stroke);
     ctx.strokeStyle = palette.text;
