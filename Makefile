@@ -53,6 +53,8 @@ $(VENV)/.tested: $(VENV)/.installed
 $(VENV)/.clients: $(VENV)/.tested
 	@echo "installing MAVSDK and MAVProxy for the client tests …"
 	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[clients]'
+	@# MAVSDK 4 is another package of the same name: in a folder of its own, which its test alone looks into.
+	@$(BIN)/pip install --quiet --disable-pip-version-check --upgrade --no-deps --target $(VENV)/mavsdk4 'mavsdk>=4,<5'
 	@touch $@
 
 # Browser tests: Debian's chromium where there is one, else Playwright's own.
