@@ -16,6 +16,7 @@ from tests.contract.recordings import Dialogue, grid_200
 from tests.contract.replay_vehicle import HOLD, Vehicle
 
 HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
+STILL_TO_CLIMB_M = 5.0
 METRE_E7 = 90
 """A metre north [1e-7 degrees], near enough."""
 HOLD_MODE, MISSION_MODE, RTL_MODE = (4, 3), (4, 4), (4, 5)
@@ -75,9 +76,10 @@ def _mode(*mode: int) -> Action:
 
 def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
     """To a height that it reaches as the dialogue ends."""
-    alt_amsl_m = vehicle.autopilot.home.alt_amsl_m + vehicle.height_m + 2.2
+    view = vehicle.autopilot.view
+    alt_amsl_m = view.estimate.alt_amsl_m + 7.0
     vehicle.command(22, -1, 0, 0, math.nan, math.nan, math.nan, alt_amsl_m)
-    vehicle.run(0.5)
+    vehicle.run_until(lambda: view.estimate.alt_amsl_m > alt_amsl_m - STILL_TO_CLIMB_M, 20)
 
 
 def _disarmed(vehicle: Vehicle, dialogue: Dialogue) -> None:

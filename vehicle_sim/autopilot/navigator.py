@@ -126,7 +126,7 @@ class Navigator:
 
     def enter(self, mode: NavState, previous: NavState, *, in_air: bool) -> None:
         """Start a mode from where the vehicle is and how it moves."""
-        if previous is NavState.MISSION and self.mission.active:
+        if previous is NavState.MISSION and mode is not NavState.MISSION and self.mission.active:
             self.mission.leave()
         stays = previous is NavState.TAKEOFF or (previous is NavState.MISSION and self.mission.finished)
         if not stays or mode is not NavState.HOLD:
