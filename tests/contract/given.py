@@ -130,6 +130,7 @@ def _turning_by_hand(vehicle: Vehicle, _: Dialogue) -> None:
 def _at_rest(vehicle: Vehicle, _: Dialogue) -> None:
     vehicle.stream(True)
     vehicle.run(3.0)
+    vehicle.run_until(lambda: vehicle.speed_m_s < 0.3, 10)
     vehicle.stream(False)
 
 
@@ -204,6 +205,7 @@ GIVEN: dict[str, Given] = {
     "offboard_disarmed_stream_1hz": Given('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
     "offboard_disarmed_stream_2hz": Given('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
     "sp_mask_velocity_0xdc7": Given('"yaw": -0.194', _heading(-0.19)),
+    "sp_mask_position_only_0xdf8": Given('"vz": 0.24', _at_rest),
     "gsp_frame11_terrain": Given('"vy": -0.06', _at_rest),
 }  # fmt: skip
 """By the dialogue's id."""
