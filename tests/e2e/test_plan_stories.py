@@ -73,8 +73,8 @@ def test_a_survey_is_drawn_mended_flown_in_simulation_and_then_by_the_vehicle(
         scrub = dry_run(page, room)
         press(scrub, "End")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^0\d:\d\d, \d+\.\d m$"))
-        page.get_by_role("group", name="Shown over time").get_by_role("button", name="Battery").click()
-        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"%$"))
+        page.get_by_role("group", name="Shown over time").get_by_role("button", name="Speed").click()
+        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"m/s$"))
         press(scrub, "Home")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:00"))
 
