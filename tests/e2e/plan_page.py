@@ -86,11 +86,11 @@ def imported_tower(page: Page, room: Locator) -> None:
     expect(room.get_by_label("Name of the plan")).to_have_value("Tower inspection")
 
 
-def dry_run(page: Page, room: Locator) -> Locator:
+def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
     """Flies the plan in simulation; the scrub bar of what came of it."""
     bar = room.get_by_role("region", name="Dry run")
     bar.get_by_role("button", name="Dry run", exact=True).click()
-    expect(bar).to_contain_text("Flown: ", timeout=120_000)
+    expect(bar).to_contain_text("Flown: ", timeout=longest_s * 1000)
     return page.get_by_role("slider", name="Moment of the dry run")
 
 

@@ -88,7 +88,7 @@ def dry_run(at: Set) -> None:
         room.get_by_label(label).first.fill(value)
     room.get_by_role("button", name="Conditions").click()
     page.get_by_role("button", name="Zoom in").click()
-    scrub = flown_in_simulation(page, room)
+    scrub = flown_in_simulation(page, room, longest_s=600)
     for key in ("PageUp", "PageUp", "ArrowRight", "ArrowRight"):
         scrub.press(key)
     page.mouse.move(0, 0)
