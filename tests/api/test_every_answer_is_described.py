@@ -18,7 +18,7 @@ from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import FakeAutopilot
 from tests.unit.gcs_server.replay.made_logs import flight, record
 
-COUNT = int(os.environ.get("GENERATED_REQUESTS", "5"))
+COUNT = int(os.environ.get("GENERATED_REQUESTS", "2"))
 """Of each operation; more in `make test-clients`."""
 SEED = 14
 VEHICLES_OWN = {"503", "504"}

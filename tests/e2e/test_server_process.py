@@ -74,6 +74,7 @@ def test_a_taken_http_port_ends_it_with_words_that_name_port_and_remedy(tmp_path
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.story
 def test_a_taken_mavlink_port_is_named_and_used_once_it_is_free(tmp_path: Path) -> None:
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.bind(("127.0.0.1", 0))

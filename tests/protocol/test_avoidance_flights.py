@@ -135,6 +135,7 @@ def test_a_path_through_the_box_is_left_sideways_and_met_again_behind(jump):
     fly(jump, story)
 
 
+@pytest.mark.story
 def test_sensors_that_fall_silent_in_flight_stop_it_until_they_are_back(jump):
     async def story(flight):
         await flight.offboard.avoidance.switch_on("over")

@@ -224,6 +224,7 @@ def sky(jump, story, count=2):
     jump(run)
 
 
+@pytest.mark.story
 def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_above_the_minimum(jump):
     async def story(at, vehicles):
         await begin(at, {"1": place(0, -10, -8), "2": place(0, 10, -8)}, minimum_separation_m=1)

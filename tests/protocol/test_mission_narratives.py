@@ -33,6 +33,7 @@ def test_paused_all_stand_still_and_resumed_all_end_as_planned(jump, tmp_path):
     fly(jump, tmp_path, story)
 
 
+@pytest.mark.broad
 def test_aborted_all_hold_and_nothing_more_is_sent(jump, tmp_path):
     async def story(air):
         for flight in air.flights.values():
@@ -96,6 +97,7 @@ def test_a_pilot_takes_every_vehicle_and_is_never_fought(jump, tmp_path, how):
     fly(jump, tmp_path, story, link_loss="continue", low_battery="return", failure="return")
 
 
+@pytest.mark.broad
 def test_a_lost_link_leaves_px4_its_own_flight_and_its_failsafe_the_rest(jump, tmp_path):
     async def story(air):
         told = {kind: air.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}

@@ -76,6 +76,7 @@ def test_a_flood_of_fakes_is_bounded_and_takes_no_known_vehicles_place(jump):
     told(jump, story)
 
 
+@pytest.mark.story
 def test_a_new_vehicle_gets_the_place_of_a_fake_that_fell_silent(jump):
     async def story(world):
         link = world.link()

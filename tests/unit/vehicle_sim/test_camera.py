@@ -127,6 +127,7 @@ def test_mode_zoom_format_and_reset(station):
     assert camera_said(station, "CAMERA_SETTINGS")[-1].zoomLevel == 0.0
 
 
+@pytest.mark.story
 def test_it_looks_where_the_gimbal_points():
     station = Station(camera=True, sensor_noise=False)
     station.fly_to(15.0)

@@ -48,7 +48,7 @@ def go_north(s: PlanStation, metres: float) -> None:
     assert ask(s, REPOSITION, -1, 1, 0, NAN, there["x"] / 1e7, there["y"] / 1e7, amsl(s, 8.0)) == [ACCEPTED]
 
 
-@pytest.mark.parametrize("height_m", [10.0, 2.0])
+@pytest.mark.parametrize("height_m", [10.0, pytest.param(2.0, marks=pytest.mark.broad)])
 def test_a_go_to_before_lift_off_lifts_and_flies_there(ground, height_m):
     ground.command(ARM, 1)
     ground.run(0.1)
@@ -105,6 +105,7 @@ def test_a_go_to_with_nothing_in_it_stops(air):
     assert air.height_m == pytest.approx(8.0, abs=0.5)
 
 
+@pytest.mark.story
 def test_a_go_to_with_an_altitude_alone_goes_on_to_its_place(air):
     go_north(air, 20.0)
     air.run(1.0)
@@ -235,6 +236,7 @@ def test_an_orbit_without_a_position_is_refused(air):
     assert "Orbit refused" in air.texts(asked_s)
 
 
+@pytest.mark.story
 def test_a_take_off_below_the_vehicle_stays_on_the_ground_and_is_disarmed(ground: PlanStation) -> None:
     """As it goes to who gives a height above ground where one above the sea is asked for."""
     ground.command(400, 1)
@@ -250,6 +252,7 @@ def test_a_take_off_below_the_vehicle_stays_on_the_ground_and_is_disarmed(ground
     assert ground.texts()[-1].startswith("Disarmed by auto preflight disarming")
 
 
+@pytest.mark.story
 def test_a_take_off_climbs_as_far_as_was_asked_also_less_than_its_default(ground: PlanStation) -> None:
     ground.command(400, 1)
     ground.run(0.1)

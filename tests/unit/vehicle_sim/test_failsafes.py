@@ -226,8 +226,8 @@ def test_a_motor_that_stops_is_noticed_and_the_vehicle_falls(may_terminate: bool
     ("name", "value", "event", "component"),
     [
         ("COM_PARACHUTE", 1, "check_parachute_missing", 26),
-        ("SYS_HAS_NUM_DIST", 2, "check_distance_sensor_missing", 6),
-        ("SYS_HAS_NUM_OF", 1, "check_optical_sensor_missing", 4),
+        pytest.param("SYS_HAS_NUM_DIST", 2, "check_distance_sensor_missing", 6, marks=pytest.mark.broad),
+        pytest.param("SYS_HAS_NUM_OF", 1, "check_optical_sensor_missing", 4, marks=pytest.mark.broad),
     ],
 )
 def test_required_hardware_that_is_not_there_denies_arming(

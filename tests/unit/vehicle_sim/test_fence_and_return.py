@@ -122,6 +122,7 @@ def test_rally_points_in_a_frame_px4_does_not_know_are_told_of() -> None:
     assert s.texts()[-1] == "RTL: unsupported MAV_FRAME\t"
 
 
+@pytest.mark.story
 def test_a_return_may_stay_in_the_air_and_may_follow_the_mission_back() -> None:
     s = flying(RTL_TYPE=2, RTL_LAND_DELAY=-1.0, RTL_DESCEND_ALT=2.5)
     s.upload([s.item(22, height_m=3), s.item(16, 8, 0, 3), s.item(16, 8, 8, 3), s.item(17, 12, 8, 3)])
@@ -157,6 +158,7 @@ def test_a_return_without_a_delay_lands_from_where_it_arrives_and_tells_each_pla
 
 
 @pytest.mark.parametrize("sub_mode", [6, 9])
+@pytest.mark.story
 def test_each_kind_of_landing_tells_the_place_under_the_vehicle(sub_mode: int) -> None:
     s = flying(6.0)
     item = s.item(192, 10.0, 5.0)

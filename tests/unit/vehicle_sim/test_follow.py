@@ -77,6 +77,7 @@ def test_it_comes_to_its_height_before_it_moves_over_the_ground() -> None:
     assert s.height_m == pytest.approx(16.0, abs=1.0)
 
 
+@pytest.mark.story
 def test_a_height_below_the_ground_is_not_flown_into_the_ground() -> None:
     s = Beacon(20.0, -30.0, FLW_TGT_ALT_M=2, FLW_TGT_HT=8.0)
     s.fly_to(5.0)

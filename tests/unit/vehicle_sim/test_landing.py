@@ -180,6 +180,7 @@ def offboard(s: Station, mask: int, **fields: float) -> None:
     assert s.mode == OFFBOARD
 
 
+@pytest.mark.story
 def test_a_landing_is_detected_some_seconds_after_the_touch() -> None:
     """A real PX4 took 3.3 to 4.3 s: near the ground it sees nothing."""
     s = hover(5.0)

@@ -88,6 +88,7 @@ def test_after_the_last_waypoint_the_vehicle_holds_there(s: PlanStation) -> None
     assert s.armed
 
 
+@pytest.mark.story
 def test_jumps_repeat_and_delays_wait(s: PlanStation) -> None:
     s.upload([
         s.item(TAKEOFF, height_m=3), s.item(WAYPOINT, 3, 0, 3, p=(0, 0.7, 0, NAN)),
@@ -166,6 +167,7 @@ def test_a_mission_uploaded_or_cleared_in_flight(s: PlanStation) -> None:
     assert s.texts()[-1] == "Switching to Mission is currently not available\t"
 
 
+@pytest.mark.story
 def test_held_while_it_gains_speed_it_runs_past_the_place_and_comes_back_to_it(s: PlanStation) -> None:
     assert s.upload([s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 60, 0, 4)]) == 0
     s.start()

@@ -37,6 +37,7 @@ def test_a_steady_lean_ends_at_the_speed_where_drag_holds_it():
     assert np.abs(moved["vz"]).max() < 1e-9
 
 
+@pytest.mark.story
 def test_a_simulated_flight_without_noise_moved_as_it_believes(shared):
     recording = flight_recordings.load("vel_z_up1p5")
     replay = flight_replay.fly([recording])[recording.name]

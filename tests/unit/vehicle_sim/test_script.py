@@ -28,6 +28,7 @@ def test_by_time_gps_goes_and_comes_again():
     assert all(fix < 3 for t, fix in fixes if 2.2 < t < 3.5)
 
 
+@pytest.mark.story
 def test_by_state_the_battery_falls_and_the_wind_rises_after_the_lift_off():
     station = Station(
         script=script("when: airborne, after_s: 2, battery_percent: 40, wind_ned_m_s: [0, 6, 0]")

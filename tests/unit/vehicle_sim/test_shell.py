@@ -153,6 +153,7 @@ def test_a_wrong_param_line_says_what_is_wrong(terminal, line, says):
     assert "failed, returned 1" in answer
 
 
+@pytest.mark.story
 def test_the_commander_arms_takes_off_and_lands_from_here(ready):
     assert "Disarmed" in ready.ask("commander status")
     assert "Preflight check: OK" in ready.ask("commander check")
@@ -190,6 +191,7 @@ def test_without_its_input_the_gimbal_does_not_run():
     assert "MNT_MODE_IN" in terminal.ask("gimbal start")
 
 
+@pytest.mark.story
 def test_the_listener_shows_every_topic_of_the_logger(terminal):
     states = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
     for name in [topic.layout.name for topic in ARRAY_TOPICS] + states:

@@ -61,6 +61,7 @@ def test_position_is_valid_half_a_second_after_boot_and_where_home_is():
     assert sim.estimate.alt_amsl_m[0] == pytest.approx(100.0, abs=0.01)
 
 
+@pytest.mark.story
 def test_hover_balances_weight():
     sim = hovering(seconds=40.0)
     # 1 kg on four rotors of 5 N.
@@ -70,6 +71,7 @@ def test_hover_balances_weight():
     assert np.all(np.abs(sim.truth.velocity_ned_m_s) < 0.02)
 
 
+@pytest.mark.story
 def test_hover_with_noise_wanders_little():
     sim = hovering(4, noise=True, seed=3)
     start = sim.truth.position_ned_m.copy()
@@ -133,6 +135,7 @@ def test_terminal_speed_of_a_fall_is_weight_over_drag():
     assert np.all(sim.truth.velocity_ned_m_s == 0.0)
 
 
+@pytest.mark.story
 def test_wind_is_held_against():
     sim = hovering(wind_ned_m_s=np.array([0.0, 4.0, 0.0]))
     run(sim, 10.0)
@@ -206,6 +209,7 @@ def test_without_gps_the_position_ends_to_be_valid_but_the_attitude_does_not():
     assert np.all(np.abs(error) < 2.0), "takes the position of GPS again"
 
 
+@pytest.mark.story
 def test_battery_drains_armed_and_fills_when_disarmed():
     sim = Simulation(2)
     sim.setpoints.armed[0] = True
@@ -262,6 +266,7 @@ def test_switches_and_calibrations_of_the_simulated_sensors_act_as_in_px4():
     assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "it goes on telling its place"
 
 
+@pytest.mark.story
 def test_parameters_take_effect_when_reloaded():
     sim = hovering()
     sim.parameters[0].set("SIH_MASS", 1.2)

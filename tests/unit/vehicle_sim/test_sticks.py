@@ -97,6 +97,7 @@ def pilot(flown):
     return flown
 
 
+@pytest.mark.story
 def test_position_flies_forward_at_the_stick_s_speed_and_stops_where_it_is_let_go(pilot):
     pilot.switch(POSITION)
     pilot.fly(8.0, x=1000)
@@ -162,6 +163,7 @@ def test_acro_takes_body_rates(pilot):
     assert math.degrees(rates[0]) == pytest.approx(30.0, abs=4.0), "30 % of MC_ACRO_R_MAX"
 
 
+@pytest.mark.story
 def test_take_off_and_landing_by_throttle():
     pilot = Pilot()
     pilot.run_until(lambda: pilot.ready, 15)

@@ -105,7 +105,9 @@ def test_in_made_up_flights(tmp_path, seed, share):
     compare(path, share)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.31, 0.77, 1.0])
+@pytest.mark.parametrize(
+    "share", [0.31, 1.0, *(pytest.param(s, marks=pytest.mark.broad) for s in (0.0, 0.77))]
+)
 def test_in_a_long_one_from_a_checkpoint(tmp_path, share):
     path = tmp_path / "long.tlog"
     path.write_bytes(log_bytes(flight(3, seconds=500)))
@@ -118,7 +120,7 @@ def test_in_a_long_one_from_a_checkpoint(tmp_path, share):
     "name",
     ["flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz", "failsafe-battery.tlog", "offboard-api.tlog.gz"],
 )
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("share", [0.2, pytest.param(0.5, marks=pytest.mark.broad), 0.9])
 def test_in_flights_of_a_real_px4(shared, name, share):
     vehicles, before, fed = compare(shared / "px4" / "tlogs" / name, share)
     assert len(vehicles) == 1
