@@ -83,7 +83,7 @@ def test_a_survey_is_drawn_mended_flown_in_simulation_and_then_by_the_vehicle(
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
         waypoints.nth(2).click()
         room.get_by_role("button", name=re.compile(r"^Fly from step \d+…$")).click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("and goes on from there")
+        expect(page.get_by_role("alertdialog")).to_contain_text("Fly the mission of 101 Quad from step")
         page.keyboard.press("Escape")
 
 
