@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.state import ROTOR_COUNT
 
 FloatArray = NDArray[np.float64]
-
-ROTOR_COUNT = 4
 
 ROLL_SIGN = np.array([-1.0, 1.0, 1.0, -1.0])
 """Sign of each rotor's roll moment (thrust right of the centre rolls left)."""

@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
+ROTOR_COUNT = 4
+
 
 @dataclass(frozen=True, slots=True)
 class Home:

@@ -90,7 +90,6 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
     "mavlink_mission_ignore_clear": (20980031, 51),
     "mavlink_mission_state_busy": (25712744, 51),
     "check_failure_detector_pitch": (33522684, 34),
-    "check_failure_detector_motor": (17443695, 34),
     "check_gf_violation_custom_gf": (16920235, 51),
     "check_gf_violation_max_hor_dist": (20842799, 51),
     "check_gf_violation_max_alt": (30700832, 51),

@@ -88,7 +88,6 @@ class Checks:
             self.fence,
             monitors.roll_failure,
             monitors.pitch_failure,
-            monitors.motor_failure,
             windy,
             round(monitors.wind_m_s, 1) if windy else 0.0,
             monitors.flight_time_over,

@@ -14,8 +14,6 @@ _FENCE = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5:
 """GF_ACTION."""
 _WIND = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
 """COM_WIND_MAX_ACT."""
-_MOTOR = {0: Action.WARN, 1: Action.HOLD, 2: Action.LAND, 3: Action.RTL, 4: Action.TERMINATE}
-"""COM_ACT_FAIL_ACT."""
 _OFFBOARD = {
     0: Action.FALLBACK_POSITION, 1: Action.FALLBACK_ALTITUDE, 2: Action.FALLBACK_STABILIZED, 3: Action.RTL,
     4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM,
@@ -53,7 +51,6 @@ class Conditions(NamedTuple):
     attitude_failure: bool = False
     just_armed: bool = False
     """Within three seconds after spool-up."""
-    motor_failure: bool = False
     offboard_loss_action: int = 0
     position_loss_lands: bool = False
     """COM_POSCTL_NAVL: land, where sticks could still hold the altitude."""
@@ -66,7 +63,6 @@ class Conditions(NamedTuple):
     wind_action: int = 0
     may_terminate: bool = False
     """CBRK_FLIGHTTERM is not set."""
-    motor_action: int = 0
 
 
 def demands(c: Conditions) -> list[Demand]:
@@ -139,17 +135,10 @@ def battery_demands(c: Conditions) -> list[Demand]:
 
 
 def _failures(c: Conditions) -> list[Demand]:
-    found: list[Demand] = []
-    if c.attitude_failure:
-        action = Action.TERMINATE if c.may_terminate else Action.WARN
-        found.append(_strict("attitude", Action.DISARM if c.just_armed else action))
-    if c.motor_failure:
-        action = _MOTOR.get(c.motor_action, Action.WARN)
-        clear = Clear.WHEN_GONE if action in (Action.WARN, Action.HOLD) else _LATCH
-        found.append(
-            _strict("motor", action) if action is Action.TERMINATE else Demand("motor", action, clear=clear)
-        )
-    return found
+    if not c.attitude_failure:
+        return []
+    action = Action.TERMINATE if c.may_terminate else Action.WARN
+    return [_strict("attitude", Action.DISARM if c.just_armed else action)]
 
 
 def _mode_fallback(c: Conditions) -> Action:

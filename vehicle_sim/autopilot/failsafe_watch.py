@@ -103,7 +103,6 @@ class FailsafeWatch:
             monitors.flight_time_over,
             monitors.attitude_failure,
             armed_for_s < view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S,
-            monitors.motor_failure,
         )
 
     def _take_settings(self) -> None:
@@ -121,7 +120,6 @@ class FailsafeWatch:
             choice("GF_ACTION"),
             choice("COM_WIND_MAX_ACT"),
             choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
-            choice("COM_ACT_FAIL_ACT"),
         )
         self._now = ()
 

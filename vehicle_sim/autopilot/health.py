@@ -20,7 +20,6 @@ COMPONENT_DISTANCE_SENSOR = 6
 COMPONENT_REMOTE = 7
 COMPONENT_BATTERY = 11
 COMPONENT_REMOTE_LINK = 12
-COMPONENT_MOTORS = 8
 COMPONENT_LOCAL_POSITION = 17
 COMPONENT_ABSOLUTE_PRESSURE = 1
 COMPONENT_GPS = 3
@@ -41,7 +40,6 @@ HEALTH_EVENTS = frozenset(
     {
         "check_baro_no_data",
         "check_distance_sensor_missing",
-        "check_failure_detector_motor",
         "check_optical_sensor_missing",
         "check_parachute_missing",
     }
@@ -91,7 +89,6 @@ class Facts(NamedTuple):
     fence: frozenset[Breach] = frozenset()
     roll_failure: bool = False
     pitch_failure: bool = False
-    motor_failure: bool = False
     wind_too_high: bool = False
     wind_m_s: float = 0.0
     flight_time_over: bool = False
@@ -283,8 +280,6 @@ def _detected_failures(facts: Facts) -> list[Check]:
     if facts.pitch_failure:
         text = "Preflight Fail: Attitude failure (pitch)"
         found.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
-    if facts.motor_failure:
-        found.append(("check_failure_detector_motor", COMPONENT_MOTORS, "Motor failure detected"))
     return [_no_arming(*each) for each in found]
 
 

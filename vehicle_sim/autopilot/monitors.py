@@ -1,11 +1,18 @@
-"""What the commander keeps an eye on in flight: wind, flight time, attitude and motors."""
+"""What the commander watches in flight: wind, flight time and attitude.
+
+A motor that stops shows in the attitude only: PX4 finds failed motors by what their speed controllers
+report (FD_ACT_EN), and the simulated vehicle has none that report, as the recorded one.
+"""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.path import TICK_S
+from vehicle_sim.frames import rotation_matrix
 from vehicle_sim.vehicle_view import VehicleView
 
 TERMINATION_DISABLED = 121212
@@ -13,6 +20,9 @@ TERMINATION_DISABLED = 121212
 EARLY_TAKEOFF_S = 3.0
 WIND_TIME_CONSTANT_S = 4.0
 WIND_WARNING_EVERY_S = 60.0
+AIR_DENSITY_KG_M3 = 1.225
+LEAST_LEVEL = 0.1
+"""Cosine of the tilt beyond which the axes of the body say too little of level wind."""
 TIME_WARNINGS_S = (120, 60, 30, 10)
 
 
@@ -22,12 +32,10 @@ class Monitors:
     def __init__(self, view: VehicleView, announcer: Announcer) -> None:
         self._view, self._announcer = view, announcer
         self.attitude_failure = self.roll_failure = self.pitch_failure = False
-        self.motor_failure = False
         self.flight_time_over = False
         self.wind_m_s = math.nan
         """Estimated from the drag (EKF2_DRAG_CTRL); NaN: not estimated."""
         self._tilted_since_s: dict[str, float] = {}
-        self._idle_since_s: dict[int, float] = {}
         self._wind_ned: tuple[float, float] | None = None
         self._wind_warned_at_s = -math.inf
         self._took_off_at_s = math.nan
@@ -38,16 +46,12 @@ class Monitors:
         if not armed:
             self._forget()
         self._attitude(armed)
-        self._motors(armed)
         self._flight_time(armed=armed, landed=landed)
         self._wind(landed)
 
     def _forget(self) -> None:
-        self.motor_failure = self.flight_time_over = False
-        self._idle_since_s.clear()
+        self.flight_time_over = False
         self._took_off_at_s, self._warned_s = math.nan, math.inf
-
-    # --- attitude and motors ---------------------------------------------------------------------------
 
     def _attitude(self, armed: bool) -> None:
         estimate = self._view.estimate
@@ -62,24 +66,6 @@ class Monitors:
             return False
         since_s = self._tilted_since_s.setdefault(name, self._view.time_s)
         return self._view.time_s - since_s >= self._view.parameter(name + "_TTRI")
-
-    def _motors(self, armed: bool) -> None:
-        """A motor that is asked for thrust and takes no current has failed."""
-        if not armed or self._view.choice("FD_ACT_EN") != 1:
-            return
-        simulation, i, now_s = self._view.simulation, self._view.row, self._view.time_s
-        health = simulation.motor_health[i].tolist()
-        if min(health) > 0.0:
-            self._idle_since_s.clear()
-            return
-        least = self._view.parameter("FD_ACT_MOT_THR")
-        timeout_s = self._view.parameter("FD_ACT_MOT_TOUT") / 1000.0
-        for motor, (signal, works) in enumerate(zip(simulation.motors_us[i].tolist(), health, strict=True)):
-            if works > 0.0 or (signal - 1000.0) / 1000.0 <= least:
-                self._idle_since_s.pop(motor, None)
-                continue
-            since_s = self._idle_since_s.setdefault(motor, now_s)
-            self.motor_failure = self.motor_failure or now_s - since_s >= timeout_s
 
     # --- limits ----------------------------------------------------------------------------------------
 
@@ -136,16 +122,38 @@ class Monitors:
             self._announcer.both(4, text, "check_high_wind_warning", "f", self.wind_m_s)
 
     def _wind_by_drag(self) -> tuple[float, float]:
-        """Across the thrust accelerometers feel drag alone: their specific force is -k/m (v - wind)."""
-        estimate, i = self._view.estimate, self._view.row
-        ax, ay, _ = self._view.simulation.sensors.accel_frd_m_s2[i].tolist()
-        drag_per_s = self._view.parameter("SIH_KDV") / max(self._view.parameter("SIH_MASS"), 1e-3)
-        if drag_per_s <= 0.0:
-            return (0.0, 0.0)
-        cosine, sine = math.cos(estimate.yaw_ned_rad), math.sin(estimate.yaw_ned_rad)
-        air_forward, air_right = -ax / drag_per_s, -ay / drag_per_s
-        vn, ve, _ = estimate.velocity_ned_m_s
-        return (
-            vn - (air_forward * cosine - air_right * sine),
-            ve - (air_forward * sine + air_right * cosine),
-        )
+        """Across the thrust accelerometers feel drag alone: by PX4's drag model, a velocity of the air.
+
+        Wind blows level, so two axes of the body are enough. The model's figures are the user's (EKF2_MCOEF,
+        EKF2_BCOEF_*): where they are not the airframe's, the estimated wind is wrong by as much.
+        """
+        view, estimate = self._view, self._view.estimate
+        ax, ay, _ = view.simulation.sensors.accel_frd_m_s2[view.row].tolist()
+        momentum = view.parameter("EKF2_MCOEF")
+        forward = _air_speed(-ax, momentum, view.parameter("EKF2_BCOEF_X"))
+        right = _air_speed(-ay, momentum, view.parameter("EKF2_BCOEF_Y"))
+        matrix = rotation_matrix(np.array([estimate.q_ned_frd]))[0]
+        (nx, ny, _), (ex, ey, _), (dx, dy, _) = matrix.tolist()
+        vn, ve, vd = estimate.velocity_ned_m_s
+        forward, right = forward - dx * vd, right - dy * vd
+        level = nx * ey - ny * ex
+        if abs(level) < LEAST_LEVEL:
+            return self._wind_ned or (0.0, 0.0)
+        return vn - (forward * ey - right * ex) / level, ve - (right * nx - forward * ny) / level
+
+
+def _air_speed(drag_m_s2: float, momentum_per_s: float, ballistic_kg_m2: float) -> float:
+    """The speed against the air along an axis at which the drag is this great.
+
+    Args:
+        drag_m_s2: deceleration.
+        momentum_per_s: EKF2_MCOEF: part of the drag that grows with the speed; 0.001 and less: none.
+        ballistic_kg_m2: EKF2_BCOEF_*: mass over frontal area and drag coefficient; 1 and less: none.
+    """
+    square_per_m = 0.5 * AIR_DENSITY_KG_M3 / ballistic_kg_m2 if ballistic_kg_m2 > 1.0 else 0.0
+    linear_per_s = momentum_per_s if momentum_per_s > 1e-3 else 0.0
+    size = abs(drag_m_s2)
+    root = math.sqrt(linear_per_s**2 + 4.0 * square_per_m * size)
+    # The root of the quadratic in a form that stays right where either part is missing.
+    speed = 2.0 * size / (linear_per_s + root) if linear_per_s + root > 0.0 else 0.0
+    return math.copysign(speed, drag_m_s2)

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from vehicle_sim.airframe import ROTOR_COUNT
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.geodesy import to_local
+from vehicle_sim.state import ROTOR_COUNT
 from vehicle_sim.vehicle_view import VehicleView
 
 NAN3 = (math.nan, math.nan, math.nan)

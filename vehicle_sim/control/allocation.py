@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.airframe import ROTOR_COUNT
 from vehicle_sim.masks import all_of
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.state import ROTOR_COUNT
 
 FloatArray = NDArray[np.float64]
 

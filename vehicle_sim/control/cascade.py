@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.airframe import ROTOR_COUNT
 from vehicle_sim.control.allocation import Allocation
 from vehicle_sim.control.attitude import AttitudeControl
 from vehicle_sim.control.hover_thrust import HoverThrust
@@ -21,7 +20,7 @@ from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.frames import row_norm
 from vehicle_sim.masks import all_of, any_nonzero, any_of
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.state import EstimateState, TargetState
+from vehicle_sim.state import ROTOR_COUNT, EstimateState, TargetState
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.airframe import ROTOR_COUNT, Airframe
+from vehicle_sim.airframe import Airframe
 from vehicle_sim.frames import (
     GRAVITY_M_S2,
     cross_table,
@@ -20,7 +20,7 @@ from vehicle_sim.frames import (
     row_norm,
 )
 from vehicle_sim.masks import any_of
-from vehicle_sim.state import TruthState
+from vehicle_sim.state import ROTOR_COUNT, TruthState
 
 FloatArray = NDArray[np.float64]
 

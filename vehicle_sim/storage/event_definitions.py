@@ -38,7 +38,6 @@ MESSAGES: dict[str, str] = {
     "check_battery_emergency": "Battery {3} is nearly empty",
     "check_failure_detector_roll": "Roll angle beyond the limit",
     "check_failure_detector_pitch": "Pitch angle beyond the limit",
-    "check_failure_detector_motor": "A motor failed",
     "check_gf_violation_custom_gf": "Outside of the fence",
     "check_gf_violation_max_hor_dist": "Farther from home than allowed",
     "check_gf_violation_max_alt": "Higher than allowed",

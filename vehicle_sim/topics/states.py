@@ -266,11 +266,7 @@ class States:
 
     def _failures(self) -> Values:
         monitors = self._commander.monitors
-        return {
-            "fd_roll": monitors.roll_failure,
-            "fd_pitch": monitors.pitch_failure,
-            "fd_motor": monitors.motor_failure,
-        }
+        return {"fd_roll": monitors.roll_failure, "fd_pitch": monitors.pitch_failure}
 
     def _landing(self) -> Values:
         detector, estimate = self._autopilot.land_detector, self._view.estimate

@@ -1,0 +1,56 @@
+"""Only physics, sensors and what plays the world read the true state; all others know what is measured."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import vehicle_sim
+from vehicle_sim.autopilot.monitors import _air_speed
+
+ROOT = Path(vehicle_sim.__file__).parent
+WORLD = ("physics", "sensors", "world")
+OF_THE_WORLD = frozenset({"truth", "TruthState", "motor_health", "_bodies", "steady_ned_m_s"})
+"""Names of the true state, and of what is done to it."""
+PLANT_PARAMETER = "SIH_"
+MAY_READ = {
+    "airframe.py": "the plant's parameters",
+    "state.py": "declares it",
+    "simulation.py": "passes the true state from physics to sensors",
+    "script.py": "the hand that breaks things knows where the vehicle is",
+    "payload/camera.py": "a sensor: it draws what it sees",
+    "mavlink/messages/motion.py": "HIL_STATE_QUATERNION, the ground truth that PX4's simulator sends",
+    "mavlink/messages/sensors.py": "the data sheet of the range finder: SIH_DISTSNSR_*",
+    "topics/arrays.py": "the ground truth topics of PX4's simulator",
+}
+
+
+def readers() -> set[str]:
+    """Files beside the world itself that name its true state or a parameter of the plant."""
+    found = set()
+    for path in ROOT.rglob("*.py"):
+        place = path.relative_to(ROOT)
+        if place.parts[0] in WORLD or path.name == "generated_dialect.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            named = {getattr(node, key, "") for key in ("attr", "id", "name")}
+            text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+            if named & OF_THE_WORLD or text.startswith(PLANT_PARAMETER):
+                found.add(place.as_posix())
+    return found
+
+
+def test_nothing_else_reads_the_truth_or_the_plants_parameters():
+    assert readers() == set(MAY_READ)
+
+
+@pytest.mark.parametrize("speed", [-12.0, -0.5, 0.0, 3.0, 20.0])
+@pytest.mark.parametrize(("momentum", "ballistic"), [(0.15, 100.0), (1.0, 0.0), (0.0, 25.0)])
+def test_the_air_speed_is_the_one_at_which_the_drag_model_gives_the_drag(speed, momentum, ballistic):
+    square = 0.5 * 1.225 / ballistic if ballistic > 1.0 else 0.0
+    drag = square * abs(speed) * speed + momentum * speed
+    assert _air_speed(drag, momentum, ballistic) == pytest.approx(speed)
+
+
+def test_a_drag_model_without_figures_gives_no_wind():
+    assert _air_speed(3.0, 0.0, 0.0) == 0.0
