@@ -21,10 +21,11 @@ def links(
     """URLs of the page, the most likely one first.
 
     Args:
-        host: what the server is bound to.
-        token: goes into the link where one is needed.
-        own: this machine's addresses, found out unless given.
-        contained: whether this is a container, whose addresses mean nothing outside; found out unless given.
+        host: address that the server is bound to.
+        token: added to the link if one is needed.
+        own: this computer's addresses; detected unless given.
+        contained: whether this is a container, whose addresses are not reachable from outside; detected
+            unless given.
     """
     names = [host]
     if host in EVERYWHERE:
@@ -43,11 +44,11 @@ def in_container() -> bool:
 
 
 def own_addresses() -> list[str]:
-    """This machine's own address on each default route."""
+    """This computer's address on each default route."""
     found: list[str] = []
     for family, elsewhere in _SOMEWHERE_ELSE:
         try:
-            # Connecting a datagram socket sends nothing: it only asks for the route.
+            # Connecting a datagram socket sends nothing: it only looks up the route.
             with socket.socket(family, socket.SOCK_DGRAM) as probe:
                 probe.connect((elsewhere, 9))
                 found.append(str(probe.getsockname()[0]))

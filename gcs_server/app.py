@@ -29,7 +29,7 @@ from gcs_server.api.station import Station
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
-from gcs_server.control.lease import Terms
+from gcs_server.control.lease import LeaseTimes
 from gcs_server.errors import GcsError
 from gcs_server.links.names import shown_url
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
@@ -69,7 +69,7 @@ The API works without it: /docs describes it.
 
 
 class Server:
-    """Builds everything once the event loop runs, and takes it down in the opposite order."""
+    """Builds all parts once the event loop runs, and stops them in reverse order."""
 
     def __init__(self, settings: Settings, clock: Clock, *, more_links: tuple[str, ...] = ()) -> None:
         self._settings = settings
@@ -120,9 +120,9 @@ class Server:
             else None
         )
         journal = Journal(clock, folder.journal)
-        terms = Terms(settings.control_lease_s, settings.control_answer_s)
+        terms = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
         replays = Replays(self.router, self.fleet, folder.recordings)
-        plans = PlanStore(folder.plans, clock, self._plan_changed)
+        plans = PlanStore(folder.plans, clock, self._publish_plan_change)
         self.station = Station(
             clock=clock,
             router=self.router,
@@ -133,7 +133,7 @@ class Server:
             replays=replays,
             streamer=self.streamer,
             missions=missions,
-            operations=Operations(clock, self.supervisor, self._operation_told),
+            operations=Operations(clock, self.supervisor, self._publish_operation),
             plans=plans,
             plan_work=PlanWork(),
             dry_runs=dry_runs,
@@ -144,7 +144,7 @@ class Server:
             simulator=self._simulator is not None,
         )
         self.station.hub.watch_replays(replays.all)
-        self.streamer.groups.tell = self._group_told
+        self.streamer.groups.on_change = self._publish_group
         self.fleet.subscribe(self._watch_for_losses)
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
@@ -221,19 +221,19 @@ class Server:
         faults = [*self.streamer.faults(), *(self.scene.faults() if self.scene is not None else ())]
         return [Notice("fault", text) for text in faults]
 
-    def _group_told(self, text: str, status: GroupStatus, warning: bool) -> None:
+    def _publish_group(self, text: str, status: GroupStatus, warning: bool) -> None:
         severity = MAV_SEVERITY_WARNING if warning else MAV_SEVERITY_INFO
         unix_s = self.station.clock.unix_s()
         self.fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
 
-    def _operation_told(self, operation: Operation) -> None:
+    def _publish_operation(self, operation: Operation) -> None:
         # Sent to clients, not stored as an event: GET /operations lists them.
         data = {"operation": operation_view(operation)}
         unix_s = self.station.clock.unix_s()
         event = Event(0, "operation", operation.vehicle, unix_s, MAV_SEVERITY_DEBUG, operation.text, data)
-        self.station.hub.tell(event)
+        self.station.hub.publish(event)
 
-    def _plan_changed(self, change: PlanChange) -> None:
+    def _publish_plan_change(self, change: PlanChange) -> None:
         plan = change.plan
         text = f"{change.by} {change.action} the plan {plan.name!r} (version {plan.version})."
         data = {
@@ -244,7 +244,7 @@ class Server:
         }
         # Sent to clients, not stored as an event: GET /plans lists them.
         unix_s = self.station.clock.unix_s()
-        self.station.hub.tell(Event(0, "plan_changed", None, unix_s, MAV_SEVERITY_DEBUG, text, data))
+        self.station.hub.publish(Event(0, "plan_changed", None, unix_s, MAV_SEVERITY_DEBUG, text, data))
 
     def _watch_for_losses(self, event: Event) -> None:
         gone = event.kind == "vehicle_removed"
@@ -257,15 +257,15 @@ class Server:
     def _scene_clicked(self, click: SceneClick) -> None:
         # Sent to clients, not stored: a click is not an event of the vehicle.
         hub, unix_s = self.station.hub, self.station.clock.unix_s()
-        hub.tell(Event(0, "scene_click", click.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(click)))
+        hub.publish(Event(0, "scene_click", click.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(click)))
 
     def _scene_dragged(self, gizmo: SceneGizmo) -> None:
         hub, unix_s = self.station.hub, self.station.clock.unix_s()
-        hub.tell(Event(0, "scene_gizmo", gizmo.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(gizmo)))
+        hub.publish(Event(0, "scene_gizmo", gizmo.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(gizmo)))
 
 
 class Page(StaticFiles):
-    """The built page: the browser keeps files with a hash in their name and asks for index.html anew."""
+    """The built page: browsers cache files with a hash in their name and always revalidate index.html."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         response = await super().get_response(path, scope)
@@ -280,13 +280,13 @@ def create_app(
     """The application.
 
     Args:
-        settings: what the operator chose.
-        clock: the machine's own unless given.
-        more_links: links to open besides those of the settings (a replay).
+        settings: the server's settings.
+        clock: the system clock unless given.
+        more_links: additional links (a replay).
         static: folder of the built page.
 
     Raises:
-        GcsError: a token is needed, and its file cannot be made or read.
+        GcsError: a token is needed, and its file cannot be created or read.
     """
     app = bare_app()
     clock = clock or SystemClock()
@@ -318,11 +318,11 @@ def create_app(
     server.station.more_warnings.append(
         lambda: [Notice("connections", text)] if (text := connections.warning()) is not None else []
     )
-    app.add_middleware(Bodies, turns=server.station.turns)
+    app.add_middleware(Bodies, request_queue=server.station.request_queue)
     app.add_middleware(Admission, connections=connections, in_control=in_control)
     access = Access(loopback_only=settings.loopback_only, token=token_of(settings))
     app.add_middleware(Guard, access=access, clock=clock)
-    app.add_middleware(SecurityHeaders)  # the outermost: refusals carry them, too
+    app.add_middleware(SecurityHeaders)  # outermost, so that refusals also have them
     if server.scene is not None:
         app.include_router(server.scene.router())
     if (static / "index.html").is_file():

@@ -149,7 +149,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         handler.addFilter(limit)
     for noisy in ("httpx", "httpcore", "websockets", "uvicorn.access"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
-    # Logs a traceback for each connection that closes before it said anything (the 3D view's own probe).
+    # It logs a traceback for each connection that closes without sending (such as the 3D view's probe).
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     return _reported(lambda: _serve(command, options, config))
 
@@ -180,16 +180,16 @@ def _replay_link(file: Path, speed: float) -> str:
 
 
 def listen(settings: Settings) -> socket.socket:
-    """The server's own socket.
+    """Opens the server's socket.
 
     Raises:
-        GcsError: the port is taken, or the address is not ours.
+        GcsError: the port is in use, or the address is not one of this computer.
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    # With the protocol named, asyncio turns Nagle's algorithm off; without, an answer may wait 40 ms.
+    # With the protocol given, asyncio disables Nagle's algorithm; otherwise an answer may wait 40 ms.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    if hasattr(socket, "TCP_NOTSENT_LOWAT"):  # what is accepted inherits it
+    if hasattr(socket, "TCP_NOTSENT_LOWAT"):  # accepted sockets inherit it
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
     try:
         listener.bind((settings.host, settings.port))
@@ -207,7 +207,7 @@ def listen(settings: Settings) -> socket.socket:
 
 
 def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
-    """Runs the server until it is told to end."""
+    """Runs the server until it is stopped."""
     DataFolder(settings.data).prepare()
     listener = listen(settings)
     port = listener.getsockname()[1]
@@ -219,7 +219,7 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     connections: Connections = app.state.connections
     connections.limits = connections.limits.within(descriptors.for_connections())
     server = HttpServer(app, connections, clock, links(settings.host, port, token), settings.trusted_proxies)
-    with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again once it has shut down
+    with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises the signal again after its shutdown
         server.run(sockets=[listener])
     return 0 if server.started else 1
 

@@ -1,4 +1,4 @@
-"""Time as a dependency, so that a minute of flight is tested in a moment."""
+"""Time as a dependency, so that tests can simulate it."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """The clock that all code uses that waits, expires or repeats."""
+    """The clock of all code that waits, expires or repeats."""
 
     def monotonic_s(self) -> float:
-        """Seconds that never jump; on the event loop's own scale."""
+        """Monotonic seconds, on the event loop's scale."""
         ...
 
     def unix_s(self) -> float:
-        """Seconds since 1970 UTC, for people and files; may jump."""
+        """Seconds since 1970 UTC, for display and files; may jump."""
         ...
 
     async def sleep(self, seconds: float) -> None:
-        """Returns `seconds` later."""
+        """Waits for `seconds`."""
         ...
 
 
 class SystemClock:
-    """The machine's own time."""
+    """The system's time."""
 
     def monotonic_s(self) -> float:
         return time.monotonic()
@@ -37,11 +37,11 @@ class SystemClock:
 
 
 class LoopClock:
-    """Follows a given event loop's time: with a loop whose time is simulated, everything is.
+    """Follows the time of an event loop, which may be simulated.
 
     Args:
         loop: whose `time()` is the monotonic time.
-        unix_at_zero_s: what `unix_s()` says when the loop's time is 0.
+        unix_at_zero_s: value of `unix_s()` when the loop's time is 0.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, unix_at_zero_s: float = 1_700_000_000.0) -> None:

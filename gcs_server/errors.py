@@ -1,43 +1,43 @@
-"""What can go wrong, as one tree; `api/problems.py` alone turns it into HTTP.
+"""The tree of all errors; `api/problems.py` converts them to HTTP.
 
     GcsError
     ├── LinkError                a port, a socket, a serial device
-    ├── UnknownVehicle           no vehicle of that id (or it has gone)
-    ├── UnknownLink              no link of that name
-    ├── UnknownGroup             no group of that id
-    ├── UnknownOperation         no operation of that id (or it was forgotten)
+    ├── UnknownVehicle           no vehicle with this id
+    ├── UnknownLink              no link with this name
+    ├── UnknownGroup             no group with this id
+    ├── UnknownOperation         no operation with this id (or it was dropped)
     ├── UnknownPlan              no plan, or no version of it, of that id
-    ├── UnknownDryRun            no dry run of that id (or it was forgotten)
-    ├── PlanConflict             somebody else saved the plan meanwhile
+    ├── UnknownDryRun            no dry run with this id (or it was dropped)
+    ├── PlanConflict             another client saved the plan meanwhile
     ├── UnknownRecording         no recording, or no replay, of that name
-    ├── RecordingUnusable        a recording in which nothing can be read
-    ├── InvalidRequest           what was asked is not well-formed; names the field
+    ├── RecordingUnusable        a recording that cannot be read
+    ├── InvalidRequest           the request is invalid; names the field
     ├── NotPermitted             the caller's role does not include the command
-    ├── Refused                  not sent: our own check says no, with the reason and the remedy
+    ├── Refused                  not sent: this server's check refused it, with reason and remedy
     │   ├── NotVerified          this autopilot or airframe is shown, not commanded
     │   ├── NotInControl         another client holds control of the vehicle
-    │   ├── PlanFindings         a plan has errors that the caller does not accept by name
-    │   └── NotTogether          a group does not fly: one of its vehicles cannot, or they would come too near
-    ├── Rejected                 the vehicle said no, in its own words
-    ├── NoReply                  nothing came back within the deadline
-    └── Disconnected             the link or the vehicle went while we waited
+    │   ├── PlanFindings         a plan has errors that the caller has not accepted
+    │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two would come too near
+    ├── Rejected                 the vehicle refused, with its reasons
+    ├── NoReply                  no answer within the deadline
+    └── Disconnected             link or vehicle were lost during the wait
 
-A person reads `str(error)`: what happened, why, and what to do.
+`str(error)` tells a person what happened, why, and what to do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-MOST_REASONS = 12
-LONGEST_REASON = 300
+MAX_REASONS = 12
+MAX_REASON_LENGTH = 300
 
 
 def bounded_reasons(reasons: Iterable[str]) -> tuple[str, ...]:
-    """A vehicle's own words, few and short enough for a person: it may send any number of them."""
-    each = [text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}…" for text in reasons]
-    more = len(each) - MOST_REASONS
-    return (*each[:MOST_REASONS], f"and {more} more") if more > 0 else tuple(each)
+    """Limits the texts of a vehicle, which may send any number of them."""
+    each = [text if len(text) <= MAX_REASON_LENGTH else f"{text[:MAX_REASON_LENGTH]}…" for text in reasons]
+    more = len(each) - MAX_REASONS
+    return (*each[:MAX_REASONS], f"and {more} more") if more > 0 else tuple(each)
 
 
 class GcsError(Exception):
@@ -52,7 +52,7 @@ class GcsError(Exception):
         """What the operator can do about it, as a sentence."""
 
     def details(self) -> dict[str, object]:
-        """The typed fields beside code, message and remedy, for problem+json."""
+        """Fields for problem+json besides code, message and remedy."""
         return {}
 
 
@@ -91,7 +91,7 @@ class UnknownGroup(GcsError):
 
 
 class UnknownOperation(GcsError):
-    """No operation has this id, or it was forgotten."""
+    """No operation has this id, or it was dropped."""
 
     code = "unknown_operation"
 
@@ -103,13 +103,13 @@ class UnknownPlan(GcsError):
 
 
 class UnknownDryRun(GcsError):
-    """No dry run has this id, or it was forgotten."""
+    """No dry run has this id, or it was dropped."""
 
     code = "unknown_dry_run"
 
 
 class PlanConflict(GcsError):
-    """The plan is no longer the version that the caller changed; nothing was saved."""
+    """The plan has a newer version than the one that the caller changed; nothing was saved."""
 
     code = "conflict"
 
@@ -165,7 +165,7 @@ class InvalidRequest(GcsError):
 
 
 class NotPermitted(GcsError):
-    """The caller may not do this at all, whoever has control."""
+    """The caller lacks the permission, independent of control."""
 
     code = "not_permitted"
 
@@ -181,13 +181,13 @@ class NotPermitted(GcsError):
 
 
 class Refused(GcsError):
-    """Nothing was sent: our own check forbids it."""
+    """Nothing was sent, because this server's check refused it."""
 
     code = "refused"
 
 
 class NotVerified(Refused):
-    """The vehicle is of a kind for which this command has not been verified."""
+    """Commands are not verified for this type of vehicle."""
 
     code = "not_verified"
 
@@ -216,7 +216,7 @@ class NotInControl(Refused):
 
 
 class PlanFindings(Refused):
-    """A plan is not flown: it has error findings that the caller does not name."""
+    """A plan has error findings that the caller has not accepted."""
 
     code = "plan_findings"
 
@@ -237,7 +237,7 @@ class PlanFindings(Refused):
 
 
 class NotTogether(Refused):
-    """A group does not fly as asked: none of its vehicles moves for it."""
+    """A group cannot fly as requested; none of its vehicles moves."""
 
     code = "not_together"
 
@@ -252,7 +252,7 @@ class NotTogether(Refused):
     ) -> None:
         super().__init__(message, remedy=remedy)
         self.vehicles = vehicles
-        """On whose account."""
+        """Vehicles that are the reason."""
         self.distance_m = distance_m
         self.reasons = bounded_reasons(reasons)
 
@@ -279,9 +279,9 @@ class Rejected(GcsError):
     ) -> None:
         super().__init__(message, remedy=remedy)
         self.mav_result = mav_result
-        """MAV_RESULT of the acknowledgement; None where the vehicle's state told."""
+        """MAV_RESULT of the acknowledgement; None if the vehicle's state showed the refusal."""
         self.reasons = bounded_reasons(reasons)
-        """The vehicle's own words: status texts and decoded events that came with the refusal."""
+        """Texts of the vehicle: status texts and events that came with the refusal."""
 
     def details(self) -> dict[str, object]:
         return {"mav_result": self.mav_result, "reasons": list(self.reasons)}

@@ -1,4 +1,4 @@
-"""Faults of this server's own code, counted and logged within bounds: none ends what it happens to."""
+"""Counts and logs faults of this server's code, within limits; the faulty part continues."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import time
 log = logging.getLogger(__name__)
 
 TRACEBACKS = 10
-"""A place logs so many different faults with their traceback; further ones are counted in one line."""
+"""Number of different faults that are logged with traceback; further ones are only counted."""
 LOG_EVERY_S = 10.0
-"""At most one line so often for faults that were logged before."""
+"""Shortest time between two lines for faults that were logged before."""
 STANDS_FOR_S = 60.0
-"""A fault is a warning for so long after it last happened."""
-LONGEST_TEXT = 200
+"""How long a fault is shown as a warning."""
+MAX_TEXT_LENGTH = 200
 
 
 class FaultLog:
-    """The faults of one place: catch the exception, `add` it, go on.
+    """The faults of one part: catch the exception, `add` it, continue.
 
     Args:
-        where: for people: "link radio".
+        where: name of the part: "link radio".
     """
 
     def __init__(self, where: str) -> None:
@@ -34,10 +34,10 @@ class FaultLog:
         self._not_logged = 0
 
     def add(self, error: BaseException, doing: str) -> None:
-        """Counts a fault and logs it unless the log has heard enough of it; never raises.
+        """Counts a fault and logs it within the limits; never raises.
 
         Args:
-            error: what was caught.
+            error: the exception.
             doing: what failed: "handling a message".
         """
         now_s = time.monotonic()
@@ -66,9 +66,9 @@ class FaultLog:
 def _text(error: BaseException) -> str:
     try:
         text = f"{type(error).__name__}: {error}"
-    except Exception:  # an exception's own text may fail, too
+    except Exception:  # the exception's text may also fail
         text = type(error).__name__
-    return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + " …"
+    return text if len(text) <= MAX_TEXT_LENGTH else text[:MAX_TEXT_LENGTH] + " …"
 
 
 def _line(error: BaseException) -> str:

@@ -1,7 +1,7 @@
-"""Isolates errors: each work is run by itself, and its errors are kept as texts.
+"""Isolates errors: runs each piece of work separately and keeps its error as text.
 
-What fails here is a fault of this program that some vehicle's data brought to light. It is logged, and stands
-in `GET /warnings` until the same work succeeds; the others are served as ever.
+An error here is a fault of this program caused by some vehicle's data. It is logged, and listed in `GET
+/warnings` until the same work succeeds; other vehicles are not affected.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from typing import ParamSpec, TypeVar
 from gcs_server.clock import Clock
 
 LOG_EVERY_S = 60.0
-"""A fault that stands is logged again this seldom."""
-MOST_FAULTS = 50
-"""Most faults that are listed."""
+"""Period at which a lasting fault is logged again."""
+MAX_FAULTS = 50
+"""Largest number of listed faults."""
 
 T = TypeVar("T")
 P = ParamSpec("P")
 
 
 class Isolation:
-    """Runs works that may fail.
+    """Runs pieces of work that may fail.
 
     Args:
         clock: limits the log.
-        log: where a fault is written with its traceback.
-        whose: begins each sentence about a fault: "Vehicle 1", "The 3D view".
+        log: receives faults with traceback.
+        whose: start of each sentence about a fault: "Vehicle 1", "The 3D view".
     """
 
     def __init__(self, clock: Clock, log: logging.Logger, whose: str) -> None:
@@ -38,10 +38,10 @@ class Isolation:
         self._logged_s: dict[str, float] = {}
 
     def run(self, what: str, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | None:
-        """The work's result; None where it failed. `what` names the work, for people."""
+        """Result of the work; None if it failed. `what` is the name of the work."""
         try:
             result = work(*args, **kwargs)
-        except Exception as error:  # whatever brought it about, the others are served
+        except Exception as error:  # any error: the other vehicles must not be affected
             self._note(what, error)
             return None
         if self._faults:
@@ -50,11 +50,11 @@ class Isolation:
 
     @property
     def faults(self) -> list[str]:
-        """The work that fails now, as sentences."""
+        """Sentences about currently failing work."""
         return list(self._faults.values())
 
     def _note(self, what: str, error: Exception) -> None:
-        if what not in self._logged_s and len(self._logged_s) >= MOST_FAULTS:
+        if what not in self._logged_s and len(self._logged_s) >= MAX_FAULTS:
             return
         said = f"{self._whose}: {what} failed ({type(error).__name__}: {error})"
         self._faults[what] = f"{said[:300]}. This is an error in the server; everything else continues."

@@ -1,4 +1,4 @@
-"""The command `gcs key`: signing keys made, added, listed by name and removed; a key is never an argument."""
+"""The command `gcs key`: creates, adds, lists and removes signing keys; a key is never an argument."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_server.mavlink.key_store import KeyStore, key_of_passphrase, parse_key,
 from gcs_server.settings import load
 from gcs_server.storage.folder import DataFolder
 
-LONGEST_LINE = 4096
+MAX_LINE_LENGTH = 4096
 
 _EPILOG = """\
 A link signs with a key that its URL names: gcs serve --link 'udpin://0.0.0.0:14550?key=field'. The vehicle
@@ -28,8 +28,8 @@ owner only. `add` reads the key from the standard input, for arguments can be se
 
 
 def add_flags(key: argparse.ArgumentParser) -> None:
-    """Its flags."""
-    key.description = "Keeps the keys with which links sign MAVLink frames and check those that come."
+    """Adds the flags of the command."""
+    key.description = "Manages the keys with which links sign MAVLink frames and check received ones."
     key.epilog = _EPILOG
     key.formatter_class = argparse.RawDescriptionHelpFormatter
     key.add_argument("action", choices=("new", "add", "list", "remove"))
@@ -40,14 +40,14 @@ def add_flags(key: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, source: TextIO | None = None) -> int:
-    """Carries it out; returns the exit code.
+    """Runs the command; returns the exit code.
 
     Args:
-        options: as `add_flags` has them.
-        source: where `add` reads from; the standard input unless given.
+        options: parsed flags of `add_flags`.
+        source: input of `add`; default: the standard input.
 
     Raises:
-        GcsError: it could not be done; never shows a key.
+        GcsError: the command failed; the text never shows a key.
     """
     settings = load({} if options.data is None else {"data": options.data}, config=options.config)
     folder = DataFolder(settings.data)
@@ -79,4 +79,4 @@ def run(options: argparse.Namespace, source: TextIO | None = None) -> int:
 def _line(source: TextIO, name: str) -> str:
     if source.isatty():
         return getpass.getpass(f"signing key {name}: ")
-    return source.readline(LONGEST_LINE).rstrip("\r\n")
+    return source.readline(MAX_LINE_LENGTH).rstrip("\r\n")

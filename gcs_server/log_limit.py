@@ -1,4 +1,4 @@
-"""Keeps a repeated error from filling the log: a few equal lines, then their number."""
+"""Limits repeated log lines: logs a few equal lines, then their number."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 LINES = 5
 PERIOD_S = 10.0
-LONGEST_LINE = 4000
+MAX_LINE_LENGTH = 4000
 PLACES_KEPT = 1000
 
 
 class LogLimit(logging.Filter):
-    """Lets `LINES` log lines of one place in the code pass in `PERIOD_S`.
+    """Passes `LINES` log lines of each source line per `PERIOD_S`.
 
     Args:
         monotonic_s: the time [s].
@@ -41,6 +41,6 @@ class LogLimit(logging.Filter):
         if count >= LINES:
             return False
         text = record.getMessage()
-        if len(text) > LONGEST_LINE:
-            record.msg, record.args = f"{text[:LONGEST_LINE]} … ({len(text)} characters)", ()
+        if len(text) > MAX_LINE_LENGTH:
+            record.msg, record.args = f"{text[:MAX_LINE_LENGTH]} … ({len(text)} characters)", ()
         return True

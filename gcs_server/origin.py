@@ -1,6 +1,6 @@
-"""Whose page asks, and under which name we were asked: `Origin` and `Host`, read so that garbage is foreign.
+"""Reads `Origin` and `Host` headers; invalid values count as foreign.
 
-Pure text; `api/access.py` decides by it for everything, `scene/proxy.py` once more for the 3D view.
+Pure functions on text; used by `api/access.py` for all requests, and by `scene/proxy.py` for the 3D view.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ _DEFAULT_PORTS = {"http": ":80", "https": ":443"}
 
 
 def host_name(host: str) -> str | None:
-    """A Host header without its port, in lower case; None for what is no host."""
+    """A Host header without its port, in lower case; None if it is not a host."""
     found = _HOST.fullmatch(host.lower())
     return found["name"] if found else None
 
 
 def is_loopback(name: str) -> bool:
-    """Whether a host's name can only mean this machine: `localhost`, or an address that no DNS can turn."""
+    """Whether a host name always means this computer: `localhost`, or a loopback address."""
     if name == "localhost":
         return True
     try:
@@ -31,12 +31,12 @@ def is_loopback(name: str) -> bool:
 
 
 def same_origin(origin: str, host: str, *, secure: bool = False) -> bool:
-    """Whether a page of `origin` was served under `host`, behind any port mapping and name.
+    """Whether a page of `origin` was served under `host`, also behind port mappings.
 
     Args:
-        origin: the Origin header; "null" is that of sandboxed frames and files, and never ours.
+        origin: the Origin header; "null" (sandboxed frames and files) is never the same.
         host: the Host header of the same request.
-        secure: the request came by https: then the page must have, too.
+        secure: whether the request used https; then the page must have used it too.
     """
     scheme, mark, asking = origin.lower().partition("://")
     if not mark or scheme not in _DEFAULT_PORTS or (secure and scheme != "https"):
@@ -46,6 +46,6 @@ def same_origin(origin: str, host: str, *, secure: bool = False) -> bool:
 
 
 def is_same_origin(headers: Headers) -> bool:
-    """True where the page that asks is one of ours (or it is no page: no browser leaves Origin out)."""
+    """Whether the requesting page is this server's; also True without Origin, which browsers always send."""
     origin = headers.get("origin")
     return origin is None or same_origin(origin, headers.get("host", ""))

@@ -1,4 +1,4 @@
-"""What the operator may choose, and where from: command line, then environment, then file, then default."""
+"""The server's settings, from command line, then environment, then file, then defaults."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, f
 
 from gcs_server.errors import InvalidRequest
 from gcs_server.storage.folder import DataFolder, default_folder
-from gcs_server.storage.token import FORM_IN_WORDS, is_well_formed, kept_token
+from gcs_server.storage.token import FORM_RULE, is_well_formed, kept_token
 
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
@@ -39,17 +39,18 @@ class Settings(BaseModel):
     data: Path = Field(default_factory=default_folder, description="Data folder: journal, recordings.")
     token: SecretStr | None = Field(
         default=None,
-        description="The token that everybody needs; no flag, for other users see a process's arguments.",
+        description="The token that every client needs; not a flag, because other users can see a process's "
+        "arguments.",
     )
     token_file: Path | None = Field(
-        default=None, description="File that holds the token; made with a random one where it is missing."
+        default=None, description="File with the token; if it is missing, it is created with a random token."
     )
     trusted_proxies: tuple[str, ...] = Field(
         default=(),
         description="Addresses of proxies (https) whose X-Forwarded-For and X-Forwarded-Proto are believed; "
         "none unless given.",
     )
-    system_id: int = Field(default=255, ge=1, le=255, description="Our MAVLink system id.")
+    system_id: int = Field(default=255, ge=1, le=255, description="MAVLink system id of this server.")
     record: bool = Field(default=True, description="Record each link to a tlog in the data folder.")
     scene: bool = Field(default=True, description="Serve the 3D view.")
     server_silent_limit_s: float = Field(
@@ -59,22 +60,22 @@ class Settings(BaseModel):
         description="Silence of the event loop [s] after which setpoint streams stop.",
     )
     control_lease_s: float = Field(
-        default=30.0, ge=5, le=3600, description="How long control of a vehicle lasts unrenewed [s]."
+        default=30.0, ge=5, le=3600, description="How long control of a vehicle lasts without renewal [s]."
     )
     control_answer_s: float = Field(
-        default=15.0, ge=3, le=120, description="How long a holder has to answer who asks for control [s]."
+        default=15.0, ge=3, le=120, description="How long a holder has to answer a request for control [s]."
     )
 
     @field_validator("token")
     @classmethod
     def _usable(cls, token: SecretStr | None) -> SecretStr | None:
         if token is not None and not is_well_formed(token.get_secret_value()):
-            raise ValueError(f"a token has {FORM_IN_WORDS}")
+            raise ValueError(f"a token has {FORM_RULE}")
         return token
 
     @property
     def loopback_only(self) -> bool:
-        """Whether nobody outside this machine can reach the server."""
+        """Whether only this computer can reach the server."""
         if self.host == "localhost":
             return True
         try:
@@ -84,10 +85,10 @@ class Settings(BaseModel):
 
 
 def read_file(path: Path) -> dict[str, Any]:
-    """Settings of a TOML file.
+    """Reads a TOML file.
 
     Raises:
-        InvalidRequest: not readable, of another schema version, or with a key we do not know.
+        InvalidRequest: not readable, of another schema version, or with an unknown key.
     """
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -113,7 +114,7 @@ def read_file(path: Path) -> dict[str, Any]:
 
 
 def read_environment(environment: Mapping[str, str]) -> dict[str, Any]:
-    """`GCS_HOST`, `GCS_PORT`, …; lists separated by commas or blanks."""
+    """Reads `GCS_HOST`, `GCS_PORT`, …; lists are separated by commas or blanks."""
     values: dict[str, Any] = {}
     for name in Settings.model_fields:
         text = environment.get(ENVIRONMENT_PREFIX + name.upper())
@@ -126,10 +127,10 @@ def read_environment(environment: Mapping[str, str]) -> dict[str, Any]:
 
 
 def split_arguments(text: str, source: str) -> tuple[str, ...]:
-    """As a shell would.
+    """Splits arguments like a shell.
 
     Raises:
-        InvalidRequest: a quotation has no end.
+        InvalidRequest: a closing quote is missing.
     """
     try:
         return tuple(shlex.split(text))
@@ -140,15 +141,15 @@ def split_arguments(text: str, source: str) -> tuple[str, ...]:
 def load(
     flags: Mapping[str, Any], environment: Mapping[str, str] | None = None, config: Path | None = None
 ) -> Settings:
-    """Puts the sources together.
+    """Combines all sources.
 
     Args:
-        flags: what was given on the command line.
-        environment: the process's own unless given.
-        config: the TOML file; else `GCS_CONFIG` names one.
+        flags: flags of the command line.
+        environment: the process's environment unless given.
+        config: the TOML file; default: the file in `GCS_CONFIG`.
 
     Raises:
-        InvalidRequest: names the setting at fault and where it comes from.
+        InvalidRequest: names the invalid setting and its source.
     """
     env = dict(os.environ) if environment is None else environment
     if config is None and env.get("GCS_CONFIG"):
@@ -166,17 +167,17 @@ def load(
             source = ENVIRONMENT_PREFIX + name.upper()
         else:
             source = f"{name} in {config}"
-        if name in SECRET:  # not into a log, nor into a traceback
+        if name in SECRET:  # kept out of logs and tracebacks
             raise InvalidRequest(name, f"{source}: {first['msg']}.") from None
         raise InvalidRequest(name, f"{source}: {first['msg']} (given: {first['input']!r}).") from error
 
 
 def token_of(settings: Settings) -> str | None:
-    """The token in force; None where nobody needs one: on loopback, unless one was set.
+    """The token in force; None if no token is needed (on loopback, unless one was set).
 
     Raises:
-        StorageError: its file cannot be read or made, or holds no token.
-        InvalidRequest: set in two ways.
+        StorageError: its file cannot be read or created, or has no valid token. InvalidRequest: it is set
+            twice.
     """
     if settings.token is not None:
         if settings.token_file is not None:

@@ -1,8 +1,8 @@
-"""The simulated vehicle as a process of its own: it flies on when the server is killed, as a vehicle would.
+"""Runs the simulator in a process of its own: like a real vehicle, it flies on if the server is killed.
 
-A restarted server finds it by the port that PX4's first ground-station link holds (18570), which only one
-process can bind, and by the note in the data folder that says who it is; it then starts no second one. A
-server that ends cleanly ends the simulator that it started or took over; one that is killed leaves it flying.
+A restarted server finds it by the port of PX4's first ground-station link (18570), which only one process can
+bind, and by its process id in the data folder; then it does not start a second one. A clean shutdown ends the
+simulator that this server started or took over; a killed server leaves it flying.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ TERM_WAIT_S = 3.0
 WATCH_PERIOD_S = 0.5
 START_AGAIN_PERIOD_S = 2.0
 SHORTAGES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.ENOBUFS, errno.ENOSPC})
-"""What may be better a moment later; nothing is known of the simulator by it."""
+"""Temporary errors, which say nothing about the simulator."""
 
 
 def port_is_held(port: int) -> bool:
-    """Whether some process has this loopback UDP port.
+    """Whether a process uses this loopback UDP port.
 
     Raises:
-        OSError: that cannot be found out now, such as for want of descriptors.
+        OSError: this cannot be checked now, for example without free descriptors.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -52,42 +52,41 @@ def port_is_held(port: int) -> bool:
 
 
 def first_port(arguments: Sequence[str]) -> int:
-    """The UDP port that the first vehicle holds, given the simulator's arguments; 0: any free one."""
+    """UDP port of the first vehicle for these simulator arguments; 0: any free port."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     parser.add_argument("--gcs-local-port", type=int, default=PX4_GCS_LOCAL_PORT)
     parser.add_argument("--first-instance", type=int, default=0)
     try:
         known, _ = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError:
-        return PX4_GCS_LOCAL_PORT  # the simulator itself says what is wrong
+        return PX4_GCS_LOCAL_PORT  # the simulator reports the error itself
     return known.gcs_local_port + known.first_instance if known.gcs_local_port else 0
 
 
 def is_simulator(pid: int) -> bool | None:
-    """Whether the process lives and is one of ours: a pid may have been given to another one since.
-
-    None: some process has the pid, and which it is cannot be found out now (no descriptors are left).
+    """Whether the process runs and is a simulator, because its pid may have been reused. None: a process has
+    the pid, but it cannot be identified now (no free descriptors).
     """
     try:
         os.kill(pid, 0)
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except (ProcessLookupError, FileNotFoundError, PermissionError, OverflowError):
-        return False  # PermissionError: another user's
+        return False  # PermissionError: another user's process
     except OSError:
         return None
     return b"vehicle_sim" in command and state != "Z"
 
 
 class SimulatorProcess:
-    """Starts, finds, watches and ends it.
+    """Starts, finds, watches and ends the simulator.
 
     Args:
         count: simulated vehicles.
-        folder: for its log and the note of who it is.
+        folder: for its log and process id.
         more: further arguments of `vehicle_sim`, such as its ports.
-        command: what to run; the default is the simulator in this installation.
-        probe_port: which port tells that a simulator runs; the simulator's own unless given.
+        command: program to run; default: the simulator of this installation.
+        probe_port: port that shows that a simulator runs; default: the simulator's own.
     """
 
     def __init__(
@@ -108,17 +107,17 @@ class SimulatorProcess:
         self._pid: int | None = None
         self._warning: str | None = None
         self._start_again = False
-        """Whether `watch` is to find or start one again."""
+        """Whether `watch` must find or start one again."""
         self.found = False
-        """True where one ran already that is used."""
+        """Whether an already running simulator is used."""
 
     @property
     def pid(self) -> int | None:
-        """The process, where it is ours."""
+        """The process, if this server started it."""
         return self._pid
 
     def start(self) -> None:
-        """Finds the one that runs, else starts one; what goes wrong becomes a warning, not an error."""
+        """Finds a running simulator or starts one; a failure becomes a warning."""
         try:
             self._start()
         except OSError as error:
@@ -135,7 +134,7 @@ class SimulatorProcess:
             if not self.found:
                 log.info("a simulated vehicle runs already (%s); it is used, no second one is started", who)
             self.found = True
-            self._start_again = self._pid is None  # once who has the port is gone
+            self._start_again = self._pid is None  # once the port is free
             return
         if self.found:
             log.info("the simulated vehicle that ran already is gone; this server starts its own")
@@ -157,10 +156,8 @@ class SimulatorProcess:
             self._folder.simulator_pid.write_text(json.dumps(note))
 
     async def watch(self) -> None:
-        """Until the simulator dies, which becomes a warning.
-
-        Where another program's simulator is used and ends, or nothing could be started for a shortage, this
-        server's own is started.
+        """Watches the simulator; its death becomes a warning. If another program's simulator was used and
+        ends, or none could be started because of a shortage, this server starts its own.
         """
         while self._pid is not None or self._start_again:
             await self._clock.sleep(WATCH_PERIOD_S if self._pid is not None else START_AGAIN_PERIOD_S)
@@ -173,23 +170,23 @@ class SimulatorProcess:
                 self._forget()
 
     def _ended(self) -> bool:
-        """Whether it is certain that it lives no more."""
-        if self._child is not None:  # tells without a descriptor
+        """Whether the simulator has certainly ended."""
+        if self._child is not None:  # works without a descriptor
             return self._child.poll() is not None
         return self._pid is None or is_simulator(self._pid) is False
 
     def warnings(self) -> list[Notice]:
-        """What stands now."""
+        """Current warnings."""
         return [] if self._warning is None else [Notice("simulator", self._warning)]
 
     async def stop(self) -> None:
-        """Ends it, kindly first; one that is not ours is left alone."""
+        """Ends the simulator, with SIGTERM first; a simulator of another program is not touched."""
         pid, self._start_again = self._pid, False
         if pid is None or self._ended():
             self._forget()
             return
         if self._child is None and not is_simulator(pid):
-            return  # it cannot be told which process that is: it flies on, and the note stays
+            return  # the process cannot be identified: it is left running, and its pid stays stored
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
             for _ in range(int(TERM_WAIT_S / 0.05)):

@@ -1,7 +1,7 @@
-"""The one place that owns background tasks, and the only blanket `except`.
+"""Owns all background tasks; has the only blanket `except`.
 
-A task that dies of something unforeseen is logged and started again, later each time; nothing else
-in the server may start a task, so nothing can die unseen.
+A task that fails unexpectedly is logged and restarted with increasing delay. Only this module may start
+tasks, so no task can fail unnoticed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gcs_server.clock import Clock
 log = logging.getLogger(__name__)
 
 FIRST_BACK_OFF_S = 0.2
-LONGEST_BACK_OFF_S = 5.0
+MAX_BACK_OFF_S = 5.0
 HEALTHY_AFTER_S = 10.0
 EQUAL_ERRORS_LOGGED = 5
 
@@ -33,9 +33,9 @@ class Supervisor:
         self._tasks: dict[asyncio.Task[Any], str] = {}
 
     def start(self, name: str, work: Callable[[], Awaitable[None]]) -> asyncio.Task[None]:
-        """Runs `work()` for as long as the server lives: again, with back-off, whenever it fails.
+        """Runs `work()` for the lifetime of the server, with restarts and back-off after failures.
 
-        Work that returns is done and not run again. Cancel the returned task to stop it.
+        Work that returns is not run again. Cancel the returned task to stop it.
         """
         return self._own(self._supervised(name, work), name)
 
@@ -46,7 +46,7 @@ class Supervisor:
         return task
 
     async def close(self) -> None:
-        """Cancels everything and waits until it has ended."""
+        """Cancels all tasks and waits until they have ended."""
         current = asyncio.current_task()
         tasks = [task for task in self._tasks if task is not current]
         for task in tasks:
@@ -90,4 +90,4 @@ class Supervisor:
             if self._clock.monotonic_s() - started_s > HEALTHY_AFTER_S:
                 back_off_s = FIRST_BACK_OFF_S
             await self._clock.sleep(back_off_s)
-            back_off_s = min(back_off_s * 2, LONGEST_BACK_OFF_S)
+            back_off_s = min(back_off_s * 2, MAX_BACK_OFF_S)

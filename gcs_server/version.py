@@ -1,4 +1,4 @@
-"""Which version this is, from the installed package."""
+"""The server's version, from the installed package."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from pathlib import Path
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
 MODULES = (
     "aio", "control", "dry_runs", "gimbal", "group", "mission", "offboard", "offboard_mission", "operations",
-    "plans",
+    "plans", "vehicle",
 )  # fmt: skip
 MAIN = "blocking"
 FILES = {
@@ -51,7 +51,7 @@ from typing import Any
 from anyio.from_thread import BlockingPortal
 
 from gcs_server.client import (
-    aio, control, dry_runs, gimbal, group, mission, offboard, offboard_mission, operations, plans
+    aio, control, dry_runs, gimbal, group, mission, offboard, offboard_mission, operations, plans, vehicle
 )
 from gcs_server.client.control import OnLost
 from gcs_server.client.dry_runs import RUN_S

@@ -1,10 +1,10 @@
 """Access control: decides on every request and WebSocket before any other code sees it.
 
 Three checks, in this order. Is the Host one of this server's names (on loopback: against DNS
-rebinding)? Is the Origin this server's own page (against other web sites)? Where a token is in force
-(always, when the server can be reached from other machines): does the caller have it?
+rebinding)? Is the Origin this server's own page (against other web sites)? If a token is in force (always, if
+other computers can reach the server): does the caller have it?
 
-No I/O and no state: `guard.py` carries out what is decided here.
+No I/O and no state: `guard.py` executes the decisions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gcs_server.origin import host_name, is_loopback, same_origin
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 SIGN_IN_PATH = "/sign-in"
 TOKEN_KEY = "token"
-_MOST_FIELDS = 64
+_MAX_FIELDS = 64
 _BEFORE_A_HOST = "/\\ \t\r\n"
 _IN_PATHS = "/:@!$&'()*+,;=~"
 _REMEDY = (
@@ -57,11 +57,11 @@ class FormSent:
 
 
 Verdict = Refusal | SignedIn | FormSent | None
-"""None: let in."""
+"""None: the request is allowed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class RequestHead:
     """The parts of a request or WebSocket that the decision needs."""
 
     method: str
@@ -72,7 +72,7 @@ class Asked:
     headers: Headers
 
     @classmethod
-    def of(cls, scope: Mapping[str, Any]) -> Asked:
+    def of(cls, scope: Mapping[str, Any]) -> RequestHead:
         """From an ASGI scope of type http or websocket."""
         return cls(
             method=scope["method"] if scope["type"] == "http" else "WEBSOCKET",
@@ -111,14 +111,14 @@ class Access:
         self.loopback_only = loopback_only
         self.token = token
         key = (token or "").encode()
-        # Derived, so that a cookie that leaks is not the token of programs; named by it, because browsers
-        # do not tell the cookies of two servers on one machine apart by their ports.
+        # The cookie is derived from the token, so that a leaked cookie does not reveal the token. Its name is
+        # derived too, because browsers do not separate cookies of two servers on one machine by port.
         self.cookie_name = "gcs-" + hmac.digest(key, b"cookie name", "sha256").hex()[:8]
         self.cookie_value = hmac.digest(key, b"cookie", "sha256").hex()
 
-    def decide(self, asked: Asked) -> Verdict:
-        """Whether to let this in."""
-        refusal = self._wrong_name(asked) or self._foreign_page(asked)
+    def decide(self, asked: RequestHead) -> Verdict:
+        """Decides whether to allow a request."""
+        refusal = self._refuse_wrong_host(asked) or self._refuse_foreign_page(asked)
         if refusal is not None or self.token is None:
             return refusal
         if asked.path == SIGN_IN_PATH and asked.method == "POST":
@@ -126,21 +126,21 @@ class Access:
         if asked.method in ("GET", "HEAD") and (link := given_by_link(asked.query)) is not None:
             if self.is_token(link) or self._has_cookie(asked):
                 return SignedIn(without_token(asked.path, asked.query))
-            return unknown("The link's token is not this server's (any more).", guessed=True)
-        return self._stranger(asked)
+            return unknown("The token in the link is not valid (any more).", guessed=True)
+        return self._refuse_without_token(asked)
 
     def is_token(self, given: str) -> bool:
         """Compared in constant time."""
         return self.token is not None and hmac.compare_digest(_bytes(given), _bytes(self.token))
 
     def cookie(self, *, secure: bool) -> str:
-        """The Set-Cookie header: this site's own requests only, out of every script's reach."""
+        """The Set-Cookie header: for requests of this site only, and not readable by scripts."""
         return (
             f"{self.cookie_name}={self.cookie_value}; Path=/; Max-Age={30 * 86400}; HttpOnly; SameSite=Strict"
             + ("; Secure" if secure else "")
         )
 
-    def _wrong_name(self, asked: Asked) -> Refusal | None:
+    def _refuse_wrong_host(self, asked: RequestHead) -> Refusal | None:
         hosts = asked.headers.getlist("host")
         name = host_name(hosts[0]) if len(hosts) == 1 else None
         if name is None:
@@ -155,23 +155,23 @@ class Access:
             )
         return None
 
-    def _foreign_page(self, asked: Asked) -> Refusal | None:
+    def _refuse_foreign_page(self, asked: RequestHead) -> Refusal | None:
         origins = asked.headers.getlist("origin")
         if not origins:
             if asked.from_elsewhere and not asked.is_navigation:
-                return _foreign("A page of another site")
+                return _foreign("Page of another site")
             return None
         host = asked.headers["host"]
         if len(origins) > 1 or not same_origin(origins[0], host, secure=asked.secure):
             return _foreign(f"A page of {origins[0][:200]!r}")
         return None
 
-    def _stranger(self, asked: Asked) -> Refusal | None:
+    def _refuse_without_token(self, asked: RequestHead) -> Refusal | None:
         scheme, _, given = asked.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
             if self.is_token(given.strip()):
                 return None
-            return unknown("The token is not this server's.", guessed=True)
+            return unknown("The token is not valid.", guessed=True)
         if not self._has_cookie(asked):
             return unknown("This server requires a token.")
         if not asked.only_reads and "origin" not in asked.headers:
@@ -185,14 +185,14 @@ class Access:
             )
         return None
 
-    def _has_cookie(self, asked: Asked) -> bool:
+    def _has_cookie(self, asked: RequestHead) -> bool:
         wanted = self.cookie_value.encode()
         given = cookies_named(asked.headers.getlist("cookie"), self.cookie_name)
         return any([hmac.compare_digest(_bytes(value), wanted) for value in given])
 
 
 def unknown(detail: str, *, guessed: bool = False) -> Refusal:
-    """No token, or a wrong one."""
+    """The refusal for a missing or wrong token."""
     return Refusal(
         401, "token_wrong" if guessed else "token_missing", "Not signed in", detail, _REMEDY, guessed
     )
@@ -240,7 +240,7 @@ def own_path(address: str) -> str:
 
 def _pairs(text: str) -> list[tuple[str, str]]:
     try:
-        return parse_qsl(text, keep_blank_values=True, max_num_fields=_MOST_FIELDS)
+        return parse_qsl(text, keep_blank_values=True, max_num_fields=_MAX_FIELDS)
     except ValueError:  # more fields than any page of ours has
         return []
 

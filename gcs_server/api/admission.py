@@ -20,7 +20,7 @@ from gcs_server.api.connections import SCOPE_KEY, Connection, Connections
 from gcs_server.api.principals import principal_of
 from gcs_server.api.refusals import LimitRefusal
 
-Kind = Literal["http", "websocket"]
+ConnectionKind = Literal["http", "websocket"]
 CLOSE_TRY_AGAIN = 1013
 
 
@@ -33,7 +33,7 @@ class OpenLimits:
     by_client: int
 
 
-LIMITS: dict[Kind, OpenLimits] = {
+LIMITS: dict[ConnectionKind, OpenLimits] = {
     "http": OpenLimits(in_all=256, by_address=128, by_client=64),
     "websocket": OpenLimits(in_all=256, by_address=128, by_client=64),
 }
@@ -102,7 +102,7 @@ class Admission:
             with counts.one(key, address):
                 await self._app(scope, receive, send)
             return
-        self._connections.turned_away()
+        self._connections.count_refusal()
         if kind == "websocket":
             await receive()
             if "websocket.http.response" not in (scope.get("extensions") or {}):

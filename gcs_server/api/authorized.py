@@ -11,7 +11,7 @@ from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, NotInControl
 from gcs_server.telemetry.wire import plain
-from gcs_server.vehicle.services.transaction import Progress
+from gcs_server.vehicle.services.transaction import ReportProgress
 from gcs_server.vehicle.vehicle import Vehicle
 
 SETPOINT_LINE_PERIOD_S = 1.0
@@ -21,7 +21,7 @@ DEBUG = 7
 """MAV_SEVERITY of progress events."""
 
 
-def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> Progress:
+def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportProgress:
     """Sends a command's progress and its client to all telemetry clients; not stored as an event."""
 
     def tell(text: str, fraction: float | None) -> None:
@@ -81,7 +81,7 @@ def authorized_command(
         result, detail = error.code, str(error)
         raise
     except asyncio.CancelledError:
-        result, detail = "cancelled", "The client went away or the server ended."
+        result, detail = "cancelled", "The client disconnected or the server was shut down."
         raise
     except Exception as error:
         result, detail = "internal", f"{type(error).__name__}: {error}"
@@ -104,7 +104,7 @@ def _note_setpoint(
 ) -> None:
     """Writes a line per second for a stream of setpoints: the newest one and their number."""
     now_s = station.clock.monotonic_s()
-    if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:  # by callers that name themselves anew each time
+    if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:  # by callers with a new name each time
         station.setpoints_noted.clear()
     key = (principal.key, vehicle_id, end[0])
     last_s, count = station.setpoints_noted.get(key, (float("-inf"), 0))

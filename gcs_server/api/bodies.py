@@ -19,12 +19,12 @@ from gcs_server.api import refusals
 from gcs_server.api.admission import refused
 from gcs_server.api.principals import principal_of
 from gcs_server.api.problems import problem
-from gcs_server.api.turns import Turns
+from gcs_server.api.request_queue import RequestQueue
 
-DEEPEST = 32
-MOST_VALUES = 100_000
+MAX_DEPTH = 32
+MAX_VALUES = 100_000
 """Counted as commas and opening brackets: a path of 5000 points has 35,000."""
-MOST_KEYS = 100
+MAX_KEYS = 100
 """Most keys of one object; the largest valid one has 20."""
 _LONG_NUMBER = re.compile(rb"[0-9]{400}")
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
@@ -40,12 +40,12 @@ def json_fault(text: bytes) -> str | None:
     if _LONG_NUMBER.search(text) and _LONG_NUMBER.search(_TEXT.sub(b"", text)):
         return "it has a number of 400 digits or more"
     opening = text.count(b"{") + text.count(b"[")
-    if opening + text.count(b",") > MOST_VALUES:
-        return f"it has more than {MOST_VALUES:,} values"
-    if opening > DEEPEST and _deeper_than(text, DEEPEST):
-        return f"it is nested deeper than {DEEPEST} levels"
-    if text.count(b":") > MOST_KEYS and _most_keys(text) > MOST_KEYS:
-        return f"one of its objects has more than {MOST_KEYS} keys"
+    if opening + text.count(b",") > MAX_VALUES:
+        return f"it has more than {MAX_VALUES:,} values"
+    if opening > MAX_DEPTH and _deeper_than(text, MAX_DEPTH):
+        return f"it is nested deeper than {MAX_DEPTH} levels"
+    if text.count(b":") > MAX_KEYS and _most_keys(text) > MAX_KEYS:
+        return f"one of its objects has more than {MAX_KEYS} keys"
     return None
 
 
@@ -70,20 +70,20 @@ def _most_keys(text: bytes) -> int:
     return most
 
 
-class _Gone(Exception):
-    """The client went away."""
+class _ClientDisconnected(Exception):
+    """The client disconnected."""
 
 
 class Bodies:
     """ASGI middleware.
 
     Args:
-        turns: in which requests begin.
+        request_queue: decides in which order requests start.
     """
 
-    def __init__(self, app: ASGIApp, turns: Turns) -> None:
+    def __init__(self, app: ASGIApp, request_queue: RequestQueue) -> None:
         self._app = app
-        self._turns = turns
+        self._request_queue = request_queue
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -91,13 +91,13 @@ class Bodies:
             return
         client = principal_of(HTTPConnection(scope))
         if scope["type"] == "websocket" or scope["method"] in ("GET", "HEAD", "OPTIONS"):
-            await self._turns.wait(client)
+            await self._request_queue.wait(client)
             await self._app(scope, receive, send)
             return
         try:
             async with asyncio.timeout(refusals.BODY_DEADLINE_S):
                 body = await _read(scope, receive)
-        except _Gone:
+        except _ClientDisconnected:
             return
         except TimeoutError:
             await refused(refusals.SLOW)(scope, receive, send)
@@ -105,7 +105,7 @@ class Bodies:
         if body is None:
             await refused(refusals.BODY_TOO_LARGE)(scope, receive, send)
             return
-        await self._turns.wait(client)
+        await self._request_queue.wait(client)
         fault = json_fault(body) if b"json" in _header(scope, b"content-type") else None
         if fault is not None:
             answer = problem(
@@ -137,16 +137,16 @@ def _header(scope: Scope, name: bytes) -> bytes:
 async def _read(scope: Scope, receive: Receive) -> bytes | None:
     """The body; None: it is too large."""
     declared = _header(scope, b"content-length")
-    if declared.isdigit() and int(declared[:15]) > refusals.LARGEST_BODY_BYTES:
+    if declared.isdigit() and int(declared[:15]) > refusals.MAX_BODY_BYTES:
         return None
     body = bytearray()
     more = True
     while more:
         message = await receive()
         if message["type"] == "http.disconnect":
-            raise _Gone
+            raise _ClientDisconnected
         body += message.get("body", b"")
         more = message.get("more_body", False)
-        if len(body) > refusals.LARGEST_BODY_BYTES:
+        if len(body) > refusals.MAX_BODY_BYTES:
             return None
     return bytes(body)

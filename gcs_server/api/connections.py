@@ -1,9 +1,10 @@
-"""All connections of the HTTP server: how many there may be, whose they are, and which one gives way.
+"""All connections of the HTTP server: limits their number, and selects which ones are closed when there are
+too many.
 
-A connection waits until its first request was let in (`guard.py`), then it is busy or idle. Where there is no
-room, a connection that waits gives way first, then an idle one; never one of a client in control of a
-vehicle. Where none can give way, a newcomer is taken on probation, within a reserve: it is served only if
-its request comes from a client in control. Pure: sockets are `http_server/`'s.
+A connection waits until its first request is allowed (`guard.py`), then it is busy or idle. If there are too
+many, a waiting connection is closed first, then an idle one; never one of a client in control of a vehicle.
+If none can be closed, a new connection is accepted on probation, within a reserve: it is served only if its
+request comes from a client in control. Pure: sockets are `http_server/`'s.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ class ConnectionLimits:
 
     in_all: int = 512
     by_address: int = 256
-    """Limit of one address; if it has more, its own idle connections give way."""
+    """Limit per address; if it is exceeded, idle connections of this address are closed."""
     reserve: int = 64
-    """Beyond `in_all`, for clients in control of a vehicle."""
+    """Extra connections for clients in control of a vehicle."""
     waiting_in_all: int = 128
-    """Connections that have not sent a request that was let in."""
+    """Connections without an allowed request so far."""
     waiting_by_address: int = 64
     body_bytes: int = 32 << 20
-    """Limit of all bodies of requests that are not complete or not answered yet."""
+    """Limit of all request bodies that are incomplete or unanswered."""
     unread_bytes: int = 64 << 20
     """Limit of all answers that clients have not read yet."""
 
     def within(self, descriptors: int) -> ConnectionLimits:
-        """The same, for a process that may have only so many files open for its connections."""
+        """The limits reduced to the number of files that the process may open."""
         in_all = max(8, min(self.in_all, descriptors - self.reserve))
         share = in_all / self.in_all
         return ConnectionLimits(
@@ -61,11 +62,11 @@ class Socket(Protocol):
         ...
 
     def check(self, now_s: float) -> None:
-        """Closes it where a deadline has passed."""
+        """Closes the connection if a deadline has passed."""
         ...
 
     def unread_bytes(self) -> int:
-        """Bytes written that the operating system has not taken yet."""
+        """Written bytes that the operating system has not accepted yet."""
         ...
 
 
@@ -76,14 +77,14 @@ class Connection:
     address: str
     opened_s: float
     probation: int = 0
-    """The status (429 or 503) that a request gets whose client is not in control; 0: none."""
+    """Status (429 or 503) for requests of clients that are not in control; 0: no probation."""
     socket: Socket | None = None
-    """Set once the transport is there."""
+    """Set once the transport exists."""
     client_key: str = ""
     let_in: bool = False
-    """Whether a request of it has passed the guard."""
+    """Whether a request has passed the guard."""
     busy: bool = False
-    """Whether a request is under way, or a WebSocket is open."""
+    """Whether a request is being served, or a WebSocket is open."""
     body_bytes: int = 0
     closed: bool = False
 
@@ -94,11 +95,11 @@ class Connection:
 
 
 class Connections:
-    """All there are.
+    """All connections of the server.
 
     Args:
         clock: the server's.
-        limits: how many.
+        limits: their limits.
         in_control: whether the client of this key controls a vehicle.
     """
 
@@ -120,7 +121,7 @@ class Connections:
         self._shed_s = float("-inf")
         self._refused_s = float("-inf")
         self.refused = 0
-        """Connections and requests turned away since the start, and connections that had to give way."""
+        """Refused connections and requests since the start, and connections closed for others."""
 
     def __len__(self) -> int:
         return len(self._all)
@@ -128,7 +129,7 @@ class Connections:
     # --- coming and going -----------------------------------------------------------------------
 
     def open(self, address: str) -> Connection | None:
-        """Takes a new connection; None: there is no room for it."""
+        """Registers a new connection; None if there is no room."""
         waiting = self._waiting.get(address, {})
         if len(waiting) >= self.limits.waiting_by_address:
             self._give_way(next(iter(waiting)))
@@ -136,7 +137,7 @@ class Connections:
             self._give_way(next(iter(max(self._waiting.values(), key=len))))
         probation = self._probation(address)
         if probation is None:
-            self.turned_away()
+            self.count_refusal()
             return None
         connection = Connection(address, self._clock.monotonic_s(), probation)
         self._all[connection] = None
@@ -146,7 +147,7 @@ class Connections:
         return connection
 
     def closed(self, connection: Connection) -> None:
-        """It has gone; may be called more than once."""
+        """Removes a closed connection; may be called more than once."""
         if connection.closed:
             return
         connection.closed = True
@@ -159,7 +160,7 @@ class Connections:
             del self._by_address[connection.address]
 
     def set_busy(self, connection: Connection, busy: bool) -> None:
-        """A request begins or has been answered."""
+        """A request has started or has been answered."""
         connection.busy = busy
         if connection.closed:
             return
@@ -169,7 +170,7 @@ class Connections:
             self._wait(connection)
 
     def let_in(self, connection: Connection, client_key: str) -> int:
-        """Its request has passed the guard; returns the status of a refusal for another reason, or 0."""
+        """A request has passed the guard; returns the status of a refusal by the limits, or 0."""
         connection.let_in = True
         connection.client_key = client_key
         return 0 if not connection.probation or self._in_control(client_key) else connection.probation
@@ -177,7 +178,7 @@ class Connections:
     # --- memory ---------------------------------------------------------------------------------
 
     def take_body(self, connection: Connection, size: int) -> bool:
-        """Counts bytes of a request's body; false where all bodies together are too large."""
+        """Counts bytes of a request's body; False if all bodies together are too large."""
         if connection.closed:
             return False
         connection.body_bytes += size
@@ -190,7 +191,7 @@ class Connections:
         connection.body_bytes = 0
 
     def shed(self) -> None:
-        """Ends those that hold most unread bytes, until all together are within the limit."""
+        """Closes the connections with most unread bytes until the total is within the limit."""
         now_s = self._clock.monotonic_s()
         if now_s - self._shed_s < SHED_PERIOD_S:
             return
@@ -206,22 +207,22 @@ class Connections:
             self._give_way(connection)
 
     def check(self) -> None:
-        """Now and then: lets each connection look at its deadlines."""
+        """Called periodically: lets each connection check its deadlines."""
         now_s = self._clock.monotonic_s()
         for connection in list(self._all):
             if connection.socket is not None:
                 connection.socket.check(now_s)
         self.shed()
 
-    # --- words ----------------------------------------------------------------------------------
+    # --- warning --------------------------------------------------------------------------------
 
-    def turned_away(self) -> None:
-        """Counts what was refused or had to give way."""
+    def count_refusal(self) -> None:
+        """Counts a refusal."""
         self.refused += 1
         self._refused_s = self._clock.monotonic_s()
 
     def warning(self) -> str | None:
-        """For people, while it is a minute ago at most."""
+        """Warning text for a minute after the last refusal."""
         if self._clock.monotonic_s() - self._refused_s > WARNED_FOR_S:
             return None
         return (
@@ -255,7 +256,7 @@ class Connections:
         return bool(connection.client_key) and self._in_control(connection.client_key)
 
     def _give_way(self, connection: Connection) -> None:
-        self.turned_away()
+        self.count_refusal()
         self.closed(connection)
         connection.end()
 

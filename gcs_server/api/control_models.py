@@ -9,7 +9,7 @@ from gcs_server.control.lease import OnControlLost
 
 
 class LandNowRequest(StrictBody):
-    """Says in words what is about to happen."""
+    """Confirmation of Land now."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"confirm": "vehicle 1 lands now"}]})
 
@@ -30,9 +30,9 @@ class TakeControl(StrictBody):
     )
     on_expiry: OnControlLost | None = Field(
         default=None,
-        description="What the flying vehicle is told once, should this client not be heard for `lease_s`: "
-        "`nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never against somebody who "
-        "steers.",
+        description="Command that the flying vehicle gets once if this client is silent for `lease_s`: "
+        "`nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never sent while another "
+        "party controls the vehicle.",
     )
 
 

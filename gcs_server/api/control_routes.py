@@ -36,7 +36,7 @@ async def leave(station: StationDep, principal: PrincipalDep) -> Response:
 
 @router.get("/vehicles/{v}/control", response_model=responses.ControlView)
 async def show(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """The holder of control, since when, who requests it, and who set the vehicle's present mode."""
+    """The holder of control, since when, who requests it, and who set the vehicle's current mode."""
     return _view(station.authority.control(v), principal)
 
 

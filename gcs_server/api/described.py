@@ -14,12 +14,12 @@ _PROBLEM = {"schema": {"$ref": "#/components/schemas/Problem"}}
 _OURS = ("Problem", "HTTPValidationError")
 
 COMMON: dict[str, str] = {
-    "400": "Not HTTP, or without one Host.",
+    "400": "Not valid HTTP, or not exactly one Host header.",
     "401": "The token is missing or wrong.",
     "403": "A page of another site, a foreign name, a cookie without its page's Origin, or a role that lacks "
     "the permission.",
     **{str(refusal.status): refusal.detail for refusal in refusals.ALL if refusal.status not in (400, 503)},
-    "422": "Malformed; names the field.",
+    "422": "Invalid request; names the field.",
     "503": f"The link to the vehicle was lost, or: {refusals.FULL.detail}",
 }
 """Status and words."""

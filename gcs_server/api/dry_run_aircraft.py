@@ -1,4 +1,4 @@
-"""What the server knows of a vehicle that a simulated one is to fly like."""
+"""The aircraft of a dry run: parameters, position and battery of a real vehicle, as far as known."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from missions.offboard.document import OffboardMission
 from missions.values import HomePosition
 
 ANYWHERE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
-"""PX4's own simulated home: for a mission whose places are all relative to its start."""
+"""PX4's own simulated home: for a mission whose positions are all relative to its start."""
 
 NO_AVOIDANCE = "The dry run flies the path as planned: obstacle avoidance is not simulated."
 
@@ -25,23 +25,21 @@ def aircraft_of(
     """`home`, `yaw_ned_rad`, `parameters` and `battery_share`, then its local origin, and what was assumed.
 
     Raises:
-        InvalidRequest: nobody says where the flight begins.
+        InvalidRequest: the start position is not known.
     """
     planned = document.home if isinstance(document, OffboardMission) else document.planned_home
     assumed = [NO_AVOIDANCE] if isinstance(document, OffboardMission) and document.avoidance else []
     if vehicle is None:
-        assumed.append("No vehicle is named: PX4's defaults were taken, and a full battery.")
+        assumed.append("No vehicle is named: PX4's defaults and a full battery are used.")
         return {"home": _start(planned, document)}, None, assumed
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
     }
     if not aircraft["parameters"]:
-        assumed.append(
-            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults were taken."
-        )
+        assumed.append(f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults are used.")
     place = _place(vehicle, assumed)
     if place is None:
-        assumed.append(f"Where vehicle {vehicle.id} stands is not known: the plan's own home was taken.")
+        assumed.append(f"The position of vehicle {vehicle.id} is not known: the plan's home is used.")
         aircraft["home"] = _start(planned, document)
         return aircraft, None, assumed
     aircraft["home"] = place
@@ -50,7 +48,7 @@ def aircraft_of(
         aircraft["yaw_ned_rad"] = attitude.value.yaw_ned_rad
     percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None
     if percent is None:
-        assumed.append(f"The charge of vehicle {vehicle.id} is not known: a full battery was taken.")
+        assumed.append(f"The battery charge of vehicle {vehicle.id} is not known: a full battery is used.")
     else:
         aircraft["battery_share"] = min(1.0, max(0.0, percent / 100.0))
     origin = VehicleEstimates(vehicle).origin()
@@ -58,9 +56,9 @@ def aircraft_of(
 
 
 def _place(vehicle: Vehicle, assumed: list[str]) -> dict[str, float] | None:
-    """Where it stands; in flight: its home."""
+    """Its position on the ground; in flight: its home."""
     here, home = vehicle.topic("global_position"), vehicle.topic("home")
-    flies = vehicle.facts.armed and vehicle.facts.landed_state != "on_ground"
+    flies = vehicle.flight_state.armed and vehicle.flight_state.landed_state != "on_ground"
     if here is not None and isinstance(here.value, GlobalPosition) and not flies:
         return _of(here.value)
     if home is None or not isinstance(home.value, Home):
@@ -75,7 +73,7 @@ def _of(value: GlobalPosition | Home | HomePosition) -> dict[str, float]:
 
 
 def _start(planned: HomePosition | None, document: Document) -> dict[str, float]:
-    """Where the plan says that it begins."""
+    """Start position of the plan."""
     if planned is not None:
         return _of(planned)
     if isinstance(document, OffboardMission):

@@ -1,4 +1,4 @@
-"""Plans flown in simulation before they are flown; nothing here reaches a vehicle."""
+"""Dry runs: plans flown in simulation. Nothing here reaches a vehicle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.commands import API
 from gcs_server.errors import Refused
-from gcs_server.operations.operations import Report
+from gcs_server.operations.operations import ReportProgress
 from missions import documents
 from missions.documents import Document
 from missions.errors import PlanError
@@ -30,7 +30,7 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
     """Flies a plan in simulation, once or many times; changes nothing and commands no vehicle.
 
     An operation with progress, to be cancelled by `DELETE /operations/{id}`; when it has succeeded,
-    `GET /dry_runs/{d}` has what came of it, `d` being `result.dry_run`. Two run at once at most.
+    `GET /dry_runs/{d}` returns the result; `d` is `result.dry_run`. Two run at once at most.
     """
     about_body = body.model_dump(include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True)
     with authorized_command(station, principal, "dry_runs/start", None, about_body):
@@ -54,7 +54,7 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
         about = {"kind": kind, **kept, "vehicle": body.vehicle, "assumed": assumed}
         dry_run_id = station.dry_runs.next_id()
 
-        async def work(report: Report) -> dict[str, object]:
+        async def work(report: ReportProgress) -> dict[str, object]:
             return await station.dry_runs.run(dry_run_id, request, about, report)
 
         operation = station.operations.start(
@@ -68,12 +68,12 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
 
 @router.get("/{d}", response_model=m.DryRunView)
 async def show_dry_run(d: str, station: StationDep) -> Response:
-    """What came of a dry run; the last ten are kept until the server ends."""
+    """The result of a dry run; the last ten are kept until the server is shut down."""
     return answer(station.dry_runs.get(d))
 
 
 async def _chosen(station: Station, body: m.DryRunRequest) -> tuple[dict[str, Any], Document]:
-    """Which plan, in words and as a document."""
+    """The chosen plan: its name, and its document."""
     if body.plan is not None:
         return {"name": None, "plan_id": None, "version": None}, body.plan
     assert body.plan_id is not None

@@ -17,7 +17,7 @@ router = APIRouter(prefix="/vehicles/{v}/gimbal", tags=["gimbal"], responses=RES
 
 @router.get("", response_model=responses.GimbalView)
 async def show(vehicle: VehicleDep, station: StationDep) -> Response:
-    """State, limits, and who is in control."""
+    """State and limits of the gimbal, and who controls it."""
     sample = vehicle.topic("gimbal")
     gimbal = sample.value if sample is not None and isinstance(sample.value, Gimbal) else None
     return answer(
@@ -33,7 +33,7 @@ async def show(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.post("/take", response_model=responses.CommandDone)
 async def take(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Becomes primary control."""
+    """Takes primary control of the gimbal."""
     return await carry_out(station, principal, "gimbal/take", v, {}, lambda x: x.gimbal.take_control())
 
 

@@ -18,7 +18,7 @@ from gcs_server.streamer.groups import status
 from gcs_server.streamer.groups.checks import GroupOrder
 from gcs_server.streamer.values.order import OnExpiry
 
-MOST_MEMBERS = 10
+MAX_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]
 
 
@@ -35,23 +35,23 @@ class _Together(StrictBody):
         allow_inf_nan=False,
         ge=0.05,
         le=600,
-        description="How long the setpoints of all are good without being renewed, from the end of the "
-        "longest path [s]; then `on_expiry` happens to all at once.",
+        description="How long all setpoints are valid without being renewed, counted from the end of the "
+        "longest path [s]; then `on_expiry` applies to all members at once.",
     )
     on_expiry: AnyOnExpiry = Field(
         default=HoldOnExpiry(action="hold"),
-        description="What the server does by itself when they have become too old.",
+        description="Action of the server when the setpoints have expired.",
     )
 
     def expiry(self) -> OnExpiry:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         on_expiry = self.on_expiry
         hold_for_s = on_expiry.hold_for_s if isinstance(on_expiry, HoldOnExpiry) else 0.0
         return OnExpiry(on_expiry.action, hold_for_s)
 
 
 class StartGroup(_Together):
-    """A group: vehicles in flight that start at one instant and are kept apart."""
+    """A group: flying vehicles that start together and are kept apart."""
 
     model_config = example(
         members=[
@@ -62,15 +62,15 @@ class StartGroup(_Together):
         valid_for_s=5,
     )
 
-    members: Annotated[tuple[MemberBody, ...], Field(min_length=2, max_length=MOST_MEMBERS)] = Field(
-        description="Each vehicle once."
+    members: Annotated[tuple[MemberBody, ...], Field(min_length=2, max_length=MAX_MEMBERS)] = Field(
+        description="Members; each vehicle once."
     )
     minimum_separation_m: float = Field(
         default=5.0,
         allow_inf_nan=False,
         ge=1,
         le=100,
-        description="How far apart all are kept, the way of braking included [m].",
+        description="Minimum separation, braking distance included [m].",
     )
     start_at_unix_s: float | None = Field(
         default=None,
@@ -83,7 +83,7 @@ class StartGroup(_Together):
     )
     others_go_on: bool = Field(
         default=False,
-        description="Whether members whom trouble does not concern fly on; else all hold.",
+        description="Whether members that a problem does not concern fly on; otherwise all hold.",
     )
 
     @model_validator(mode="after")
@@ -92,7 +92,7 @@ class StartGroup(_Together):
         return self
 
     def to_order(self, principal: Principal) -> GroupOrder:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         return GroupOrder(
             setpoints={member.vehicle: member.setpoint.to_setpoint() for member in self.members},
             minimum_separation_m=self.minimum_separation_m,
@@ -107,15 +107,15 @@ class StartGroup(_Together):
 
 
 class GroupSetpoints(_Together):
-    """New setpoints for some or all members, sent at one instant; without any, all are renewed."""
+    """New setpoints for some or all members, sent together; an empty list renews all setpoints."""
 
     model_config = example(
         setpoints=[{"vehicle": "1", "setpoint": {"type": "velocity", "velocity_ned_m_s": [0, 0, 0]}}],
         valid_for_s=5,
     )
 
-    setpoints: Annotated[tuple[MemberBody, ...], Field(max_length=MOST_MEMBERS)] = Field(
-        description="Each vehicle at most once; members that are not named fly on as they do."
+    setpoints: Annotated[tuple[MemberBody, ...], Field(max_length=MAX_MEMBERS)] = Field(
+        description="Each vehicle at most once; other members continue with their setpoints."
     )
 
     @model_validator(mode="after")
@@ -144,8 +144,7 @@ class GroupStarted(GroupModel):  # type: ignore[misc,valid-type]
     """The group that has started, and the limits of its members."""
 
     limits: dict[str, LimitsModel] = Field(  # type: ignore[valid-type]
-        description="By vehicle: what its setpoints are held to; `origin` says whether the operator's were "
-        "restored."
+        description="Limits by vehicle; `origin` says whether the operator's limits were restored."
     )
 
 
@@ -155,5 +154,5 @@ class GroupList(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     groups: list[GroupModel] = Field(  # type: ignore[valid-type]
-        description="Those there are, and the last that ended; oldest first."
+        description="All groups, and the last ones that ended; oldest first."
     )

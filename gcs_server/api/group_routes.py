@@ -23,12 +23,11 @@ router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
 
 @router.post("", response_model=models.GroupStarted, status_code=201)
 async def start(body: models.StartGroup, station: StationDep, principal: PrincipalDep) -> Response:
-    """Switches all members, in flight, to Offboard at their positions, then starts them at one instant.
+    """Switches all flying members to Offboard at their positions, then starts them together.
 
-    Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
-    confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
-    naming whom). `limits` says what each one's setpoints are held to, and whether the operator's limits were
-    restored after a restart.
+    Answers once all have confirmed and the start (`start_unix_s`) is set. If one refuses, does not confirm,
+    or would come too near to another, none moves and all are put into Hold (409 `not_together` with their
+    ids). `limits` has each member's limits, and whether the operator's limits were restored after a restart.
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
@@ -40,7 +39,7 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
 
 @router.get("", response_model=models.GroupList)
 async def show_all(station: StationDep) -> Response:
-    """All groups, and the last that ended."""
+    """All groups, and the last ones that ended."""
     return answer({"groups": station.groups.all()})
 
 
@@ -54,7 +53,7 @@ async def show(g: str, station: StationDep) -> Response:
 async def setpoints(
     g: str, body: models.GroupSetpoints, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """New setpoints for some members or all, sent at one instant; refused where two would come too near."""
+    """New setpoints for some or all members, sent together; refused if two would come too near."""
     members = station.groups.members(g)
     for index, member in enumerate(body.setpoints):
         if member.vehicle not in members:
@@ -75,8 +74,8 @@ async def setpoints(
 
 @router.post("/{g}/hold", response_model=models.GroupModel)
 async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Puts all members into Hold at once, without control; a vehicle that has left the group is not
-    touched."""
+    """Puts all members into Hold at once; needs no control. A vehicle that has left the group is not
+    affected."""
     with together(station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}):
         return answer(await station.groups.hold(g, principal.name))
 

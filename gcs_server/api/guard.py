@@ -1,7 +1,7 @@
 """Middleware that carries out the decisions of `access.py` before the application sees a request.
 
-Refused is refused for all alike (page, API, documents, 3D view): a WebSocket is closed before it is
-accepted, a program gets problem+json, a person in a browser who lacks the token a page that asks for it.
+It applies to page, API, documents and 3D view alike. A refused WebSocket is closed before it is accepted; a
+program gets problem+json; a browser without the token gets the sign-in page.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gcs_server.api.access import (
     Access,
-    Asked,
     FormSent,
     Refusal,
+    RequestHead,
     SignedIn,
     form_fields,
     unknown,
@@ -30,7 +30,7 @@ from gcs_server.clock import Clock
 log = logging.getLogger(__name__)
 
 POLICY_VIOLATION = 1008
-LONGEST_FORM = 4096
+MAX_FORM_LENGTH = 4096
 FORM_DEADLINE_S = 10.0
 QUIET_S = 10.0
 """Time between two log lines about wrong tokens: guessing tokens must not fill the log."""
@@ -50,7 +50,7 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        asked = Asked.of(scope)
+        asked = RequestHead.of(scope)
         verdict = self._access.decide(asked)
         if verdict is None:
             await self._app(scope, receive, send)
@@ -65,7 +65,7 @@ class Guard:
             await (await self._answer(asked, verdict, scope, receive))(scope, receive, send)
 
     async def _answer(
-        self, asked: Asked, verdict: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
+        self, asked: RequestHead, verdict: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
     ) -> Response:
         if isinstance(verdict, Refusal):
             self._note(scope, verdict)
@@ -75,7 +75,7 @@ class Guard:
         else:
             given, location = await _read_form(scope, receive)
             if not self._access.is_token(given):
-                refusal = unknown("That is not this server's token.", guessed=True)
+                refusal = unknown("This token is not valid.", guessed=True)
                 self._note(scope, refusal)
                 return sign_in_page(refusal, location)
         answer = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})
@@ -83,7 +83,7 @@ class Guard:
         return answer
 
     def _note(self, scope: Scope, refusal: Refusal) -> None:
-        """Logs wrong tokens. They lock nobody out, because that could lock out the pilot."""
+        """Logs wrong tokens. They never lock a client out, because that could be the pilot."""
         if not refusal.guessed:
             return
         self._wrong_since += 1
@@ -95,13 +95,14 @@ class Guard:
         self._wrong_since, self._said_s = 0, now_s
 
 
-def _refused(asked: Asked, refusal: Refusal) -> Response:
+def _refused(asked: RequestHead, refusal: Refusal) -> Response:
     headers = {"Cache-Control": "no-store"}
     if refusal.status == 401:
         if asked.only_reads and "text/html" in asked.headers.get("accept", ""):
             page = sign_in_page(refusal, without_token(asked.path, asked.query))
             if asked.is_navigation and asked.from_elsewhere:
-                # From another site's link a browser brings no cookie; asked again by our own page it does.
+                # A browser sends no cookie with another site's link, but does so when this server's page
+                # reloads.
                 page.headers["Refresh"] = "0"
             return page
         failed = ' error="invalid_token"' if refusal.guessed else ""
@@ -112,13 +113,13 @@ def _refused(asked: Asked, refusal: Refusal) -> Response:
 
 
 async def _read_form(scope: Scope, receive: Receive) -> tuple[str, str]:
-    """Token and next address; of a form that is too long or too slow nothing."""
+    """Token and next address; empty if the form is too long or too slow."""
     body = b""
     try:
         async with asyncio.timeout(FORM_DEADLINE_S):
             async for chunk in Request(scope, receive).stream():
                 body += chunk
-                if len(body) > LONGEST_FORM:
+                if len(body) > MAX_FORM_LENGTH:
                     return "", "/"
     except (TimeoutError, ClientDisconnect):
         return "", "/"

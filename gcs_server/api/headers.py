@@ -1,6 +1,6 @@
 """Security headers of every answer: the browser may run and load only what this server serves.
 
-The 3D view brings a policy of its own (`scene/page.py`); what a route has set stays as it is.
+The 3D view has its own policy (`scene/page.py`); headers that a route has set are kept.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ FIXED = {
 
 
 def content_policy(host: str, *, secure: bool) -> str:
-    """Programs, styles and connections from this server alone; pictures also made by the page itself."""
-    # Named besides 'self' because not every browser counts a WebSocket as that.
+    """Scripts, styles and connections from this server only; images may also come from the page itself."""
+    # Added because not every browser includes WebSockets in 'self'.
     stream = f" {'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
     return (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
@@ -32,7 +32,7 @@ def content_policy(host: str, *, secure: bool) -> str:
 
 
 def security_headers(scope: Scope) -> dict[str, str]:
-    """All of them, for an answer to this request."""
+    """The security headers for the answer to a request."""
     host = Headers(scope=scope).get("host", "")
     return {
         **FIXED,

@@ -17,7 +17,7 @@ from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.errors import GcsError
 
-MOST_VEHICLES = 1000
+MAX_VEHICLES = 1000
 
 router = APIRouter(tags=["commands"], responses=RESPONSES)
 
@@ -28,7 +28,7 @@ class HoldRequest(StrictBody):
     model_config = example(vehicles=["1", "2"])
 
     vehicles: tuple[VehicleId, ...] | None = Field(
-        default=None, max_length=MOST_VEHICLES, description="Their ids; all that are armed unless given."
+        default=None, max_length=MAX_VEHICLES, description="Their ids; all that are armed unless given."
     )
 
 
@@ -69,7 +69,7 @@ async def hold_several(body: HoldRequest, station: StationDep, principal: Princi
             problem = problem_of(error)
         return {"vehicle": vehicle_id, "held": problem is None, "problem": problem}
 
-    armed = (vehicle.id for vehicle in station.fleet.all() if vehicle.facts.armed)
+    armed = (vehicle.id for vehicle in station.fleet.all() if vehicle.flight_state.armed)
     wanted = dict.fromkeys(armed if body.vehicles is None else body.vehicles)
     results = await asyncio.gather(*map(hold, wanted), return_exceptions=True)
     for result in results:

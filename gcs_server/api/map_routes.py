@@ -19,7 +19,7 @@ from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, re
 
 router = APIRouter(prefix="/maps", tags=["station"])
 
-LARGEST_ZOOM = 24
+MAX_ZOOM = 24
 FRESH = {"Cache-Control": "no-cache"}
 """Cache header: the browser may keep a tile, but must ask whether the file has changed."""
 RANGE = re.compile(r"bytes=(?P<first>[0-9]{0,15})-(?P<last>[0-9]{0,15})")
@@ -39,7 +39,7 @@ async def list_maps(station: StationDep) -> Response:
     responses={
         **RESPONSES,
         200: {"content": {"application/octet-stream": {}}},
-        206: {"description": "A part.", "content": {"application/octet-stream": {}}},
+        206: {"description": "A part of the file.", "content": {"application/octet-stream": {}}},
         416: {"model": Problem, "description": "The Range header lies outside the file."},
     },
 )
@@ -72,9 +72,9 @@ async def map_file(
 )
 async def map_tile(
     name: str,
-    zoom: Annotated[int, Path(ge=0, le=LARGEST_ZOOM)],
-    x: Annotated[int, Path(ge=0, lt=1 << LARGEST_ZOOM)],
-    y: Annotated[int, Path(ge=0, lt=1 << LARGEST_ZOOM)],
+    zoom: Annotated[int, Path(ge=0, le=MAX_ZOOM)],
+    x: Annotated[int, Path(ge=0, lt=1 << MAX_ZOOM)],
+    y: Annotated[int, Path(ge=0, lt=1 << MAX_ZOOM)],
     station: StationDep,
 ) -> Response:
     """A tile of an MBTiles file, y counted from the north."""
@@ -90,7 +90,7 @@ async def map_tile(
 
 
 def _lies_within(wanted: str, size: int) -> bool:
-    """Whether this Range header asks for one part that the file has."""
+    """Whether this Range header requests one part inside the file."""
     found = RANGE.fullmatch(wanted)
     if found is None:
         return False
@@ -138,5 +138,5 @@ async def _find(station: Station, name: str) -> File | None:
 
 
 def _unknown(name: str) -> Response:
-    detail = f"There is no map {name!r} that is served this way; GET /api/v1/maps lists them."
+    detail = f"There is no map {name!r} of this kind; GET /api/v1/maps lists the maps."
     return problem(404, "Not found", "unknown_map", detail)

@@ -1,4 +1,4 @@
-"""A vehicle's own mission over HTTP: bodies in, models of the answers out."""
+"""Bodies and answers of the routes for a vehicle's mission."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from missions.plan import Plan
 
 
 class WhichPlan(StrictBody):
-    """A plan that the server keeps, or one that is sent."""
+    """A plan stored on the server, or one in the request."""
 
-    plan_id: str | None = Field(default=None, max_length=40, description="Of a plan that the server keeps.")
-    version: int | None = Field(default=None, ge=1, description="Of that plan; the newest unless named.")
-    plan: PlanBody | None = Field(default=None, description="A plan that is not kept on the server.")
+    plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored plan.")
+    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
+    plan: PlanBody | None = Field(default=None, description="A plan that is not stored on the server.")
 
     @model_validator(mode="after")
     def _one(self) -> WhichPlan:
@@ -39,25 +39,25 @@ class UploadRequest(WhichPlan):
         max_length=100,
         description="While the vehicle flies Mission: `vehicle {id} flies the new mission at once`.",
     )
-    wait: bool = Field(default=False, description="Answer once it is there and verified.")
+    wait: bool = Field(default=False, description="Answer only when the plan is uploaded and verified.")
 
 
 class DownloadRequest(StrictBody):
     """How to download."""
 
-    wait: bool = Field(default=False, description="Answer once it is there.")
+    wait: bool = Field(default=False, description="Answer only when the plan is downloaded.")
 
 
 class StartRequest(StrictBody):
-    """Where to begin, and what the caller knows to be wrong."""
+    """Where to start, and which findings the caller accepts."""
 
     item: int | None = Field(
-        default=None, ge=0, le=10_000, description="Index of the item to begin at, from 0; null: the current."
+        default=None, ge=0, le=10_000, description="Index of the first item, from 0; null: the current item."
     )
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[],
-        description="Codes of the plan's error findings that the caller accepts; `plan_not_known` where the "
-        "server does not know what the vehicle holds.",
+        description="Codes of the plan's error findings that the caller accepts; `plan_not_known` if the "
+        "server does not know which plan is on the vehicle.",
     )
 
 
@@ -67,53 +67,53 @@ DifferenceModel = model_of(Difference, "PlanDifference")
 
 
 class HeldView(AnswerBody):
-    """Which plan the vehicle holds."""
+    """The plan on the vehicle."""
 
     state: Literal["plan", "another", "not_known"] = Field(
-        description="plan: the one named here; another: not the one that was uploaded last; not_known: the "
-        "server has not uploaded or compared one, or the vehicle does not report what it holds."
+        description="plan: the plan named here; another: not the plan that was uploaded last; not_known: the "
+        "server has not uploaded or compared a plan, or the vehicle reports no ids."
     )
     plan: PlanNameModel | None = Field(  # type: ignore[valid-type]
-        description="The plan that was uploaded last and verified; what `state` is about."
+        description="The last uploaded and verified plan, to which `state` refers."
     )
     known_unix_s: float | None = Field(
-        description="When it was last transferred, whole and verified [s since 1970 UTC]."
+        description="Time of the last complete, verified transfer [s since 1970 UTC]."
     )
 
 
 class MissionView(AnswerBody):
-    """What a vehicle flies by itself."""
+    """The mission on a vehicle."""
 
     vehicle: str = Field(description="The vehicle's id.")
     mission: MissionTopic | None = Field(  # type: ignore[valid-type]
-        description="As the topic `mission`; null: the vehicle has not reported."
+        description="As the topic `mission`; null: not reported yet."
     )
-    holds: HeldView = Field(description="Which plan it holds.")
-    transfer: str | None = Field(description="What transfer is under way; null: none.")
+    holds: HeldView = Field(description="The plan on the vehicle.")
+    transfer: str | None = Field(description="The running transfer; null: none.")
 
 
 class DownloadedPlan(AnswerBody):
-    """What a vehicle held when it was last read."""
+    """The plan that was last downloaded from a vehicle."""
 
     vehicle: str = Field(description="The vehicle's id.")
     plan: Plan = Field(description="Its mission, geofence and rally points.")
     plan_name: PlanNameModel | None = Field(  # type: ignore[valid-type]
-        description="The plan that it is, where it was uploaded from here."
+        description="The stored plan that it equals, if it was uploaded from here."
     )
-    read_unix_s: float = Field(description="When it was read [s since 1970 UTC].")
+    read_unix_s: float = Field(description="Time of the download [s since 1970 UTC].")
     still_held: bool | None = Field(
-        description="Whether the vehicle still reports the same ids; null: it reports none."
+        description="Whether the vehicle still reports the same ids; null: no ids."
     )
-    notes: list[str] = Field(description="What could not be put into the plan; sentences.")
+    notes: list[str] = Field(description="What the plan cannot represent; sentences.")
 
 
 class MissionComparison(AnswerBody):
-    """What differs between a plan and what the vehicle held when it was last read."""
+    """Differences between a plan and the last download from the vehicle."""
 
     vehicle: str = Field(description="The vehicle's id.")
-    equal: bool = Field(description="No difference that changes the flight.")
+    equal: bool = Field(description="True if no difference changes the flight.")
     differences: list[DifferenceModel] = Field(  # type: ignore[valid-type]
         description="At most 50 of each part."
     )
-    read_unix_s: float = Field(description="When the vehicle's plan was read [s since 1970 UTC].")
+    read_unix_s: float = Field(description="Time of the download [s since 1970 UTC].")
     still_held: bool | None = Field(description="Whether the vehicle still reports the same ids.")

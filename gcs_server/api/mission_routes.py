@@ -1,4 +1,4 @@
-"""What a vehicle flies by itself: which plan it holds, uploading, downloading, comparing, starting it."""
+"""Routes of a vehicle's own mission: show, upload, download, compare, clear, start, resume."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.vehicle_routes import carry_out
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, PlanFindings, Refused
-from gcs_server.operations.operations import Operation, Report
+from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
 from gcs_server.vehicle.services.mission_held import Held, Items, PlanName
@@ -33,13 +33,13 @@ from missions.plan import Plan
 router = APIRouter(prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES)
 
 NOT_KNOWN = "plan_not_known"
-"""In `despite`: the server does not know what the vehicle holds."""
+"""Code in `despite`: the server does not know which plan is on the vehicle."""
 CONFIRM = "Where the vehicle flies Mission: `vehicle {id} loses the mission that it flies`."
 
 
 @router.get("", response_model=m.MissionView)
 async def show_mission(vehicle: VehicleDep) -> Response:
-    """Where the vehicle is in its mission, and which plan it holds, without asking the vehicle."""
+    """Progress of the vehicle's mission, and which plan is on it; sends nothing to the vehicle."""
     held = vehicle.mission.held
     sample = vehicle.topic("mission")
     return answer(
@@ -67,8 +67,8 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
 
     An operation with progress, to be cancelled by `DELETE /operations/{id}`. Its `result` has the number of
     items and `not_kept`, the parameters that the vehicle does not keep. A part that the plan does not have
-    is cleared. It starts nothing; but a vehicle that flies Mission flies the new one at once: then `confirm`
-    must say so.
+    is cleared. It starts nothing. But a vehicle in Mission mode flies the new mission at once; then `confirm`
+    is required.
     """
     arguments = body.model_dump(exclude={"plan", "wait"}, exclude_none=True)
     with authorized_command(station, principal, "mission/upload", v, arguments):
@@ -77,9 +77,9 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
         name, plan = await _chosen(station, body)
         items = _items(plan)
 
-        async def work(report: Report) -> dict[str, object]:
+        async def work(report: ReportProgress) -> dict[str, object]:
             uploaded = await vehicle.mission.upload(items, name, progress=report)
-            not_kept = [each.words() for each in uploaded.not_kept]
+            not_kept = [each.text() for each in uploaded.not_kept]
             counts = {part: len(items[part]) for part in PARTS}
             return {"items": counts, "not_kept": not_kept[:20]}
 
@@ -102,7 +102,7 @@ async def download(
 ) -> Response:
     """Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` then has them."""
 
-    async def work(report: Report) -> dict[str, object]:
+    async def work(report: ReportProgress) -> dict[str, object]:
         held = await vehicle.mission.download(progress=report)
         return {"items": {part: len(held.items[part]) for part in PARTS}}
 
@@ -112,7 +112,7 @@ async def download(
 
 @router.get("/plan", response_model=m.DownloadedPlan)
 async def downloaded_plan(vehicle: VehicleDep) -> Response:
-    """What the vehicle held when it was last read or verified, as a plan."""
+    """The plan that was last downloaded from the vehicle, or uploaded and verified."""
     held = _held(vehicle)
     plan, notes = plan_of(held)
     return answer(
@@ -158,7 +158,7 @@ async def clear(
     principal: PrincipalDep,
     confirm: Annotated[str | None, Query(max_length=100, description=CONFIRM)] = None,
 ) -> Response:
-    """Has the vehicle forget mission, geofence and rally points."""
+    """Clears mission, geofence and rally points on the vehicle."""
 
     async def work(vehicle: Vehicle) -> None:
         _confirmed(vehicle, "mission/clear", confirm)
@@ -174,10 +174,10 @@ async def start(
     principal: PrincipalDep,
     body: Annotated[m.StartRequest | None, Body()] = None,
 ) -> Response:
-    """Flies the mission that the vehicle holds, from an item or the current one; arms where needed.
+    """Starts the vehicle's mission at an item, or the current one; arms if needed.
 
-    Answers once the vehicle is armed in Mission. 409 `plan_findings` where the plan has error findings, or is
-    not known, unless `despite` names their codes. Hold pauses it.
+    Answers once the vehicle is armed in Mission. 409 `plan_findings` if the plan has error findings or is not
+    known, unless `despite` names their codes. Hold pauses it.
     """
     request = body or m.StartRequest()
     arguments = request.model_dump(exclude_none=True)
@@ -186,7 +186,7 @@ async def start(
         vehicle.require_commandable()
         if vehicle.mission.doing is not None:
             raise Refused(
-                f"Vehicle {vehicle.id} has {vehicle.mission.doing} under way.",
+                f"Vehicle {vehicle.id} is busy with {vehicle.mission.doing}.",
                 remedy="Wait until it is done.",
             )
         await _check_start(station, vehicle, request.despite)
@@ -200,14 +200,14 @@ async def start(
 
 @router.post("/resume", response_model=responses.CommandDone)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Goes on with the mission from its current item; for a vehicle in flight."""
+    """Resumes the mission at its current item; for a flying vehicle."""
 
     async def work(vehicle: Vehicle) -> None:
         vehicle.require_commandable()
-        if not vehicle.facts.armed or vehicle.facts.landed_state == "on_ground":
+        if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(
                 f"Vehicle {vehicle.id} is not flying.",
-                remedy="Start the mission at the item where it is to go on.",
+                remedy="Start the mission at the item where it should continue.",
             )
         progress = progress_to(vehicle, principal, "mission/resume")
         await vehicle.command.set_mode("mission", by=principal.name, progress=progress)
@@ -219,7 +219,7 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 
 def plan_of(held: Held) -> tuple[Plan, list[str]]:
-    """What a vehicle held, as a plan; what cannot be one is left out and said."""
+    """The downloaded items as a plan, with notes on what the plan cannot represent."""
     notes: list[str] = []
     mission = mavlink_items.items_from_wire(held.items["mission"])
     fence = rally = ()
@@ -257,21 +257,22 @@ async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -
             f"The plan that vehicle {vehicle.id} holds has errors: {wrong[0]['text']}",
             codes=tuple(dict.fromkeys(each["code"] for each in wrong)),
             reasons=tuple(each["text"] for each in wrong),
-            remedy="Correct the plan and upload it, or name the codes in `despite` if they are meant.",
+            remedy="Correct the plan and upload it, or accept the findings by naming their codes in "
+            "`despite`.",
         )
 
 
 def _begin(
     station: Station, vehicle: Vehicle, kind: str, work: Any, subject: str | None, by: tuple[str, str]
 ) -> Operation:
-    """Begins a transfer; another one of the same vehicle is refused, not joined."""
+    """Starts a transfer; refused if the vehicle already has one."""
     vehicle.require_commandable()
     if vehicle.mission.doing is not None or any(
         each.state == "running" and each.vehicle == vehicle.id and each.kind.startswith("mission/")
         for each in station.operations.all()
     ):
         raise Refused(
-            f"Vehicle {vehicle.id} has a mission transfer under way; two at once are not possible.",
+            f"Vehicle {vehicle.id} already has a mission transfer; only one can run at a time.",
             remedy="Wait until it is done, or cancel it (DELETE /operations/{id}).",
         )
     verb = "Uploading to" if kind == "mission/upload" else "Downloading from"
@@ -293,9 +294,9 @@ async def _operation_answer(station: Station, operation: Operation, wait: bool) 
 
 
 def _confirmed(vehicle: Vehicle, command: str, said: str | None) -> None:
-    """A vehicle that flies Mission flies what changes: the request must say so."""
-    if vehicle.facts.armed and vehicle.status.mode == "mission":
-        BY_NAME[command].require_words(said or "", vehicle=vehicle.id)
+    """A vehicle in Mission mode flies the changed mission at once: the request must confirm that."""
+    if vehicle.flight_state.armed and vehicle.status.mode == "mission":
+        BY_NAME[command].require_confirmation(said or "", vehicle=vehicle.id)
 
 
 async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:
@@ -306,7 +307,7 @@ async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:
     if head.kind != "waypoint_plan":
         raise InvalidRequest(
             "plan_id",
-            f"{head.name!r} is an offboard mission, which the vehicle cannot hold: the server flies it.",
+            f"{head.name!r} is an offboard mission, which cannot be uploaded: the server flies it.",
             remedy="Start it as an offboard mission, or name a waypoint plan.",
         )
     try:
@@ -316,7 +317,7 @@ async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:
 
 
 def _items(plan: Plan) -> Items:
-    """What goes over the wire.
+    """The plan as MAVLink items.
 
     Raises:
         InvalidRequest: the protocol cannot carry it.
@@ -336,14 +337,14 @@ def _held(vehicle: Vehicle) -> Held:
     held = vehicle.mission.held
     if held is None:
         raise Refused(
-            f"What vehicle {vehicle.id} holds has not been read.",
+            f"The plan on vehicle {vehicle.id} has not been downloaded.",
             remedy="Download it first (POST …/mission/download).",
         )
     return held
 
 
 def _still_held(vehicle: Vehicle, held: Held) -> bool | None:
-    """Whether the vehicle reports the ids of that transfer; None: it reports none."""
+    """Whether the vehicle still reports the ids of this transfer; None: no ids."""
     ids = vehicle.mission.ids()
     if ids is None or not any((*ids.values(), *held.ids.values())):
         return None

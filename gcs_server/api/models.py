@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field, JsonValue, model_validator
 
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.links.names import MAX_NAME_LENGTH, NAME_IN_WORDS
+from gcs_server.links.names import MAX_NAME_LENGTH, NAME_RULE
 from gcs_server.replay.playback import FASTEST, SLOWEST
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -32,7 +32,7 @@ class TakeoffRequest(StrictBody):
 
 
 class ModeRequest(StrictBody):
-    """Which flight mode to ask for."""
+    """The flight mode to switch to."""
 
     model_config = _example(mode="position")
 
@@ -62,7 +62,7 @@ class GotoRequest(StrictBody):
         allow_inf_nan=False,
         gt=0,
         le=100_000,
-        description="Refuse a place farther away than this [m]; 1000 unless given.",
+        description="Refuse targets farther away than this [m]; default 1000.",
     )
 
     @model_validator(mode="after")
@@ -73,7 +73,7 @@ class GotoRequest(StrictBody):
 
 
 class KillRequest(StrictBody):
-    """Says in words what is about to happen."""
+    """Confirmation of Stop motors."""
 
     model_config = _example(confirm="motors stop, vehicle 1 falls")
 
@@ -96,8 +96,8 @@ class GimbalAngles(StrictBody):
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
     wait: bool = Field(
         default=True,
-        description="Answer once it is there or has stopped; false: once the vehicle has acknowledged, "
-        "for angles that follow each other fast.",
+        description="Answer when the gimbal is there or has stopped; false: as soon as the vehicle has "
+        "acknowledged, for rapid sequences of angles.",
     )
 
 
@@ -112,7 +112,7 @@ class GimbalRates(StrictBody):
 
 
 class GimbalRoi(StrictBody):
-    """A place to keep looking at."""
+    """A location to keep pointing at (ROI)."""
 
     model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_amsl_m=488)
 
@@ -138,7 +138,7 @@ class LinkRequest(StrictBody):
         min_length=1,
         max_length=MAX_NAME_LENGTH,
         pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
-        description=f"How to call it: {NAME_IN_WORDS}; made from the URL if left out.",
+        description=f"Name of the link: {NAME_RULE}; made from the URL if left out.",
     )
 
 
@@ -149,24 +149,34 @@ class ReplayRequest(StrictBody):
 
     recording: str = Field(min_length=1, max_length=255, description="A name of `GET /recordings`.")
     speed: float = Field(
-        default=1.0, allow_inf_nan=False, ge=SLOWEST, le=FASTEST, description="Times the recorded pace."
+        default=1.0,
+        allow_inf_nan=False,
+        ge=SLOWEST,
+        le=FASTEST,
+        description="Playback speed; 1 is real time.",
     )
-    playing: bool = Field(default=True, description="Whether it plays at once.")
+    playing: bool = Field(default=True, description="Whether it starts playing at once.")
 
 
 class ReplayChange(StrictBody):
-    """Changes of a replay; fields that are left out stay as they are."""
+    """Changes of a replay; omitted fields stay unchanged."""
 
     model_config = _example(playing=True, speed=4, position_unix_s=1783762200)
 
-    playing: bool | None = Field(default=None, description="Whether it plays; at the end, from the begin.")
+    playing: bool | None = Field(
+        default=None, description="Whether it plays; at the end it restarts from the beginning."
+    )
     speed: float | None = Field(
-        default=None, allow_inf_nan=False, ge=SLOWEST, le=FASTEST, description="Times the recorded pace."
+        default=None,
+        allow_inf_nan=False,
+        ge=SLOWEST,
+        le=FASTEST,
+        description="Playback speed; 1 is real time.",
     )
     position_unix_s: float | None = Field(
         default=None,
         allow_inf_nan=False,
         ge=0,
         le=10_000_000_000,
-        description="The moment to show [s since 1970, recording clock]; the nearest there is.",
+        description="Time to jump to [s since 1970, recording clock]; the nearest recorded time is used.",
     )

@@ -1,4 +1,4 @@
-"""Offboard missions on a vehicle over HTTP: bodies in, models of the answers out."""
+"""Bodies and answers of the routes for offboard missions."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from missions.runner.flown import FlownSample
 
 
 class StartMission(StrictBody):
-    """Which mission is flown, and what the caller knows to be wrong."""
+    """The mission to fly, and which findings the caller accepts."""
 
-    plan_id: str | None = Field(
-        default=None, max_length=40, description="Of an offboard mission that the server keeps."
-    )
-    version: int | None = Field(default=None, ge=1, description="Of that plan; the newest unless named.")
-    mission: MissionBody | None = Field(default=None, description="A mission that is not kept on the server.")
+    plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored offboard mission.")
+    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
+    mission: MissionBody | None = Field(default=None, description="A mission that is not stored here.")
+    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
+    mission: MissionBody | None = Field(default=None, description="A mission that is not stored here.")
     dry_run: str | None = Field(
         default=None,
         max_length=20,
-        description="Id of a dry run of this mission with several flights: leaving its corridor is told of.",
+        description="Id of a dry run of this mission with several flights: leaving its corridor is reported.",
     )
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[], description="Codes of the mission's error findings that the caller accepts."
@@ -40,7 +40,7 @@ class StartMission(StrictBody):
 
 
 class AbortMission(StrictBody):
-    """What the vehicle does then."""
+    """What the vehicle does after the abort."""
 
     then: Literal["hold", "return", "land"] = Field(default="hold", description="hold, return or land.")
 
@@ -55,7 +55,7 @@ class OffboardMissionView(BaseModel):
 
     vehicle: str = Field(description="The vehicle's id.")
     mission: OffboardMissionModel | None = Field(  # type: ignore[valid-type]
-        description="As the topic `offboard_mission`; null: none has been started since the server began."
+        description="As the topic `offboard_mission`; null: none has been started since the server started."
     )
 
 

@@ -1,4 +1,5 @@
-"""Missions that the server flies by setpoints: started, paused, resumed, skipped, answered, aborted."""
+"""Routes of offboard missions, which the server flies by setpoints: start, pause, resume, skip, answer,
+abort."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ router = APIRouter(prefix="/vehicles/{v}/offboard_mission", tags=["offboard miss
 
 @router.get("", response_model=m.OffboardMissionView)
 async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
-    """How the newest mission stands, over or not."""
+    """Status of the newest mission, running or ended."""
     return _view(station, vehicle.id)
 
 
@@ -44,10 +45,10 @@ async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.post("/start", response_model=m.OffboardMissionView)
 async def start(v: str, body: m.StartMission, station: StationDep, principal: PrincipalDep) -> Response:
-    """Compiles the mission for where the vehicle is, checks it, and begins to fly it; answers then.
+    """Compiles the mission from the vehicle's position, checks it, starts it, and answers.
 
-    409 `plan_findings` where it has error findings, unless `despite` names their codes. `if_stream_stops`
-    says what the vehicle will do by itself should the server die.
+    409 `plan_findings` if it has error findings, unless `despite` names their codes. `if_stream_stops` is the
+    vehicle's own action if the server fails.
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_command(station, principal, "offboard_mission/start", v, arguments):
@@ -80,13 +81,13 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
 
 @router.post("/pause", response_model=m.OffboardMissionView)
 async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Stands still on its path, in Offboard; during take-off and landing in Hold."""
+    """Pauses on the path, in Offboard; during take-off and landing in Hold."""
     return steer(station, principal, "offboard_mission/pause", v, lambda flight: flight.pause(principal.name))
 
 
 @router.post("/resume", response_model=m.OffboardMissionView)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Goes on where it was, from wherever the vehicle is: straight back to the path first."""
+    """Resumes the mission; the vehicle first flies straight back to the path."""
     return steer(
         station, principal, "offboard_mission/resume", v, lambda flight: flight.resume(principal.name)
     )
@@ -94,13 +95,13 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 @router.post("/skip", response_model=m.OffboardMissionView)
 async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Leaves the present step out; a suspended mission would be resumed at the next one."""
+    """Skips the current step; a suspended mission resumes at the next one."""
     return steer(station, principal, "offboard_mission/skip", v, lambda flight: flight.skip(principal.name))
 
 
 @router.post("/go_on", response_model=m.OffboardMissionView)
 async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Answers the question of a wait for a person."""
+    """Answers the question of a step that waits for a person."""
     return steer(station, principal, "offboard_mission/go_on", v, lambda flight: flight.go_on(principal.name))
 
 
@@ -111,7 +112,8 @@ async def abort(
     principal: PrincipalDep,
     body: Annotated[m.AbortMission | None, Body()] = None,
 ) -> Response:
-    """Ends it; the vehicle holds, returns or lands. One that the mission does not fly is not held."""
+    """Ends the mission; the vehicle holds, returns or lands. A vehicle that the mission does not fly is not
+    commanded."""
     then = (body or m.AbortMission()).then
     return steer(
         station,
@@ -145,7 +147,7 @@ def _view(station: Station, vehicle_id: str) -> Response:
 
 
 async def _chosen(station: Station, body: m.StartMission) -> tuple[MissionName, str]:
-    """Its name, and its JSON text."""
+    """The chosen mission: its name, and its JSON text."""
     if body.mission is not None:
         return MissionName(body.mission.name, None, None), text_of(body.mission)
     assert body.plan_id is not None
@@ -160,10 +162,10 @@ async def _chosen(station: Station, body: m.StartMission) -> tuple[MissionName, 
 
 
 def _start_of(vehicle: Vehicle) -> dict[str, Any]:
-    """Where the vehicle is.
+    """The vehicle's position.
 
     Raises:
-        Refused: it is not known.
+    Refused: it is not known.
     """
     estimates = VehicleEstimates(vehicle)
     local, attitude, home = estimates.local(), estimates.attitude(), estimates.home()

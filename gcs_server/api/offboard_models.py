@@ -1,4 +1,4 @@
-"""Orders, limits and failsafe as they come in over HTTP and WebSocket."""
+"""Request bodies of the offboard routes: orders, limits, failsafe."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from missions.fence import CircleFence, Fence, PolygonFence
 
 
 class HoldOnExpiry(StrictBody):
-    """Hold the place reached by position setpoints, then PX4's Hold mode; without an estimate, land."""
+    """Hold the position by setpoints, then switch to PX4's Hold mode; without a position estimate, land."""
 
     action: Literal["hold"]
     hold_for_s: float = Field(
-        default=5.0, allow_inf_nan=False, ge=0, le=3600, description="How long before Hold mode [s]."
+        default=5.0, allow_inf_nan=False, ge=0, le=3600, description="Time before Hold mode [s]."
     )
 
 
 class LandOnExpiry(StrictBody):
-    """Land where it is."""
+    """Land at the current position."""
 
     action: Literal["land"]
 
 
 class StopStreamOnExpiry(StrictBody):
-    """Stop sending: the vehicle's own failsafe decides."""
+    """Stop sending: the vehicle's own failsafe takes over."""
 
     action: Literal["stop_stream"]
 
@@ -60,15 +60,15 @@ class _Lasting(StrictBody):
         allow_inf_nan=False,
         ge=0.05,
         le=3600,
-        description="How long the setpoint is good without being renewed [s]; then `on_expiry` happens.",
+        description="How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.",
     )
     on_expiry: AnyOnExpiry = Field(
         default=HoldOnExpiry(action="hold"),
-        description="What the server does by itself when the setpoint has become too old.",
+        description="Action of the server when the setpoint has expired.",
     )
 
     def order(self, setpoint: SetpointBody, principal: Principal) -> Order:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         expiry = self.on_expiry
         hold_for_s = expiry.hold_for_s if isinstance(expiry, HoldOnExpiry) else 0.0
         on_expiry = OnExpiry(expiry.action, hold_for_s)
@@ -84,26 +84,26 @@ class StartRequest(_Lasting):
     )
 
     def to_order(self, principal: Principal) -> Order:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         return self.order(self.setpoint, principal)
 
 
 class _OrderBody(_Lasting, SetpointBody):
     def to_order(self, principal: Principal) -> Order:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         return self.order(self, principal)
 
 
 class PositionOrder(PositionSetpoint, _OrderBody):
-    """A new place, sent at once."""
+    """A new position, sent at once."""
 
 
 class PositionGlobalOrder(PositionGlobalSetpoint, _OrderBody):
-    """A new place on the earth, sent at once."""
+    """A new global position, sent at once."""
 
 
 class PositionBodyOrder(PositionBodySetpoint, _OrderBody):
-    """A step from where the vehicle is now."""
+    """An offset from the vehicle's current position."""
 
 
 class VelocityOrder(VelocitySetpoint, _OrderBody):
@@ -139,7 +139,7 @@ class ActuatorsOrder(ActuatorsSetpoint, _OrderBody):
 
 
 class PathOrder(PathSetpoint, _OrderBody):
-    """A path, begun at once."""
+    """A path, started at once."""
 
 
 class FollowOrder(FollowSetpoint, _OrderBody):
@@ -173,7 +173,7 @@ class PolygonFenceBody(StrictBody):
     )
 
     def to_fence(self) -> Fence:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         return PolygonFence(self.points_deg)
 
 
@@ -186,7 +186,7 @@ class CircleFenceBody(StrictBody):
     radius_m: float = Field(allow_inf_nan=False, ge=5, le=10_000, description="[m]")
 
     def to_fence(self) -> Fence:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         return CircleFence(self.lat_deg, self.lon_deg, self.radius_m)
 
 
@@ -198,7 +198,7 @@ def _limit(words: str, low: float, high: float) -> Any:
 
 
 class LimitsRequest(StrictBody):
-    """The operator's limits, all at once: what is left out (or null) is no limit of the operator's."""
+    """All operator limits; an omitted or null field means no limit."""
 
     model_config = example(speed_max_m_s=5, height_max_m=30, distance_max_m=100)
 
@@ -209,14 +209,18 @@ class LimitsRequest(StrictBody):
     height_min_m: float | None = _limit("Above home [m].", -1000, 10_000)
     height_max_m: float | None = _limit("Above home [m].", -1000, 10_000)
     distance_max_m: float | None = _limit("From home, over the ground [m].", 5, 10_000)
-    fence: AnyFence | None = Field(default=None, description="Stay inside; beside the vehicle's own fence.")
+    fence: AnyFence | None = Field(
+        default=None, description="Stay inside this fence, in addition to the vehicle's own fence."
+    )
     slew_velocity_m_s2: float | None = _limit("A sent velocity changes by no more than this [m/s²].", 0.1, 20)
     slew_attitude_rad_s: float | None = _limit(
         "A sent attitude turns by no more than this [rad/s].", 0.05, 10
     )
     obstacle_brake: bool = Field(
         default=True,
-        description="Stop before what the vehicle's own distance sensors measure; false switches that off.",
+        description=(
+            "Stop before obstacles that the vehicle's distance sensors measure; false switches this off."
+        ),
     )
 
     @model_validator(mode="after")
@@ -227,7 +231,7 @@ class LimitsRequest(StrictBody):
         return self
 
     def to_limits(self) -> values.OperatorLimits:
-        """The streamer's own value."""
+        """Converts to the streamer's type."""
         fields = {name: getattr(self, name) for name in type(self).model_fields if name != "fence"}
         return values.OperatorLimits(**fields, fence=self.fence.to_fence() if self.fence else None)
 
@@ -237,10 +241,10 @@ class AvoidanceRequest(StrictBody):
 
     model_config = example(on=True, way="over")
 
-    on: bool = Field(description="Whether setpoints are led past obstacles.")
+    on: bool = Field(description="Whether the vehicle is led past obstacles.")
     way: Literal["over", "around"] = Field(
         default="over",
-        description="What is tried first: climb over an obstacle, or pass it at the same altitude.",
+        description="Direction that is tried first: climb over an obstacle, or pass it at the same altitude.",
     )
 
 
@@ -248,13 +252,14 @@ FAILSAFE_ACTIONS = Literal["position", "altitude", "stabilized", "rtl", "land", 
 
 
 class FailsafeRequest(StrictBody):
-    """What the vehicle shall do by itself when the stream stops; what is left out stays."""
+    """The vehicle's own action when the stream stops; omitted fields stay unchanged."""
 
     model_config = example(action="hold", after_s=1)
 
     action: FAILSAFE_ACTIONS | None = Field(
         default=None,
-        description="A mode; the three flown by sticks come down by themselves without a transmitter.",
+        description="A mode; in the three modes that need sticks the vehicle descends if there is no RC "
+        "transmitter.",
     )
     after_s: float | None = Field(
         default=None,

@@ -20,7 +20,7 @@ router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses
 
 @router.get("", response_model=views.OffboardView)
 async def show(offboard: OffboardDep) -> Response:
-    """The stream and its health, what can be flown (and why not), limits, and the vehicle's failsafe."""
+    """The stream and its health, available setpoint types, limits, and the vehicle's failsafe."""
     await offboard.ensure_parameters()
     view: dict[str, Any] = fields_of(offboard.status())
     view |= {
@@ -33,10 +33,10 @@ async def show(offboard: OffboardDep) -> Response:
 
 @router.post("/start", response_model=views.OffboardStarted)
 async def start(v: str, body: models.StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Streams the setpoint, asks for Offboard, and answers once the vehicle reports it.
+    """Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
 
-    `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop, `limits`
-    what its setpoints are held to, and whether the operator's limits were restored after a restart.
+    In the answer, `if_stream_stops` is the vehicle's own action if the stream stops; `limits` has the limits,
+    and whether the operator's limits were restored after a restart.
     """
     with authorized_command(station, principal, "offboard/start", v, arguments_of(body)):
         offboard = station.offboard(v)
@@ -46,20 +46,20 @@ async def start(v: str, body: models.StartRequest, station: StationDep, principa
 
 @router.post("/setpoint", response_model=views.OffboardModel)
 async def setpoint(v: str, body: models.AnyOrder, station: StationDep, principal: PrincipalDep) -> Response:
-    """A new target, sent at once; refused (409) where no stream runs."""
+    """A new target, sent at once; refused (409) if no stream runs."""
     return answer(await apply(station, principal, v, body))
 
 
 @router.post("/stop", response_model=views.OffboardModel)
 async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Puts the vehicle into Hold, waits for its own word, then stops; without a stream it does nothing."""
+    """Puts the vehicle into Hold, waits for its confirmation, then stops; does nothing without a stream."""
     with authorized_command(station, principal, "offboard/stop", v, {}):
         return answer(await station.offboard(v).stop())
 
 
 @router.get("/limits", response_model=views.LimitsModel)
 async def show_limits(offboard: OffboardDep) -> Response:
-    """What setpoints are held to: the vehicle's own limits, and the operator's."""
+    """Limits of setpoints: the vehicle's own, and the operator's."""
     await offboard.ensure_parameters()
     return answer(offboard.limits())
 
@@ -68,13 +68,12 @@ async def show_limits(offboard: OffboardDep) -> Response:
 async def set_limits(
     v: str, body: models.LimitsRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Replaces the operator's limits, for the stream that runs too; what is left out is no limit.
-
-    They are kept for this vehicle across restarts of the server; `origin.kept` and `origin.warning` say so.
+    """Replaces the operator's limits, also for a running stream; an omitted field means no limit. The server
+    stores them for this vehicle across restarts; `origin.kept` and `origin.warning` say whether this worked.
     """
     with authorized_command(station, principal, "offboard/limits", v, body.model_dump(exclude_none=True)):
         offboard = station.offboard(v)
-        await offboard.operator.set(body.to_limits(), by=principal.name)  # in force before it is kept
+        await offboard.operator.set(body.to_limits(), by=principal.name)  # applied before it is stored
         await offboard.ensure_parameters()
         return answer(offboard.limits())
 
@@ -83,10 +82,10 @@ async def set_limits(
 async def set_avoidance(
     v: str, body: models.AvoidanceRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Switches obstacle avoidance on or off, in flight too; refused (409) where no sensor sees obstacles.
+    """Switches obstacle avoidance on or off, also in flight; refused (409) if no sensor sees obstacles.
 
-    It acts on setpoints that lead to a place (position, trajectory, path, follow) and stays as it is until it
-    is switched or the server ends. The obstacle brake is a limit of its own.
+    It acts on setpoints with a position (position, trajectory, path, follow) and stays on until it is
+    switched off or the server is shut down. The obstacle brake is a separate limit.
     """
     with authorized_command(station, principal, "offboard/avoidance", v, body.model_dump()):
         offboard = station.offboard(v)
@@ -101,7 +100,7 @@ async def set_avoidance(
 async def set_failsafe(
     v: str, body: models.FailsafeRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Sets what the vehicle does by itself when the stream stops, each parameter verified."""
+    """Sets the vehicle's own action when the stream stops; each parameter is verified."""
     with authorized_command(station, principal, "offboard/failsafe", v, body.model_dump(exclude_none=True)):
         offboard = station.offboard(v)
         offboard.vehicle.require_commandable()
@@ -110,10 +109,10 @@ async def set_failsafe(
 
 @router.websocket("/stream")
 async def stream(socket: WebSocket, v: str, station: StationDep, principal: PrincipalDep) -> None:
-    """Orders in, what was applied out; see "Offboard stream" in docs/api.md."""
+    """Receives orders and answers each with the applied setpoint; see "Offboard stream" in docs/api.md."""
     await socket.accept()
     try:
         with station.authority.connected(principal):
             await OrderSocket(station.clock, station, principal, v, socket).serve()
     except* (WebSocketDisconnect, RuntimeError):
-        pass  # the client went; RuntimeError is what a send to a closed socket raises
+        pass  # the client disconnected; sending to a closed socket raises RuntimeError

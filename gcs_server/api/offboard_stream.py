@@ -1,8 +1,8 @@
-"""Setpoints over a WebSocket at up to 100 Hz, each answered by what of it was applied.
+"""Setpoints over a WebSocket at up to 100 Hz; each is answered with the applied setpoint.
 
-The newest wins: what has piled up behind it is answered `superseded` and not sent. Answers are dropped,
-oldest first, for a client that does not read them. The socket's end stops nothing by itself: the setpoint's
-validity does.
+The newest order wins: older ones that still wait are answered `superseded` and not sent. If a client does not
+read its answers, the oldest are dropped. Closing the socket does not stop the stream; the setpoint's validity
+does.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from gcs_server.errors import GcsError
 from gcs_server.streamer.offboard.status import OffboardStatus
 from gcs_server.telemetry.wire import encode
 
-MOST_HZ = 100.0
+MAX_HZ = 100.0
 ANSWERS_KEPT = 200
 ANSWERS_BYTES = 131_072
-"""Of the answers that wait to be read, together."""
+"""Total size of answers that wait to be read."""
 UNPARSED_BYTES = 2 << 20
-"""Of the orders that wait unread, together."""
+"""Total size of orders that wait to be parsed."""
 LARGE = 4096
-"""An order of more characters waits for a turn of the loop of its own."""
-LONGEST_BACKLOG = 200
-"""Orders that wait unread; older ones are overtaken anyway."""
+"""An order with more characters waits for its own turn of the event loop."""
+MAX_BACKLOG = 200
+"""Orders that wait to be parsed; older ones would be superseded anyway."""
 FLOOD_PER_S = 2000
 CLOSE_FLOOD = 1008
 
@@ -57,8 +57,8 @@ class OrderSocket:
     Args:
         clock: the server's.
         station: what the orders work on.
-        principal: whose they are.
-        vehicle_id: to whom.
+        principal: the caller.
+        vehicle_id: the vehicle.
         socket: accepted.
     """
 
@@ -78,7 +78,7 @@ class OrderSocket:
         self._answered = asyncio.Event()
 
     async def serve(self) -> None:
-        """Until the socket is closed."""
+        """Serves the socket until it is closed."""
         async with asyncio.TaskGroup() as group:
             parts = [group.create_task(work()) for work in (self._receive, self._apply, self._send)]
             await asyncio.wait(parts, return_when=asyncio.FIRST_COMPLETED)
@@ -98,7 +98,7 @@ class OrderSocket:
                 return
             self._backlog.append(text)
             self._backlog_size += len(text)
-            while len(self._backlog) > LONGEST_BACKLOG or self._backlog_size > UNPARSED_BYTES:
+            while len(self._backlog) > MAX_BACKLOG or self._backlog_size > UNPARSED_BYTES:
                 overtaken = self._backlog.popleft()
                 self._backlog_size -= len(overtaken)
                 self._answer(_superseded(overtaken))
@@ -111,18 +111,18 @@ class OrderSocket:
             await self._clock.sleep(next_s - self._clock.monotonic_s())
             self._ordered.clear()
             applied = False
-            while self._backlog:  # from the newest: a malformed one must not take a good one's place
+            while self._backlog:  # from the newest: an invalid order must not replace a valid one
                 text = self._backlog.pop()
                 self._backlog_size -= len(text)
                 if applied:
                     self._answer(_superseded(text))
                 else:
                     if len(text) > LARGE:
-                        await self._station.turns.wait(self._principal)
+                        await self._station.request_queue.wait(self._principal)
                     answer = await self._take(text)
                     applied = "error" not in answer
                     self._answer(answer)
-            period_s = 1.0 / MOST_HZ
+            period_s = 1.0 / MAX_HZ
             next_s = max(next_s, self._clock.monotonic_s() - period_s) + period_s  # one may come early
 
     async def _send(self) -> None:
@@ -171,13 +171,13 @@ class OrderSocket:
 async def apply(
     station: Station, principal: Principal, vehicle_id: str, body: models.AnyOrder
 ) -> OffboardStatus:
-    """One order, by whichever way it came."""
+    """Applies one order, from HTTP or WebSocket."""
     with authorized_command(station, principal, "offboard/setpoint", vehicle_id, arguments_of(body)):
         return await station.offboard(vehicle_id).setpoint(body.to_order(principal))
 
 
 def arguments_of(body: BaseModel) -> dict[str, object]:
-    """For the journal; of a path only how long it is."""
+    """Arguments for the journal; of a path only its length."""
     arguments: dict[str, Any] = body.model_dump(exclude_none=True)
     for part in (arguments, arguments.get("setpoint", {})):
         if "points" in part:

@@ -1,4 +1,4 @@
-"""What the offboard routes answer, as models for the OpenAPI description."""
+"""Answers of the offboard routes, as models for the OpenAPI description."""
 
 from __future__ import annotations
 
@@ -34,9 +34,11 @@ SetpointType = Literal[
 
 
 class StreamedSetpoint(AnswerBody):
-    """What goes out to the vehicle now; fields of other types are left out."""
+    """The setpoint sent to the vehicle now; fields of other types are omitted."""
 
-    type: SetpointType = Field(description="Of what goes out: a path or follow goes out as trajectory.")
+    type: SetpointType = Field(
+        description="Type of the sent setpoint: path and follow are sent as trajectory."
+    )
     position_ned_m: Partial3 | None = Field(default=None, description="North, east, down [m].")
     velocity_ned_m_s: Partial3 | None = Field(default=None, description="North, east, down [m/s].")
     velocity_frd_m_s: Vector3 | None = Field(
@@ -80,7 +82,7 @@ class FenceView(AnswerBody):
 
 
 LimitsModel = model_of(
-    status.Limits,
+    status.OffboardLimits,
     "OffboardLimits",
     vehicle=model_of(values.VehicleLimits),
     operator=model_of(values.OperatorLimits, fence=FenceView | None),
@@ -91,32 +93,34 @@ AvailableModel = model_of(Available, needs=tuple[str, ...])
 
 
 class OffboardStarted(OffboardModel):  # type: ignore[misc,valid-type]
-    """The stream that has begun, and what it is held to."""
+    """The started stream and its limits."""
 
     limits: LimitsModel = Field(  # type: ignore[valid-type]
-        description="What its setpoints are held to; `origin` says whether the operator's were restored."
+        description="Limits of its setpoints; `origin` says whether the operator's limits were restored."
     )
 
 
 class OffboardView(OffboardModel):  # type: ignore[misc,valid-type]
-    """The stream, what can be flown, what holds it in, and what happens without it."""
+    """The stream, available setpoint types, limits, and the vehicle's failsafe."""
 
     available: dict[SetpointType, AvailableModel] = Field(  # type: ignore[valid-type]
-        description="For each type of setpoint: can this vehicle, on this link, fly it now; and why not."
+        description="For each setpoint type: whether this vehicle on this link can fly it now, and why not."
     )
-    limits: LimitsModel = Field(description="What setpoints are held to.")  # type: ignore[valid-type]
+    limits: LimitsModel = Field(description="Limits of setpoints.")  # type: ignore[valid-type]
     failsafe: FailsafeModel | None = Field(  # type: ignore[valid-type]
-        description="What the vehicle does by itself when the stream stops; null before it told."
+        description="The vehicle's own action when the stream stops; null before it is known."
     )
 
 
 class SetpointAck(AnswerBody):
-    """Over the WebSocket: what became of one order."""
+    """Answer to one order over the WebSocket."""
 
-    seq: int | None = Field(default=None, description="As the client gave it.")
-    applied: StreamedSetpoint | None = Field(default=None, description="What goes out, within all limits.")
-    limited: tuple[str, ...] | None = Field(default=None, description="What the limits took away, in words.")
+    seq: int | None = Field(default=None, description="Number from the client.")
+    applied: StreamedSetpoint | None = Field(
+        default=None, description="The setpoint sent, within all limits."
+    )
+    limited: tuple[str, ...] | None = Field(default=None, description="Texts of what the limits reduced.")
     superseded: bool | None = Field(
-        default=None, description="True: a newer order had come before this one's turn; it was not sent."
+        default=None, description="True: a newer order arrived first; this one was not sent."
     )
     error: dict[str, object] | None = Field(default=None, description="As problem+json, with code and field.")

@@ -18,9 +18,9 @@ from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import AnswerBody, StrictBody
 from gcs_server.control.commands import API
 from gcs_server.errors import Refused
-from gcs_server.operations.operations import Report
+from gcs_server.operations.operations import ReportProgress
 from gcs_server.telemetry.wire import encode
-from gcs_server.vehicle.param_facts import Choice, ParamFacts, is_default
+from gcs_server.vehicle.param_metadata import Choice, ParamMetadata, is_default
 from gcs_server.vehicle.param_table import Param
 from gcs_server.vehicle.services.params import ParamList
 from gcs_server.vehicle.vehicle import Vehicle
@@ -31,7 +31,7 @@ VIEWED_AT_ONCE = 100
 """Parameters encoded in one turn of the event loop."""
 
 FactsModel = model_of(
-    ParamFacts,
+    ParamMetadata,
     "ParameterFacts",
     choices=tuple[model_of(Choice, "ParameterChoice"), ...],
     bits=tuple[model_of(Choice, "ParameterBit"), ...],
@@ -43,8 +43,8 @@ class ParameterView(AnswerBody):
     """A parameter as the vehicle reports it, with its description."""
 
     name: str = Field(description="Up to 16 of A–Z, 0–9, _.")
-    value: float | int | None = Field(description="In its own unit; null: not a number.")
-    is_integer: bool = Field(description="Whole number of 32 bits, else a 32-bit float.")
+    value: float | int | None = Field(description="Value in the parameter's unit; null: not a number.")
+    is_integer: bool = Field(description="Whether it is a 32-bit integer; otherwise a 32-bit float.")
     is_default: bool | None = Field(
         description="Whether the value is the firmware's default; null: not known."
     )
@@ -128,10 +128,10 @@ async def refresh_params(
     vehicle.require_commandable()
     params = vehicle.params
 
-    async def read(report: Report) -> dict[str, object]:
+    async def read(report: ReportProgress) -> dict[str, object]:
         def told(known: ParamList) -> None:
             share = None if not known.count else known.received / known.count
-            report(f"{known.received} of {known.count or 'unknown'} parameters have come.", share)
+            report(f"{known.received} of {known.count or 'unknown'} parameters received.", share)
 
         known = await params.refresh(ignore_cache=request.ignore_cache, progress=told)
         return {"received": known.received, "source": known.source}

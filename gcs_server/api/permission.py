@@ -29,7 +29,7 @@ def calls_of(app: FastAPI) -> Iterator[tuple[str, Callable[..., Any] | None]]:
 
 
 def bind_commands(app: FastAPI) -> None:
-    """Finds each route's row of the table; called once all routes are there.
+    """Binds each route to its row of the command table; called once all routes exist.
 
     Raises:
         RuntimeError: a route has no row.
@@ -50,17 +50,17 @@ def command_of(connection: HTTPConnection) -> Command:
 
 
 def require_permission(principal: Principal, command: Command) -> None:
-    """Before anything else is asked.
+    """Checks the permission before anything else.
 
     Raises:
-        NotPermitted: the caller's role does not include the command.
+    NotPermitted: the caller's role does not include the command.
     """
     if command.permission is not None and command.permission not in principal.permissions:
         raise NotPermitted(str(principal), command.name, command.permission)
 
 
 async def permitted(connection: HTTPConnection, principal: PrincipalDep) -> None:
-    """Dependency of every route; a refused command leaves its line in the journal.
+    """Dependency of every route; a refused command is written to the journal.
 
     Raises:
         NotPermitted: the caller's role does not include the command.

@@ -1,4 +1,4 @@
-"""What the server knows of a vehicle that counts for a plan, and the check of a plan by it."""
+"""Checks a plan with what the server knows of a vehicle."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from missions.vehicle import PARAMETERS
 SMALL_ITEMS = 300
 """Items and corners of a plan that a thread checks or writes within some 30 ms; larger ones get a process."""
 SMALL_MISSION_BYTES = 8_192
-"""Of a mission that a thread writes; checking one takes a process always."""
+"""Size of a mission that a thread writes; checking a mission always runs in a process."""
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
-    """What counts for a plan; empty without a vehicle."""
+class PlanContext:
+    """A vehicle's data for the check of a plan; empty without a vehicle."""
 
     parameters: dict[str, float] = field(default_factory=dict[str, float])
-    """PX4's names."""
+    """By PX4 name."""
     home: dict[str, float] | None = None
     """`lat_deg`, `lon_deg`, `alt_amsl_m`."""
     origin: dict[str, float] | None = None
-    """Of the local frame, the same keys."""
+    """Origin of the local frame, same keys."""
     not_known: tuple[str, ...] = ()
     """Sentences."""
     reported: tuple[str, ...] | None = None
@@ -41,7 +41,7 @@ class Known:
 async def check_document(
     station: Station, document: Document, vehicle: Vehicle | None, power: dict[str, float] | None = None
 ) -> dict[str, Any]:
-    """Findings and estimates of a plan, by what is known of a vehicle; as `PlanCheck`."""
+    """Findings and estimates of a plan for a vehicle; as `PlanCheck`."""
     known = known_of(vehicle)
     arguments = {
         "plan": text_of(document),
@@ -57,7 +57,7 @@ async def check_document(
 
 
 def text_of(document: Document) -> str:
-    """As JSON, for the work on it."""
+    """The document as JSON text."""
     return documents.write(document).decode()
 
 
@@ -70,27 +70,27 @@ def is_small(document: Document) -> bool:
     return weight <= SMALL_ITEMS
 
 
-def known_of(vehicle: Vehicle | None) -> Known:
-    """What the server has heard of a vehicle."""
+def known_of(vehicle: Vehicle | None) -> PlanContext:
+    """A vehicle's data as far as the server knows them."""
     if vehicle is None:
-        return Known()
+        return PlanContext()
     not_known: list[str] = []
     found = {name: vehicle.params.known(name) for name in {*PARAMETERS.values(), *MOTION_PARAMETERS.values()}}
     parameters = {name: float(param.value) for name, param in found.items() if param is not None}
     if not parameters:
         not_known.append(
-            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults were taken."
+            f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults are used."
         )
     elif missing := sorted(name for name in found if name not in parameters):
-        not_known.append(f"Not known, PX4's defaults were taken: {', '.join(missing)}.")
+        not_known.append(f"Unknown parameters, PX4's defaults are used: {', '.join(missing)}.")
     sample = vehicle.topic("home")
     if sample is None:
-        not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's own was taken.")
-        return Known(parameters, not_known=tuple(not_known), reported=reported_values(vehicle))
+        not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's home is used.")
+        return PlanContext(parameters, not_known=tuple(not_known), reported=reported_values(vehicle))
     assert isinstance(sample.value, Home)
     home = {name: getattr(sample.value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
     origin = VehicleEstimates(vehicle).origin()
-    return Known(
+    return PlanContext(
         parameters,
         home,
         None if origin is None else asdict(origin),

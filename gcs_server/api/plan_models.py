@@ -1,4 +1,4 @@
-"""Plans over HTTP: bodies in, models of the answers out.
+"""Bodies and answers of the routes for plans.
 
 The documents themselves are those of `missions`; they are checked as JSON there, so that a list is a list
 and a number a number, and what is wrong names the item and the fix.
@@ -66,13 +66,13 @@ Name = Annotated[
         min_length=1,
         max_length=MAX_NAME_LENGTH,
         pattern=r"^[^\x00-\x1f\x7f]*\S[^\x00-\x1f\x7f]*$",
-        description="What people call it.",
+        description="Name of the plan.",
     ),
 ]
 
 
 class NewPlan(StrictBody):
-    """A plan to keep."""
+    """A new plan to store."""
 
     name: Name
     plan: DocumentBody
@@ -81,46 +81,48 @@ class NewPlan(StrictBody):
 class ChangedPlan(NewPlan):
     """A plan's next version."""
 
-    base_version: int = Field(ge=1, description="The version that was changed: the newest one, else 409.")
+    base_version: int = Field(
+        ge=1, description="Version on which the change is based: must be the newest, otherwise 409."
+    )
 
 
 class Power(StrictBody):
-    """What a flight's energy is estimated from: constant power in flight, and the work of climbing."""
+    """Values for the energy estimate: constant power in flight, plus the energy for climbing."""
 
     hover_power_w: float = Field(gt=0, le=1e6, description="Electrical power to hover [W].")
-    battery_wh: float = Field(gt=0, le=1e6, description="What the full battery gives [Wh].")
-    mass_kg: float = Field(gt=0, le=1e4, description="With battery and load [kg].")
+    battery_wh: float = Field(gt=0, le=1e6, description="Energy of the full battery [Wh].")
+    mass_kg: float = Field(gt=0, le=1e4, description="Mass with battery and payload [kg].")
     reserve: float = Field(
-        default=0.2, ge=0, lt=1, description="Share of the battery that is not planned with."
+        default=0.2, ge=0, lt=1, description="Share of the battery that is kept as reserve."
     )
 
 
 class PlanToCheck(StrictBody):
-    """What to check."""
+    """The plan to check."""
 
     plan: DocumentBody
     vehicle: str | None = Field(
-        default=None, max_length=32, description="For this vehicle's parameters and home, as far as known."
+        default=None, max_length=32, description="Use this vehicle's parameters and home, as far as known."
     )
 
     power: Power | None = Field(
-        default=None, description="For the energy; null: neither energy nor endurance is checked."
+        default=None, description="For the energy estimate; null: energy and endurance are not checked."
     )
 
 
 class PlanToExport(StrictBody):
-    """What to write as a file."""
+    """The plan to export."""
 
     plan: DocumentBody
 
 
 class PlanToConvert(StrictBody):
-    """The waypoint plan to make an offboard mission of."""
+    """The waypoint plan to convert into an offboard mission."""
 
     plan: PlanBody
     name: Name
     vehicle: str | None = Field(
-        default=None, max_length=32, description="For this vehicle's parameters and home, as far as known."
+        default=None, max_length=32, description="Use this vehicle's parameters and home, as far as known."
     )
 
 
@@ -131,11 +133,11 @@ EstimateModel = model_of(Estimate, "PlanEstimates")
 class PlanList(AnswerBody):
     """All plans."""
 
-    plans: list[PlanVersionModel] = Field(description="The newest version of each, by name.")  # type: ignore[valid-type]
+    plans: list[PlanVersionModel] = Field(description="Newest version of each plan, by name.")  # type: ignore[valid-type]
 
 
 class PlanVersions(AnswerBody):
-    """The versions of one plan that are kept."""
+    """The stored versions of one plan."""
 
     versions: list[PlanVersionModel] = Field(description="Newest first.")  # type: ignore[valid-type]
 
@@ -147,7 +149,7 @@ class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
 
 
 class FindingPlace(AnswerBody):
-    """What a finding is about; all null: the whole plan."""
+    """The part of the plan with the finding; all null: the whole plan."""
 
     row: int | None = Field(description="Index in `items`.")
     zone: int | None = Field(description="Index in `fence`.")
@@ -156,14 +158,14 @@ class FindingPlace(AnswerBody):
 
 
 class FindingModel(AnswerBody):
-    """One thing that is wrong with a plan."""
+    """One problem of a plan."""
 
-    code: str = Field(description="Stable; `docs/missions.md` has all.", examples=[next(iter(CODES))])
+    code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=[next(iter(CODES))])
     severity: Literal["error", "warning"] = Field(
         description="error: PX4 refuses it, or it is unsafe; warning: it may surprise."
     )
     text: str = Field(description="What is wrong, a sentence.")
-    place: FindingPlace = Field(description="What it is about.")
+    place: FindingPlace = Field(description="Part of the plan concerned.")
     fix: str | None = Field(description="What to do about it.")
 
 
@@ -175,57 +177,57 @@ OriginModel = model_of(LocalOrigin, "PlanOrigin")
 class OffboardFlight(AnswerBody):
     """An offboard mission as it will be flown, from the ground at home."""
 
-    steps: list[StepTimeModel] = Field(description="On the way that takes longest, in their order.")  # type: ignore[valid-type]
+    steps: list[StepTimeModel] = Field(description="Steps in order; at a branch, the longest way.")  # type: ignore[valid-type]
     legs: list[LegModel] = Field(description="The path, segment by segment, on all ways.")  # type: ignore[valid-type]
     needs: list[str] = Field(description="The estimates that the vehicle must have.")
-    start_ned_m: tuple[float, float, float] = Field(description="Where it starts, from the local origin [m].")
+    start_ned_m: tuple[float, float, float] = Field(description="Start position, from the local origin [m].")
     origin: OriginModel | None = Field(  # type: ignore[valid-type]
-        description="The local origin on the earth; null: neither vehicle nor mission says it."
+        description="Global position of the local origin; null if unknown."
     )
 
 
 class PlanCheck(AnswerBody):
-    """What is wrong with a plan, and what its flight takes."""
+    """Findings and estimates of a plan."""
 
     kind: Kind = Field(description="Which kind of plan it is.")
     findings: list[FindingModel] = Field(description="In the order of the checks; empty: nothing is wrong.")
     estimates: EstimateModel = Field(description="Of the whole flight.")  # type: ignore[valid-type]
     flight: OffboardFlight | None = Field(description="Of an offboard mission.")
-    vehicle: str | None = Field(description="For which vehicle it was checked.")
-    not_known: list[str] = Field(description="What was not known of the vehicle; sentences.")
+    vehicle: str | None = Field(description="Vehicle for which the plan was checked.")
+    not_known: list[str] = Field(description="What is not known about the vehicle; sentences.")
 
 
 class ImportedArea(AnswerBody):
-    """An area of a file: for a survey or a fence, as a person decides."""
+    """An area in a file, for a survey or a fence."""
 
-    name: str = Field(description="As the file calls it.")
+    name: str = Field(description="Name in the file.")
     outer: list[Point] = Field(description="Its corners.")
-    holes: list[list[Point]] = Field(description="Areas in it that do not belong to it.")
+    holes: list[list[Point]] = Field(description="Holes in the area.")
 
 
 class ImportedPlan(AnswerBody):
     """A plan from a file; nothing is saved."""
 
-    format: FormatName = Field(description="In which format the file is.")
+    format: FormatName = Field(description="Format of the file.")
     kind: Kind = Field(description="Which kind of plan it is.")
     plan: AnyDocument = Field(description="The plan's document.")
-    areas: list[ImportedArea] = Field(description="Areas that are no part of the plan.")
-    notes: list[str] = Field(description="What was understood and what was not; sentences.")
+    areas: list[ImportedArea] = Field(description="Areas in the file that are not part of the plan.")
+    notes: list[str] = Field(description="Notes on what was imported and what was not; sentences.")
 
 
 class ConvertedPlan(AnswerBody):
     """An offboard mission made of a waypoint plan; nothing is saved."""
 
     plan: OffboardMission = Field(description="The mission.")
-    notes: list[str] = Field(description="What the plan had and the mission has not; sentences.")
+    notes: list[str] = Field(description="Parts of the plan that the mission does not have; sentences.")
 
 
 class PatternFigures(AnswerBody):
-    """What a pattern does."""
+    """Figures of a pattern."""
 
-    lines_length_m: float = Field(description="Of the lines where pictures are taken [m].")
+    lines_length_m: float = Field(description="Total length of the lines with pictures [m].")
     lower_bound_m: float = Field(description="No pattern of this spacing has shorter lines [m].")
-    photos: int = Field(description="How many pictures.")
+    photos: int = Field(description="Number of pictures.")
     spacing_m: float = Field(description="Between neighbouring lines [m]; 0: no lines.")
     trigger_m: float = Field(description="Between two pictures on a line [m]; 0: no pictures.")
     resolution_m_px: float | None = Field(description="Ground sampling distance [m per pixel].")
@@ -237,4 +239,4 @@ class PatternPlan(AnswerBody):
 
     plan: Plan = Field(description="The items, and nothing else.")
     lines: list[tuple[Point, Point]] = Field(description="Where pictures are taken.")
-    figures: PatternFigures = Field(description="What it does.")
+    figures: PatternFigures = Field(description="Figures of the pattern.")

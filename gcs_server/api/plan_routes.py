@@ -28,9 +28,9 @@ router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
 
 SMALL_FILE_BYTES = 32_768
 SMALL_YAML_BYTES = 8_192
-"""It is read more slowly."""
+"""YAML is read more slowly."""
 MAX_NOTES_LENGTH = 4000
-"""Of the header that carries an export's notes."""
+"""Length of the header with an export's notes."""
 NOTES_HEADER = "X-Plan-Notes"
 MEDIA_TYPES: dict[FormatName, str] = {
     "json": "application/json",
@@ -52,7 +52,7 @@ async def list_plans(station: StationDep) -> Response:
 
 @router.post("", response_model=m.KeptPlan, status_code=201)
 async def create_plan(body: m.NewPlan, station: StationDep, principal: PrincipalDep) -> Response:
-    """Keeps a new plan as its version 1."""
+    """Stores a new plan as version 1."""
     with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
         head = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
         return _kept(head, documents.write(documents.named(body.plan, head.name)), 201)
@@ -60,11 +60,11 @@ async def create_plan(body: m.NewPlan, station: StationDep, principal: Principal
 
 @router.post("/check", response_model=m.PlanCheck)
 async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
-    """What is wrong with a plan, as findings, and what its flight takes; changes nothing.
+    """Checks a plan: findings and estimates of its flight. Changes nothing.
 
-    With `vehicle`, its parameters and its home count, as far as the server knows them; `not_known` says what
-    it does not know, and PX4's defaults and the plan's own home are taken instead. An offboard mission is
-    compiled for a start on the ground at home; `flight` is its path and what each step takes.
+    With `vehicle`, its parameters and home are used as far as the server knows them. For values in
+    `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start on
+    the ground at home; `flight` is its path and what each step takes.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     power = None if body.power is None else body.power.model_dump()
@@ -75,7 +75,7 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
 async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     """The offboard mission that flies a waypoint plan by setpoints. Saves nothing.
 
-    With `vehicle` by its parameters, and from its home where the plan has none.
+    With `vehicle`, its parameters are used, and its home if the plan has none.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     known = known_of(vehicle)
@@ -189,13 +189,14 @@ async def get_plan(
 
 @router.get("/{plan}/versions", response_model=m.PlanVersions)
 async def list_versions(plan: str, station: StationDep) -> Response:
-    """The versions of a plan that are kept, newest first."""
+    """The stored versions of a plan, newest first."""
     return answer({"versions": await station.plans.versions(plan)})
 
 
 @router.put("/{plan}", response_model=m.KeptPlan)
 async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, principal: PrincipalDep) -> Response:
-    """Adds a version; 409 `conflict` where `base_version` is not the newest, with who saved that and when."""
+    """Adds a version; 409 `conflict` if `base_version` is not the newest; names who saved the newest, and
+    when."""
     arguments: dict[str, object] = {"plan": plan, "name": body.name, "base_version": body.base_version}
     with authorized_command(station, principal, "plans/save", None, arguments):
         head = await station.plans.save(
@@ -214,7 +215,7 @@ async def delete_plan(
     station: StationDep,
     principal: PrincipalDep,
     base_version: Annotated[
-        int, Query(ge=1, description="The version that was looked at: the newest one, else 409.")
+        int, Query(ge=1, description="Version that the caller has seen: must be the newest, otherwise 409.")
     ],
 ) -> Response:
     """Deletes a plan with all its versions."""

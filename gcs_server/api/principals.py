@@ -13,7 +13,7 @@ SCOPE_KEY = "gcs.principal"
 
 
 def principal_of(connection: HTTPConnection) -> Principal:
-    """The caller, by `X-Client` and `X-Client-Id`, else by its address; made once a request.
+    """The caller, from `X-Client` and `X-Client-Id`, else from its address; made once per request.
 
     WebSockets of browsers carry no headers: they give `?client=` and `&client_id=`.
     """
@@ -40,7 +40,7 @@ def _says_of_itself(connection: HTTPConnection) -> tuple[str, str]:
 
 
 async def get_principal(connection: HTTPConnection) -> Principal:
-    """Dependency: who asks. A coroutine, for FastAPI would call a plain function in another thread."""
+    """Dependency: the caller. A coroutine, because FastAPI would call a plain function in another thread."""
     return principal_of(connection)
 
 

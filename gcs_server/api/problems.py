@@ -42,9 +42,9 @@ log = logging.getLogger(__name__)
 UNION_TAGS = frozenset(KINDS) | {"hold", "land", "stop_stream", "polygon", "circle"}
 """Names of union branches, which Pydantic puts into the paths of fields."""
 
-MOST_ERRORS = 20
+MAX_ERRORS = 20
 """Most invalid values that one answer lists."""
-LONGEST_WORDS = 300
+MAX_VALUE_LENGTH = 300
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownVehicle, 404, "Unknown vehicle"),
@@ -87,18 +87,18 @@ class Problem(BaseModel):
     title: str = Field(description="The kind of problem in a few words.")
     status: int = Field(description="The HTTP status.")
     code: str = Field(description="The kind of problem for programs: refused, rejected, no_reply, …")
-    detail: str = Field(description="What happened and why, for people.")
+    detail: str = Field(description="What happened and why.")
     remedy: str | None = Field(default=None, description="What the operator can do about it.")
     field: str | None = Field(default=None, description="With 422: the first field at fault.")
     errors: list[FieldError] | None = Field(default=None, description="With 422: all fields at fault.")
-    reasons: list[str] | None = Field(default=None, description="The vehicle's own words.")
+    reasons: list[str] | None = Field(default=None, description="Texts from the vehicle.")
     mav_result: int | None = Field(default=None, description="MAV_RESULT of its acknowledgement.")
-    vehicle: str | None = Field(default=None, description="The vehicle's id, where it is unknown.")
+    vehicle: str | None = Field(default=None, description="With an unknown vehicle: its id.")
     holder: str | None = Field(default=None, description="With `not_in_control`: who has control.")
-    holder_key: str | None = Field(default=None, description="Tells holders of one name apart.")
-    permission: str | None = Field(default=None, description="With `not_permitted`: what the role lacks.")
+    holder_key: str | None = Field(default=None, description="Distinguishes holders of the same name.")
+    permission: str | None = Field(default=None, description="With `not_permitted`: the missing permission.")
     vehicles: list[str] | None = Field(
-        default=None, description="With `not_together`: on whose account the group does not fly."
+        default=None, description="With `not_together`: vehicles because of which the group cannot fly."
     )
     distance_m: float | None = Field(
         default=None, description="With `not_together`: how near two of the group would come [m]."
@@ -110,9 +110,9 @@ class Problem(BaseModel):
         default=None, description="With `conflict`: when it was saved [s since 1970 UTC]."
     )
     codes: list[str] | None = Field(
-        default=None, description="With `plan_findings`: what `despite` would have to name."
+        default=None, description="With `plan_findings`: the codes that `despite` would have to name."
     )
-    deadline_s: float | None = Field(default=None, description="With 504: how long was waited [s].")
+    deadline_s: float | None = Field(default=None, description="With 504: how long the server waited [s].")
 
 
 RESPONSES: dict[int | str, dict[str, object]] = {
@@ -120,7 +120,7 @@ RESPONSES: dict[int | str, dict[str, object]] = {
     for status, text in (
         (404, "No such vehicle, group, link, plan, recording or operation."),
         (409, "Refused by this server or by the vehicle, with the reason."),
-        (422, "Malformed; names the field."),
+        (422, "Invalid request; names the field."),
         (503, "The link to the vehicle was lost."),
         (504, "The vehicle did not answer."),
     )
@@ -156,7 +156,7 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
     """(field, message) of the first invalid values; the names of union branches are left out of the path."""
     found: list[dict[str, str]] = []
     errors = [item for item in error.errors() if item["type"] != "too_short" or not _follows(item, error)]
-    for item in errors[:MOST_ERRORS]:
+    for item in errors[:MAX_ERRORS]:
         parts = [str(part) for part in item["loc"]]
         if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
             parts = parts[1:]
@@ -165,8 +165,8 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
         if item["type"] == "json_invalid":
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
         found.append({"field": _short(".".join(parts) or "body"), "message": _short(message)})
-    if len(errors) > MOST_ERRORS:
-        found.append({"field": "body", "message": f"and {len(errors) - MOST_ERRORS} more values at fault"})
+    if len(errors) > MAX_ERRORS:
+        found.append({"field": "body", "message": f"and {len(errors) - MAX_ERRORS} more invalid values"})
     return found
 
 
@@ -178,7 +178,7 @@ def _follows(item: dict[str, Any], error: RequestValidationError) -> bool:
 
 def _short(text: str) -> str:
     """Cuts names and values of the client, which may be of any length."""
-    return text if len(text) <= LONGEST_WORDS else f"{text[:LONGEST_WORDS]}…"
+    return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}…"
 
 
 def install(app: FastAPI) -> None:

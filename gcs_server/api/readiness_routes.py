@@ -27,7 +27,7 @@ ReadinessModel = model_of(
 ReadinessView = create_model(
     "VehicleReadiness",
     __base__=ReadinessModel,
-    __doc__="Why the vehicle cannot arm or fly each of its modes, as it last said.",
+    __doc__="Why the vehicle cannot arm or fly each of its modes, from its last report.",
     vehicle=(str, Field(description="The vehicle's id.")),
 )
 

@@ -17,7 +17,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import StationDep
 from gcs_server.errors import RecordingUnusable
-from gcs_server.operations.operations import Report
+from gcs_server.operations.operations import ReportProgress
 
 PIECE_BYTES = 1 << 16
 
@@ -53,7 +53,7 @@ async def index_recording(name: str, station: StationDep, principal: PrincipalDe
     replays = station.replays
     if not replays.is_indexed(name):
 
-        async def read(report: Report) -> dict[str, object]:
+        async def read(report: ReportProgress) -> dict[str, object]:
             try:
                 index = await replays.index_of_recording(name)
             except asyncio.CancelledError:

@@ -1,7 +1,8 @@
-"""Pydantic models of our dataclasses for the OpenAPI description: fields, units and words stay in one place.
+"""Pydantic models of our dataclasses for the OpenAPI description: fields, units and descriptions stay in one
+place.
 
-The words are the attribute docstrings of the dataclass; where there are none, the unit that the name ends
-in. Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
+The descriptions are the attribute docstrings of the dataclass, else made from the name's frame and unit.
+Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _FRAMES = {
 
 
 def described(name: str) -> str:
-    """Words for a field without a docstring: its name, frame and unit."""
+    """Description of a field without a docstring: its name, frame and unit."""
     unit = next((text for end, text in _UNITS.items() if name.endswith(end)), "")
     frame = next((text for part, text in _FRAMES.items() if f"{part}_" in f"{name}_"), "")
     words = name

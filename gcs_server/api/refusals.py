@@ -7,20 +7,20 @@ from http import HTTPStatus
 
 from gcs_server.telemetry.wire import encode
 
-LONGEST_HEAD_BYTES = 32_768
+MAX_HEAD_BYTES = 32_768
 """Request line and headers together."""
-LONGEST_URL_BYTES = 8_192
-MOST_HEADERS = 100
-LARGEST_BODY_BYTES = 1 << 20
+MAX_URL_BYTES = 8_192
+MAX_HEADERS = 100
+MAX_BODY_BYTES = 1 << 20
 """A path of 5000 points has some 700 kB; everything else a few kilobytes."""
-LARGEST_MESSAGE_BYTES = 1 << 20
+MAX_MESSAGE_BYTES = 1 << 20
 """Largest WebSocket message of a client."""
 HEAD_DEADLINE_S = 10.0
 """Deadline for the headers, from the start of the connection or the first byte of a later request."""
 BODY_DEADLINE_S = 20.0
 UNREAD_DEADLINE_S = 20.0
 """How long a client may read nothing of what was written for it."""
-MOST_PIPELINED = 8
+MAX_PIPELINED = 8
 """Requests that wait on one connection behind the one that is being answered."""
 
 
@@ -35,7 +35,7 @@ class LimitRefusal:
 
     @property
     def title(self) -> str:
-        """The status's own words."""
+        """Standard text of the HTTP status."""
         return HTTPStatus(self.status).phrase
 
     def body(self) -> bytes:
@@ -65,17 +65,17 @@ SLOW = LimitRefusal(
 BODY_TOO_LARGE = LimitRefusal(
     413,
     "body_too_large",
-    f"The request's body is larger than {LARGEST_BODY_BYTES:,} bytes.",
+    f"The request's body is larger than {MAX_BODY_BYTES:,} bytes.",
     "Send less at once: a path of fewer points, fewer vehicles in a call.",
 )
 URL_TOO_LONG = LimitRefusal(
-    414, "url_too_long", f"The address is longer than {LONGEST_URL_BYTES:,} bytes.", "Send a shorter one."
+    414, "url_too_long", f"The address is longer than {MAX_URL_BYTES:,} bytes.", "Send a shorter one."
 )
 HEAD_TOO_LARGE = LimitRefusal(
     431,
     "headers_too_large",
-    f"The request line and the headers are longer than {LONGEST_HEAD_BYTES:,} bytes, or more than "
-    f"{MOST_HEADERS} headers.",
+    f"The request line and the headers are longer than {MAX_HEAD_BYTES:,} bytes, or more than "
+    f"{MAX_HEADERS} headers.",
     "Send fewer and shorter headers.",
 )
 TOO_MANY = LimitRefusal(
@@ -87,7 +87,7 @@ TOO_MANY = LimitRefusal(
 FULL = LimitRefusal(
     503,
     "server_full",
-    "The server has as many connections and requests as it takes.",
+    "The server has reached its limit of connections and requests.",
     "Try again later. A client in control of a vehicle is served.",
 )
 ALL = (MALFORMED, SLOW, BODY_TOO_LARGE, URL_TOO_LONG, HEAD_TOO_LARGE, TOO_MANY, FULL)

@@ -15,11 +15,11 @@ from gcs_server.api.offboard_views import OffboardModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import AnswerBody
 from gcs_server.control.authority import ControlStatus
-from gcs_server.control.journal import Entry
+from gcs_server.control.journal import JournalEntry
 from gcs_server.control.lease import ControlRequest
 from gcs_server.links.base import LinkInfo, Recording, SigningReport
 from gcs_server.replay.catalogue import RecordingInfo
-from gcs_server.replay.marks import ArmedSpan, ModeSpan, Said, VehicleMarks
+from gcs_server.replay.marks import ArmedSpan, MessageMark, ModeSpan, VehicleMarks
 from gcs_server.replay.service import RecordingIndex, Replay
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.events import Event
@@ -31,7 +31,7 @@ from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
-LINES_A_TURN = 500
+LINES_PER_TURN = 500
 """Lines of a history that are encoded in one turn of the event loop."""
 
 
@@ -50,7 +50,7 @@ LinkModel = model_of(
     LinkInfo, "Link", recording=model_of(Recording) | None, signing=model_of(SigningReport) | None
 )
 NoticeModel = model_of(Notice)
-JournalEntryModel = model_of(Entry, "JournalEntry")
+JournalEntryModel = model_of(JournalEntry, "JournalEntry")
 
 
 RecordingModel = model_of(RecordingInfo, "RecordedFlight")
@@ -59,7 +59,7 @@ VehicleMarksModel = model_of(
     VehicleMarks,
     modes=tuple[model_of(ModeSpan), ...],
     armed=tuple[model_of(ArmedSpan), ...],
-    messages=tuple[model_of(Said), ...],
+    messages=tuple[model_of(MessageMark), ...],
 )
 RecordingIndexModel = model_of(RecordingIndex, vehicles=tuple[VehicleMarksModel, ...])
 
@@ -80,10 +80,10 @@ class ControlView(ControlModel):  # type: ignore[misc,valid-type]
 
 
 class Me(AnswerBody):
-    """Who the caller is."""
+    """The caller."""
 
-    name: str = Field(description="As the journal and the others see it.")
-    key: str = Field(description="Tells it from clients of the same name; stands as `holder_key`.")
+    name: str = Field(description="Name in the journal and for other clients.")
+    key: str = Field(description="Distinguishes clients of the same name; as in `holder_key`.")
     controls: list[str] = Field(description="Vehicles that it controls.")
 
 
@@ -91,10 +91,10 @@ def _sample_model(name: str, value: Any) -> type[BaseModel]:
     return create_model(
         f"{value.__name__}Sample",
         __config__=ConfigDict(frozen=True, extra="forbid"),
-        __doc__=f"The newest `{name}` and the two clocks it is judged by.",
+        __doc__=f"The newest `{name}` with its time on two clocks.",
         vehicle_time_boot_s=(
             float | None,
-            Field(description="The vehicle's own boot clock [s]; null where its message carries none."),
+            Field(description="The vehicle's boot clock [s]; null if its message has no time."),
         ),
         received_unix_s=(float, Field(description="When the server received it [s since 1970 UTC].")),
         value=(value, Field(description="The sample itself.")),
@@ -108,16 +108,16 @@ _topic_fields: dict[str, Any] = {
 TopicsModel = create_model(
     "Topics",
     __config__=ConfigDict(frozen=True, extra="forbid"),
-    __doc__="Every topic's newest sample; topics that never came are left out.",
+    __doc__="Newest sample of every topic; topics never received are omitted.",
     **_topic_fields,
 )
 _vehicle_fields: dict[str, Any] = {
-    "id": (str, Field(description="How the API calls it.")),
-    "identity": (IdentityModel, Field(description="Who it is.")),
-    "status": (StatusModel, Field(description="What it is doing.")),
-    "links": (list[str], Field(description="Names of the links it is heard on, most recent first.")),
+    "id": (str, Field(description="Id of the vehicle in the API.")),
+    "identity": (IdentityModel, Field(description="Identity of the vehicle.")),
+    "status": (StatusModel, Field(description="State of the vehicle.")),
+    "links": (list[str], Field(description="Names of the links on which it is heard, most recent first.")),
     "topics": (TopicsModel, Field(description="Every topic's newest sample.")),
-    "control": (ControlModel | None, Field(description="Who may command it; null for a recording.")),  # type: ignore[operator]
+    "control": (ControlModel | None, Field(description="Who controls it; null for a recording.")),  # type: ignore[operator]
     "offboard": (OffboardModel | None, Field(description="The setpoint stream to it.")),  # type: ignore[operator]
 }
 VehicleModel = create_model(
@@ -141,7 +141,7 @@ class HistorySample(AnswerBody):
 class History(AnswerBody):
     """The last minutes at up to 4 Hz, oldest first."""
 
-    samples: list[HistorySample] = Field(description="Of all topics asked for, by time.")
+    samples: list[HistorySample] = Field(description="Samples of all requested topics, by time.")
 
 
 class Message(AnswerBody):
@@ -153,7 +153,7 @@ class Message(AnswerBody):
     unix_s: float = Field(description="When the server had it [s since 1970 UTC].")
     severity: int = Field(description="MAV_SEVERITY: 0 emergency … 6 info, 7 debug.")
     text: str = Field(description="For people.")
-    data: dict[str, Any] = Field(description="What else the kind carries.")
+    data: dict[str, Any] = Field(description="Further data of this kind.")
 
 
 class Messages(AnswerBody):
@@ -166,30 +166,32 @@ class CommandDone(AnswerBody):
     """The command's result: the vehicle's own state shows the change."""
 
     vehicle: str = Field(description="The vehicle's id.")
-    command: str = Field(description="What was asked.")
-    duration_s: float = Field(description="From the request until the vehicle showed it [s].")
-    status: StatusModel = Field(description="The vehicle afterwards.")  # type: ignore[valid-type]
+    command: str = Field(description="The command.")
+    duration_s: float = Field(
+        description="Time from the request until the vehicle's state showed the result [s]."
+    )
+    status: StatusModel = Field(description="State of the vehicle afterwards.")  # type: ignore[valid-type]
 
 
 class GimbalPointed(CommandDone):
-    """The gimbal points there, or says where it stopped."""
+    """Result of pointing the gimbal."""
 
     limited: GimbalLimitedModel | None = Field(  # type: ignore[valid-type]
-        description="Where the gimbal stopped at a limit of its own, short of what was asked; null where it "
-        "is there, still moves after 3 s, or does not report its attitude."
+        description="Where the gimbal stopped at its own limit; null if it reached the angles, "
+        "still moves after 3 s, or does not report its attitude."
     )
 
 
 class GimbalView(AnswerBody):
-    """The gimbal as it reports itself."""
+    """State of the gimbal."""
 
     vehicle: str = Field(description="The vehicle's id.")
     available: bool = Field(description="False: the vehicle has not reported a gimbal.")
     in_control: bool = Field(description="Whether this server is in primary control.")
     roi: RoiModel | None = Field(  # type: ignore[valid-type]
-        description="The place this server asked it to look at; null: none, or ended since."
+        description="The ROI that this server has set; null: none, or ended since."
     )
-    gimbal: GimbalModel | None = Field(description="State, limits, and who is in control.")  # type: ignore[valid-type]
+    gimbal: GimbalModel | None = Field(description="State and limits, and who controls it.")  # type: ignore[valid-type]
 
 
 class Links(AnswerBody):
@@ -203,14 +205,14 @@ class MapFile(AnswerBody):
 
     name: str = Field(description="The file's name in the maps folder.")
     url: str = Field(description="PMTiles: the file, read in parts. MBTiles: add `/{zoom}/{x}/{y}`.")
-    format: Literal["pmtiles", "mbtiles"] = Field(description="Kind of file.")
+    format: Literal["pmtiles", "mbtiles"] = Field(description="Format of the file.")
     tiles: Literal["raster", "vector"] = Field(description="Pictures, or shapes to be drawn.")
-    min_zoom: int = Field(description="Least zoom it has tiles for.")
-    max_zoom: int = Field(description="Greatest zoom it has tiles for.")
+    min_zoom: int = Field(description="Smallest zoom with tiles.")
+    max_zoom: int = Field(description="Largest zoom with tiles.")
     bounds_deg: tuple[float, float, float, float] | None = Field(
-        description="West, south, east, north; null where it does not say."
+        description="West, south, east, north; null if unknown."
     )
-    attribution: str | None = Field(description="Whom its licence asks to name; may hold HTML.")
+    attribution: str | None = Field(description="Attribution that its licence requires; may contain HTML.")
     layers: tuple[str, ...] = Field(description="Names of a vector map's layers.")
     bytes: int = Field(description="Size of the file.")
 
@@ -219,20 +221,20 @@ class Maps(AnswerBody):
     """Offline maps."""
 
     folder: str = Field(description="Where to put PMTiles and MBTiles files.")
-    maps: list[MapFile] = Field(description="By name; drawn in this order, the first lowest.")
+    maps: list[MapFile] = Field(description="Maps by name; drawn in this order, the first at the bottom.")
     unreadable: list[str] = Field(description="Files there that cannot be shown, each with the reason.")
 
 
 class Recordings(AnswerBody):
     """Recorded flights, newest first."""
 
-    recordings: list[RecordingModel] = Field(description="Of the data folder.")  # type: ignore[valid-type]
+    recordings: list[RecordingModel] = Field(description="Recordings in the data folder.")  # type: ignore[valid-type]
 
 
 class Replays(AnswerBody):
-    """The recordings that are played."""
+    """Open replays."""
 
-    replays: list[ReplayModel] = Field(description="Empty where none is open.")  # type: ignore[valid-type]
+    replays: list[ReplayModel] = Field(description="Empty if none is open.")  # type: ignore[valid-type]
 
 
 class Journal(AnswerBody):
@@ -242,28 +244,30 @@ class Journal(AnswerBody):
 
 
 class Warnings(AnswerBody):
-    """The present warnings."""
+    """Current warnings."""
 
-    warnings: list[NoticeModel] = Field(description="Empty where all is well.")  # type: ignore[valid-type]
+    warnings: list[NoticeModel] = Field(description="Empty if there are none.")  # type: ignore[valid-type]
 
 
-class Health(AnswerBody):
+class ServerHealth(AnswerBody):
     """The server is up."""
 
-    status: str = Field(description="Always `ok`: a server that is not well does not answer.")
+    status: str = Field(description="Always `ok`: a server with a problem does not answer.")
     uptime_s: float = Field(description="Since its start [s].")
-    vehicles: int = Field(description="How many it knows.")
+    vehicles: int = Field(description="Number of known vehicles.")
 
 
 class Version(AnswerBody):
-    """Which server this is."""
+    """Version and features of the server."""
 
     name: str = Field(description="The program.")
     version: str = Field(description="Its version.")
-    schema_version: int = Field(description="Of the telemetry; a page of another one cannot read it.")
+    schema_version: int = Field(
+        description="Version of the telemetry format; a page with another version cannot read it."
+    )
     simulator: bool = Field(description="Whether this server started or found a simulated vehicle.")
     scene: bool = Field(description="Whether there is a 3D view at /scene/.")
-    recording: bool = Field(description="Whether links are to be recorded; how it goes stands in /links.")
+    recording: bool = Field(description="Whether links are recorded; details are in /links.")
 
 
 def answer(value: object, status_code: int = 200) -> Response:
@@ -272,12 +276,12 @@ def answer(value: object, status_code: int = 200) -> Response:
 
 
 def fields_of(value: Any) -> dict[str, object]:
-    """A dataclass's fields by name, as they are."""
+    """Fields of a dataclass by name, not converted."""
     return {field.name: getattr(value, field.name) for field in fields(value)}
 
 
 def sample_view(sample: Sample) -> dict[str, object]:
-    """One of a vehicle's `topics`."""
+    """One sample, as in a vehicle's `topics`."""
     return {
         "vehicle_time_boot_s": sample.vehicle_time_boot_s,
         "received_unix_s": sample.received_unix_s,
@@ -286,7 +290,7 @@ def sample_view(sample: Sample) -> dict[str, object]:
 
 
 def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
-    """A vehicle with all parts; a part that cannot be encoded is left out, or null if it is required."""
+    """A vehicle with all parts; a part that cannot be encoded is omitted, or null if it is required."""
 
     def part(name: str, make: Callable[[], object | None]) -> Raw | None:
         def encoded() -> Raw | None:
@@ -313,7 +317,7 @@ def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
 
 
 def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[bytes]:
-    """Lines of the history as JSON, LINES_A_TURN at a time; a line that cannot be encoded is left out."""
+    """Lines of the history as JSON, LINES_PER_TURN at a time; a line that cannot be encoded is left out."""
     run = vehicle.isolation.run
 
     def line(sample: Sample) -> dict[str, object]:
@@ -322,8 +326,8 @@ def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[byte
     def together(part: Sequence[Sample]) -> bytes:
         return encode([line(sample) for sample in part])[1:-1]
 
-    for start in range(0, len(samples), LINES_A_TURN):
-        part = samples[start : start + LINES_A_TURN]
+    for start in range(0, len(samples), LINES_PER_TURN):
+        part = samples[start : start + LINES_PER_TURN]
         piece = run("the history", together, part)
         if piece is None:
             each = (run(f"the history of {sample.topic}", together, [sample]) for sample in part)
@@ -333,12 +337,12 @@ def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[byte
 
 
 def history_view(pieces: Sequence[bytes]) -> dict[str, object]:
-    """The whole history of its pieces."""
+    """Joins the pieces of a history."""
     return {"samples": Raw(b"[" + b",".join(pieces) + b"]")}
 
 
 def message_view(event: Event) -> dict[str, object]:
-    """One line of the messages."""
+    """One message as JSON."""
     return {
         "index": event.index,
         "kind": event.kind,

@@ -64,7 +64,7 @@ def api_router() -> APIRouter:
 
 
 class _Described(FastAPI):
-    """Says beside the routes who may call them, and what the server answers before a route is asked."""
+    """Adds to each operation who may call it, and the answers of access control and limits."""
 
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
@@ -76,7 +76,7 @@ class _Described(FastAPI):
                     "description": "The token in the link that the server prints at its start (`GCS_TOKEN`).",
                 }
             }
-            described["security"] = [{"token": []}, {}]  # on loopback nobody is asked unless a token was set
+            described["security"] = [{"token": []}, {}]  # on loopback no token is required unless one was set
             for path, operations in described["paths"].items():
                 for method, operation in operations.items():
                     operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].described()
@@ -117,7 +117,7 @@ def bare_app() -> FastAPI:
             "A server that other machines can reach wants its token with every call, as "
             "`Authorization: Bearer …`; without it the answer is 401."
         ),
-        separate_input_output_schemas=False,  # a plan that is sent and one that is answered are one type
+        separate_input_output_schemas=False,  # requests and answers use the same type for a plan
         openapi_url=None,  # FastAPI would encode it anew for each request
         docs_url=None,
         redoc_url=None,

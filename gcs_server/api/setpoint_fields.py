@@ -20,20 +20,20 @@ Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, descriptio
 Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
 Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
 Signal = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
-Place = tuple[Metres, Metres, Metres]
-PartialPlace = tuple[Metres | None, Metres | None, Metres | None]
+PositionNed = tuple[Metres, Metres, Metres]
+PartialPositionNed = tuple[Metres | None, Metres | None, Metres | None]
 PartialVelocity = tuple[MetresPerSecond | None, MetresPerSecond | None, MetresPerSecond | None]
 PartialAcceleration = tuple[MetresPerSecond2 | None, MetresPerSecond2 | None, MetresPerSecond2 | None]
 Quaternion = tuple[Signal, Signal, Signal, Signal]
 Thrust = Annotated[
     float,
-    Field(allow_inf_nan=False, ge=0, le=1, description="Of all rotors, 0 to 1, along the body's up."),
+    Field(allow_inf_nan=False, ge=0, le=1, description="Total thrust, 0 to 1, along the body's up axis."),
 ]
 
 POSITION_WORDS = "North, east, down of the vehicle's local origin [m]; down is negative above it."
 VELOCITY_WORDS = "North, east, down [m/s]; each at most 20."
 ACCELERATION_WORDS = "North, east, down [m/s²], gravity left out; each at most 20."
-NULL_WORDS = " null: not controlled."
+NULL_MEANING = " null: not controlled."
 
 
 def example(**fields: JsonValue) -> ConfigDict:
@@ -43,7 +43,7 @@ def example(**fields: JsonValue) -> ConfigDict:
 
 
 class SetpointBody(StrictBody, ABC):
-    """One of the types of setpoints."""
+    """Base of all setpoint bodies."""
 
     @model_validator(mode="before")
     @classmethod
@@ -56,11 +56,11 @@ class SetpointBody(StrictBody, ABC):
 
     @abstractmethod
     def to_setpoint(self) -> s.Setpoint:
-        """The streamer's own value."""
+        """Converts to the setpoint value."""
 
 
 class YawOrRate(SetpointBody):
-    """One that also turns the vehicle."""
+    """Base of setpoints with yaw or yaw rate."""
 
     yaw_ned_rad: Angle | None = Field(
         default=None, description="Heading clockwise from north [rad]; with neither, the heading is kept."

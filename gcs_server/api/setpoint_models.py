@@ -10,7 +10,7 @@ from pydantic import FailFast, Field, model_validator
 
 from gcs_server.api.setpoint_fields import (
     ACCELERATION_WORDS,
-    NULL_WORDS,
+    NULL_MEANING,
     POSITION_WORDS,
     VELOCITY_WORDS,
     Angle,
@@ -18,9 +18,9 @@ from gcs_server.api.setpoint_fields import (
     Longitude,
     MetresPerSecond,
     PartialAcceleration,
-    PartialPlace,
+    PartialPositionNed,
     PartialVelocity,
-    Place,
+    PositionNed,
     Quaternion,
     RadiansPerSecond,
     SetpointBody,
@@ -35,19 +35,19 @@ from missions.frames import q_from_euler
 
 
 class PositionSetpoint(YawOrRate):
-    """A place in the vehicle's local frame."""
+    """A position in the vehicle's local frame."""
 
     model_config = example(type="position", position_ned_m=[0, 0, -10])
 
     type: Literal["position"]
-    position_ned_m: PartialPlace = Field(description=POSITION_WORDS)
+    position_ned_m: PartialPositionNed = Field(description=POSITION_WORDS)
 
     def to_setpoint(self) -> s.Position:
         return s.Position(self.position_ned_m, self.yaw_ned_rad, self.yaw_rate_ned_rad_s)
 
 
 class PositionGlobalSetpoint(YawOrRate):
-    """A place on the earth; exactly one of the two altitudes."""
+    """A global position; exactly one of the two altitudes."""
 
     model_config = example(type="position_global", lat_deg=47.3979, lon_deg=8.5458, alt_home_m=12)
 
@@ -85,9 +85,9 @@ class PositionBodySetpoint(SetpointBody):
     model_config = example(type="position_body", offset_frd_m=[5, 0, 0])
 
     type: Literal["position_body"]
-    offset_frd_m: Place = Field(description="Forward, right, down of the heading, level [m].")
+    offset_frd_m: PositionNed = Field(description="Forward, right, down of the heading, level [m].")
     yaw_offset_rad: Angle | None = Field(
-        default=None, description="Turned clockwise by this [rad]; the heading is kept unless given."
+        default=None, description="Yaw offset, clockwise [rad]; without it the heading is kept."
     )
 
     def to_setpoint(self) -> s.PositionBody:
@@ -143,10 +143,10 @@ class TrajectorySetpoint(YawOrRate):
     )
 
     type: Literal["trajectory"]
-    position_ned_m: PartialPlace = Field(default=s.NOTHING, description=POSITION_WORDS + NULL_WORDS)
-    velocity_ned_m_s: PartialVelocity = Field(default=s.NOTHING, description=VELOCITY_WORDS + NULL_WORDS)
+    position_ned_m: PartialPositionNed = Field(default=s.NOTHING, description=POSITION_WORDS + NULL_MEANING)
+    velocity_ned_m_s: PartialVelocity = Field(default=s.NOTHING, description=VELOCITY_WORDS + NULL_MEANING)
     acceleration_ned_m_s2: PartialAcceleration = Field(
-        default=s.NOTHING, description=ACCELERATION_WORDS + NULL_WORDS
+        default=s.NOTHING, description=ACCELERATION_WORDS + NULL_MEANING
     )
 
     def to_setpoint(self) -> s.Trajectory:
@@ -261,7 +261,7 @@ class PathPointBody(StrictBody):
     """A position and its time."""
 
     t_s: float = Field(allow_inf_nan=False, ge=0, le=3600, description="Since the path began [s].")
-    position_ned_m: Place = Field(description=POSITION_WORDS)
+    position_ned_m: PositionNed = Field(description=POSITION_WORDS)
     yaw_ned_rad: Angle | None = Field(
         default=None, description="Heading clockwise from north [rad]; given for all points or for none."
     )
@@ -270,7 +270,7 @@ class PathPointBody(StrictBody):
 class PathSetpoint(SetpointBody):
     """A smooth curve through points in time, flown by the server even if its client disconnects.
 
-    It begins where the vehicle is (the first point within 5 m) and at `t_s` 0.
+    It starts at the vehicle's position (the first point within 5 m) and at `t_s` 0.
     `valid_for_s` counts from its end.
     """
 
@@ -292,7 +292,7 @@ class PathSetpoint(SetpointBody):
     def _in_time(self) -> PathSetpoint:
         times = [point.t_s for point in self.points]
         if times[0] != 0:
-            raise ValueError("points.0.t_s must be 0: the path begins when it is taken")
+            raise ValueError("points.0.t_s must be 0: the path starts when the server accepts it")
         for index, (before, after) in enumerate(itertools.pairwise(times), start=1):
             if after - before < 0.01:
                 raise ValueError(f"points.{index}.t_s must be later than the one before by 0.01 s or more")
@@ -310,13 +310,15 @@ class FollowSetpoint(SetpointBody):
     model_config = example(type="follow", vehicle="2", offset_frd_m=[-5, 0, -2], yaw="same")
 
     type: Literal["follow"]
-    vehicle: str = Field(min_length=1, max_length=32, description="The id of the one to follow.")
-    offset_ned_m: Place | None = Field(default=None, description="North, east, down of it [m].")
-    offset_frd_m: Place | None = Field(
-        default=None, description="Forward, right, down of it by its heading, level [m]."
+    vehicle: str = Field(min_length=1, max_length=32, description="Id of the vehicle to follow.")
+    offset_ned_m: PositionNed | None = Field(
+        default=None, description="Offset north, east, down of that vehicle [m]."
+    )
+    offset_frd_m: PositionNed | None = Field(
+        default=None, description="Offset forward, right, down along that vehicle's heading, level [m]."
     )
     yaw: Literal["keep", "same", "face"] = Field(
-        default="keep", description="The heading: kept, the other's, or towards it."
+        default="keep", description="Heading: kept, that of the followed vehicle, or towards it."
     )
 
     @model_validator(mode="after")

@@ -1,7 +1,7 @@
 """The sign-in page for browsers without the token: explains how to get it, and has a field for it.
 
-One document that needs nothing else from a server that gives nothing else away: its style stands inside
-and is allowed by its hash; there is no script.
+A single document without script: its style is inline and allowed by its hash, so nothing else is served
+without the token.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def sign_in_page(refusal: Refusal, location: str) -> HTMLResponse:
     """The page.
 
     Args:
-        refusal: what is said beside the field, where a token was given that is wrong.
-        location: where to go on to afterwards, an address on this server.
+        refusal: shown beside the field if the token was wrong.
+        location: address on this server to open afterwards.
     """
     document, style, policy = _parts()
     error = (

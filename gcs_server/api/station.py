@@ -11,7 +11,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from gcs_server.api.principals import PrincipalDep
-from gcs_server.api.turns import Turns
+from gcs_server.api.request_queue import RequestQueue
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
@@ -51,7 +51,7 @@ class Station:
     own_ids: tuple[int, int]
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
-    turns: Turns = field(init=False)
+    request_queue: RequestQueue = field(init=False)
     has_scene: bool = False
     simulator: bool = False
     more_warnings: list[Callable[[], list[Notice]]] = field(default_factory=list[Callable[[], list[Notice]]])
@@ -61,7 +61,7 @@ class Station:
     """By client key, vehicle and result: time of the last journal line, and the number of setpoints since."""
 
     def __post_init__(self) -> None:
-        self.turns = Turns(self.authority.controls_any)
+        self.request_queue = RequestQueue(self.authority.controls_any)
 
     @property
     def groups(self) -> Groups:
@@ -84,7 +84,7 @@ class Station:
 
 
 # Dependencies are coroutines: FastAPI would call plain functions in other threads, which costs a setpoint
-# milliseconds, and nothing here is made for other threads.
+# milliseconds, and nothing here is thread-safe.
 
 
 async def get_station(connection: HTTPConnection) -> Station:

@@ -22,7 +22,7 @@ from gcs_server.version import __version__
 router = APIRouter(tags=["station"])
 
 
-@router.get("/health", response_model=responses.Health)
+@router.get("/health", response_model=responses.ServerHealth)
 async def health(station: StationDep) -> Response:
     """Answers while the server is up."""
     uptime_s = station.clock.monotonic_s() - station.started_s
@@ -79,10 +79,10 @@ async def remove_link(
         ),
     ] = None,
 ) -> Response:
-    """Closes a link; 409 where that would cut off a vehicle.
+    """Closes a link; 409 if that would disconnect a vehicle.
 
     `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
-    a vehicle that is armed or flown by setpoints, and `confirm` is not the text that this needs.
+    a vehicle that is armed or flown by setpoints, and `confirm` is not the required text.
     """
     arguments: dict[str, object] = {"name": name} if confirm is None else {"name": name, "confirm": confirm}
     with authorized_command(station, principal, "links/remove", None, arguments):
@@ -112,7 +112,7 @@ async def warnings(station: StationDep) -> Response:
 
 @router.websocket("/telemetry")
 async def telemetry(socket: WebSocket) -> None:
-    """See "WebSocket telemetry" in docs/architecture.md."""
+    """See "Telemetry" in docs/api.md."""
     station: Station = socket.app.state.station
     await socket.accept()
     here = station.authority.connected(principal_of(socket)) if names_itself(socket) else nullcontext()
@@ -120,4 +120,4 @@ async def telemetry(socket: WebSocket) -> None:
         with here:
             await station.hub.serve(socket)
     except* (WebSocketDisconnect, RuntimeError):
-        pass  # the browser went; RuntimeError is what a send to a closed socket raises
+        pass  # the browser disconnected; sending to a closed socket raises RuntimeError

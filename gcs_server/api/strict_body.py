@@ -1,7 +1,7 @@
 """Base classes of bodies. Of requests unknown fields are refused, and numbers must be JSON numbers.
 
-Pydantic would take `true` for 1.0 and `"30"` for 30, and a vehicle would climb to it. Here floats take whole
-numbers too, and nothing else takes anything but its own JSON type; NaN and infinities are no numbers.
+Pydantic would take `true` for 1.0 and `"30"` for 30, and a vehicle would climb to it. Here floats also accept
+whole numbers, and every other field accepts only its own JSON type; NaN and infinity are refused.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ async def history(
     samples: list[Sample] = []
     for topic in wanted:
         samples += vehicle.history((topic,), since)
-        await asyncio.sleep(0)  # thousands of frames are decoded: everybody else has a turn in between
+        await asyncio.sleep(0)  # decoding thousands of frames: the event loop does other work in between
     samples.sort(key=lambda sample: sample.received_monotonic_s)
     pieces: list[bytes] = []
     for piece in responses.history_pieces(vehicle, samples):
@@ -236,7 +236,7 @@ async def land_now(
     keeps control."""
 
     async def work(vehicle: Vehicle) -> None:
-        BY_NAME["land_now"].require_words(body.confirm, vehicle=v)
+        BY_NAME["land_now"].require_confirmation(body.confirm, vehicle=v)
         await vehicle.command.land(by=principal.name, progress=progress_to(vehicle, principal, "land_now"))
 
     return await carry_out(station, principal, "land_now", v, body.model_dump(), work)
@@ -251,7 +251,7 @@ async def kill(v: str, body: models.KillRequest, station: StationDep, principal:
     """
 
     async def work(vehicle: Vehicle) -> None:
-        BY_NAME["kill"].require_words(body.confirm, vehicle=v)
+        BY_NAME["kill"].require_confirmation(body.confirm, vehicle=v)
         await vehicle.command.kill(by=principal.name, progress=progress_to(vehicle, principal, "kill"))
 
     return await carry_out(station, principal, "kill", v, body.model_dump(), work)

@@ -14,6 +14,7 @@ from anyio.from_thread import BlockingPortal
 
 from gcs_server.client import (
     aio,
+    vehicle,
 )
 from gcs_server.client.blocking_parts import (
     SyncControl,
@@ -171,7 +172,7 @@ class SyncGcs(LoopThread):
 class SyncVehicle:
     """One vehicle. Every command returns once the vehicle's own state shows it."""
 
-    def __init__(self, inner: aio.Vehicle, portal: BlockingPortal) -> None:
+    def __init__(self, inner: vehicle.Vehicle, portal: BlockingPortal) -> None:
         self._inner = inner
         self._portal = portal
         self.id = self._inner.id

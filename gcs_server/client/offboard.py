@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from abc import ABC, abstractmethod
 from collections.abc import AsyncGenerator, Awaitable, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, Generic, Literal, Protocol, TypeVar
@@ -24,12 +25,12 @@ Answer = dict[str, Any]
 """How the stream stands (`GET …/offboard`), or over the WebSocket `applied` and `limited`."""
 
 
-class Steering(Generic[R_co]):
-    """One call for each kind of setpoint."""
+class Steering(ABC, Generic[R_co]):
+    """One call for each kind of setpoint; a subclass has `send`."""
 
+    @abstractmethod
     def send(self, body: Body) -> R_co:
-        """Any setpoint's body (`gcs_server.client.setpoints`)."""
-        raise NotImplementedError
+        """Sends any setpoint body (`gcs_server.client.setpoints`)."""
 
     def position_ned(
         self,

@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass
 from gcs_server.clock import Clock
 from gcs_server.control.commands import BY_NAME, Command
 from gcs_server.control.journal import Journal
-from gcs_server.control.lease import Change, ControlRequest, Lease, OnControlLost, Terms
+from gcs_server.control.lease import ControlChange, ControlRequest, Lease, LeaseTimes, OnControlLost
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MOST_REQUESTS
+from gcs_server.control.requests import MAX_REQUESTS
 from gcs_server.errors import GcsError, NotInControl, Refused, UnknownVehicle
 from gcs_server.mavlink import dialect as d
 from gcs_server.supervise import Supervisor
@@ -27,7 +27,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 
-SETTLE_PERIOD_S = 0.5
+EXPIRY_PERIOD_S = 0.5
 FLYING = ("in_air", "taking_off", "landing")
 ON_ITS_WAY = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
 """Modes in which the vehicle moves by itself and Hold stops it. In others a person flies, or it hovers or
@@ -41,7 +41,7 @@ class ControlStatus:
     holder: str | None
     """The client in control; null: the first client that commands gets it."""
     holder_key: str | None
-    """Tells clients of one name apart; a client's own stands in `GET /me`."""
+    """Distinguishes clients of the same name; `GET /me` returns the caller's own."""
     since_unix_s: float | None
     expires_in_s: float | None
     """Time until control ends if the holder stays silent; a request renews it, an open telemetry socket
@@ -57,18 +57,18 @@ class ControlStatus:
     answer_s: float
     """Time to answer a request before control may be taken by force [s]."""
     mode_cause: ModeCause | None
-    """Who set the vehicle's present mode; null if it has not changed since the vehicle connected."""
+    """Cause of the vehicle's current mode; null if it has not changed since the vehicle connected."""
 
 
 class VehicleControl:
-    """A vehicle's attribute `control`."""
+    """The attribute `control` of a vehicle."""
 
     def __init__(self, vehicle: Vehicle, lease: Lease) -> None:
         self._vehicle = vehicle
         self.lease = lease
 
     def status(self) -> ControlStatus:
-        """The present state of control."""
+        """Current state of control."""
         lease = self.lease
         holder = lease.holder
         return ControlStatus(
@@ -89,11 +89,11 @@ class Authority:
     """Control of all vehicles.
 
     Args:
-        clock: what leases run on.
-        fleet: whose vehicles; each gets its `control`.
-        journal: where takings, refusals and ends are noted.
-        supervisor: owns what happens at an expiry.
-        terms: how long things last.
+        clock: the clock of the leases.
+        fleet: the vehicles; each gets its `control`.
+        journal: records each change of control.
+        supervisor: owns the task of each expiry action.
+        terms: durations of leases and answers.
     """
 
     def __init__(
@@ -102,13 +102,13 @@ class Authority:
         fleet: Fleet,
         journal: Journal,
         supervisor: Supervisor,
-        terms: Terms | None = None,
+        terms: LeaseTimes | None = None,
     ) -> None:
         self._clock = clock
         self._fleet = fleet
         self._journal = journal
         self._supervisor = supervisor
-        self._terms = terms or Terms()
+        self._terms = terms or LeaseTimes()
         self._connected: Counter[str] = Counter()
         self._controls: dict[str, VehicleControl] = {}
         """Controls by vehicle id."""
@@ -116,14 +116,14 @@ class Authority:
         fleet.on_vehicle_removed(self._detach)
 
     def start(self) -> None:
-        """Begins to let leases run out."""
-        self._supervisor.start("control", self._settle_for_ever)
+        """Starts the periodic expiry of leases."""
+        self._supervisor.start("control", self._expire_for_ever)
 
-    # --- who is there ---------------------------------------------------------------------------
+    # --- clients --------------------------------------------------------------------------------
 
     @contextmanager
     def connected(self, client: Principal) -> Generator[None]:
-        """For as long as a client's telemetry socket is open."""
+        """Marks a client as connected while its telemetry socket is open."""
         self._connected[client.key] += 1
         try:
             yield
@@ -133,13 +133,13 @@ class Authority:
             self._connected += Counter()  # forgets clients without open sockets
 
     def heard(self, client: Principal) -> None:
-        """The client made a request of any kind: renews its leases."""
+        """Called with each request of a client: renews its leases."""
         for lease in self._leases():
-            lease.settle()
+            lease.expire_due()
             lease.heard(client)
 
     def held_by(self, client: Principal) -> list[str]:
-        """Vehicles that it controls."""
+        """Ids of the vehicles that the client controls."""
         return [vehicle_id for vehicle_id, key in self._holders() if key == client.key]
 
     def controls_any(self, client_key: str) -> bool:
@@ -147,19 +147,19 @@ class Authority:
         return any(key == client_key for _, key in self._holders())
 
     def warnings(self) -> list[Notice]:
-        """Vehicles for which no more clients can ask."""
+        """Warnings for vehicles for which no more clients can request control."""
         return [
             Notice(
                 "control",
-                f"{MOST_REQUESTS} clients ask for control of vehicle {vehicle_id}; no more can ask until the "
-                "holder answers some.",
+                f"{MAX_REQUESTS} clients request control of vehicle {vehicle_id}; no more can do so "
+                "until the holder answers some.",
                 vehicle=vehicle_id,
             )
             for vehicle_id, control in self._controls.items()
             if control.lease.has_most_requests
         ]
 
-    # --- the seam -------------------------------------------------------------------------------
+    # --- commands -------------------------------------------------------------------------------
 
     def admit(self, principal: Principal, command: Command, vehicle_id: str) -> None:
         """Called before each command: accepts it, taking control if nobody has it, or refuses it.
@@ -174,7 +174,7 @@ class Authority:
             lease.command(principal)
 
     def refusal(self, principal: Principal, name: str, vehicle_ids: Iterable[str]) -> NotInControl | None:
-        """Before a command that concerns several vehicles: whose control is refused; takes none."""
+        """Checks a command to several vehicles: returns the refusals; takes no control."""
         if BY_NAME[name].control not in ("lease", "not_anothers"):
             return None
         for vehicle_id in vehicle_ids:
@@ -185,7 +185,7 @@ class Authority:
         return None
 
     def carried_out(self, principal: Principal, command: Command, vehicle_id: str) -> None:
-        """Called after each successful command: tells the holder what others did without control."""
+        """Called after each successful command: informs the holder of commands by other clients."""
         if command.control != "open":
             return
         lease = self._lease(vehicle_id)
@@ -193,7 +193,7 @@ class Authority:
             lease.intervened(principal, command.label)
 
     def control(self, vehicle_id: str) -> VehicleControl:
-        """For the routes of control.
+        """The lease of a vehicle, for the routes of control.
 
         Raises:
             UnknownVehicle: there is none of that id.
@@ -220,14 +220,14 @@ class Authority:
         self._controls.pop(vehicle.id, None)
 
     def _holders(self) -> Generator[tuple[str, str]]:
-        """(vehicle's id, key of who controls it), of those that somebody controls."""
+        """(vehicle id, key of the holder) of all controlled vehicles."""
         for vehicle in self._fleet.all():
             holder = self._controls[vehicle.id].lease.holder
             if holder is not None:
                 yield vehicle.id, holder.key
 
     def _lease(self, vehicle_id: str) -> Lease | None:
-        """None for vehicles that refuse every command anyway: unknown ones and recordings."""
+        """None for unknown vehicles and recordings, which refuse every command."""
         try:
             vehicle = self._fleet.get(vehicle_id)
         except UnknownVehicle:
@@ -237,7 +237,7 @@ class Authority:
     def _leases(self) -> list[Lease]:
         return [control.lease for control in self._controls.values()]
 
-    def _changed(self, vehicle: Vehicle, control: VehicleControl, change: Change) -> None:
+    def _changed(self, vehicle: Vehicle, control: VehicleControl, change: ControlChange) -> None:
         taken_away = change.action in ("forced", "expired", "intervened")
         vehicle.events.add(
             "control",
@@ -260,11 +260,11 @@ class Authority:
             if change.on_expiry != "nothing":
                 self._supervisor.spawn("control-lost", self._act(vehicle, change))
 
-    async def _act(self, vehicle: Vehicle, change: Change) -> None:
+    async def _act(self, vehicle: Vehicle, change: ControlChange) -> None:
         """Carries out `on_expiry` of a holder that is no longer connected; never while a person flies the
         vehicle."""
         wanted, began_s = change.on_expiry, self._clock.monotonic_s()
-        await vehicle.command.kill_over()  # Kill is never overtaken, and may leave nothing to be done
+        await vehicle.command.kill_over()  # afterwards the action may not be needed
         status = vehicle.status
         ours = status.mode != "offboard" or vehicle.streaming
         goes_on = status.mode in ON_ITS_WAY and ours
@@ -282,8 +282,8 @@ class Authority:
             "server", wanted, vehicle.id, {}, result, detail, self._clock.monotonic_s() - began_s
         )
 
-    async def _settle_for_ever(self) -> None:
+    async def _expire_for_ever(self) -> None:
         while True:
             for lease in self._leases():
-                lease.settle()
-            await self._clock.sleep(SETTLE_PERIOD_S)
+                lease.expire_due()
+            await self._clock.sleep(EXPIRY_PERIOD_S)

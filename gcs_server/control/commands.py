@@ -14,22 +14,21 @@ from gcs_server.errors import InvalidRequest
 API = "/api/v1"
 
 Permission = Literal["view", "control", "fly", "stop", "payload", "configure", "station", "replay", "plan"]
-"""Permissions that a role may have. `view`: everything that is shown; `control`: taking and giving up
-control;
-`fly`: modes, arming, setpoints; `stop`: Hold, Land now, Kill; `payload`: the gimbal; `configure`: parameters,
-limits, failsafe, checks; `station`: links and vehicles; `replay`: playing recordings; `plan`: keeping and
-deleting plans."""
+"""Permissions that a role may have. `view`: reading everything; `control`: taking and releasing control;
+`fly`: modes, arming, setpoints; `stop`: Hold, Land now, Stop motors; `payload`: the gimbal; `configure`:
+parameters, limits, failsafe, checks; `station`: links and vehicles; `replay`: playing recordings; `plan`:
+saving and deleting plans."""
 PERMISSIONS: frozenset[Permission] = frozenset(get_args(Permission))
 
 Control = Literal["none", "lease", "open", "not_anothers", "changes"]
-"""`none`: it commands no vehicle. `lease`: the caller must have control; it takes what nobody has. `open`: no
-control is needed; who has it keeps it and is told. `not_anothers`: refused while another client has control;
-takes none. `changes`: it is about control itself."""
+"""`none`: commands no vehicle. `lease`: the caller needs control, and takes it if nobody has it. `open`:
+needs no control; the holder keeps it and is informed. `not_anothers`: refused while another client has
+control; takes none. `changes`: changes control itself."""
 
-CONTROL_IN_WORDS: dict[Control, str] = {
+CONTROL_TEXT: dict[Control, str] = {
     "none": "none",
     "lease": "required; taken if nobody has it",
-    "open": "not required; the holder is told",
+    "open": "not required; the holder is informed",
     "not_anothers": "refused while another client has it; not taken",
     "changes": "by the rules of [safety.md](safety.md)",
 }
@@ -37,28 +36,28 @@ CONTROL_IN_WORDS: dict[Control, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One row: what callers need in order to do one thing."""
+    """One row of the table: what a caller needs for one command."""
 
     name: str
     """Name in the journal."""
     permission: Permission | None
-    """None: everybody who is let in by the token."""
+    """None: no permission beyond the token."""
     calls: tuple[str, ...]
     """`METHOD /path`, below `/api/v1` unless it begins with `//`; of a message of a WebSocket
     `WS /path message`."""
     control: Control = "none"
     vehicles: str = ""
-    """Control of which vehicles."""
+    """The vehicles whose control is needed."""
     confirmed: bool = False
     """Whether the page has a person confirm it."""
     words: str | None = None
     """Text that the request's `confirm` must have, with placeholders for names."""
     journaled: bool = True
     label: str = ""
-    """For people, where the holder is told of it."""
+    """Label for people, in the message to the holder."""
 
     def full_calls(self) -> tuple[str, ...]:
-        """`METHOD /path` as the application has them."""
+        """`METHOD /path` of the application."""
         return tuple(_full(call) for call in self.calls)
 
     def described(self) -> dict[str, object]:
@@ -73,18 +72,18 @@ class Command:
             "journaled": self.journaled,
         }
 
-    def confirm_words(self, **names: str) -> str:
+    def confirmation_text(self, **names: str) -> str:
         """The text that `confirm` must have for these names."""
         assert self.words is not None
         return self.words.format(**names)
 
-    def require_words(self, said: str, **names: str) -> None:
-        """Before anything is sent.
+    def require_confirmation(self, said: str, **names: str) -> None:
+        """Checks the confirmation before anything is sent.
 
         Raises:
-            InvalidRequest: `said` is something else.
+        InvalidRequest: `said` is something else.
         """
-        wanted = self.confirm_words(**names)
+        wanted = self.confirmation_text(**names)
         if said != wanted:
             raise InvalidRequest(
                 "confirm",
@@ -172,7 +171,7 @@ ALL: tuple[Command, ...] = (
     _flies("offboard_mission/go_on", "POST /vehicles/{v}/offboard_mission/go_on"),
     _flies("offboard_mission/abort", "POST /vehicles/{v}/offboard_mission/abort", confirmed=True),
     _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
-    # open to all: who sees danger stops it
+    # open to all: anybody who sees danger may stop a vehicle
     _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
     _stops("land_now", "Land now", "POST /vehicles/{v}/land_now", words="vehicle {vehicle} lands now"),
     _stops("kill", "Kill", "POST /vehicles/{v}/kill", words="motors stop, vehicle {vehicle} falls"),
@@ -222,7 +221,7 @@ ALL: tuple[Command, ...] = (
         "not_anothers",
         "the operation's vehicle, unless the caller started it",
     ),
-    # looking
+    # reading
     _views(
         "vehicles",
         "GET /vehicles",
@@ -312,7 +311,7 @@ def table() -> str:
             f"`{c.name}`",
             ", ".join(f"`{call.replace('//', '/')}`" for call in c.calls),
             f"`{c.permission}`" if c.permission is not None else "none",
-            CONTROL_IN_WORDS[c.control],
+            CONTROL_TEXT[c.control],
             c.vehicles or "–",
             "yes" if c.confirmed else "no",
             f"`{c.words}`" if c.words is not None else "–",

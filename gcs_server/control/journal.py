@@ -1,8 +1,8 @@
 """The journal of commands: client, command, time and result, one line each, refused ones too.
 
-A command never waits for the disk: a thread writes what waits, each batch whole and on the disk (fsync)
-before the next, and a disk that refuses costs lines on disk, not the command. What was refused before
-anything was sent is kept apart, with a quota of its own: a client's mistakes cannot turn commands out.
+A command never waits for the disk: a thread writes waiting lines in batches, each synced to disk (fsync)
+before the next. If the disk fails, lines are lost on disk, but the command goes on. Commands that were
+refused before anything was sent go to a file with its own quota, so that refusals cannot displace commands.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from gcs_server.supervise import Supervisor
 log = logging.getLogger(__name__)
 
 TAIL_LENGTH, REFUSED_TAIL_LENGTH = 1000, 300
-"""In memory: an answer of the longest length always holds more commands than refusals."""
+"""Lines in memory: the longest answer always has more commands than refusals."""
 QUEUE_LENGTH = 2000
 MAX_BYTES = 10_000_000
-"""A file of this size becomes the one before (`journal.1.jsonl`), and a new one begins."""
+"""A file of this size is rotated to `journal.1.jsonl`."""
 MAX_REFUSED_BYTES = 1_000_000
 TAIL_BYTES = 1_000_000
 """Bytes of each file that are read at the start."""
-LONGEST_TEXT = 500
-LONGEST_ARGUMENTS = 4000
+MAX_TEXT_LENGTH = 500
+MAX_ARGUMENTS_LENGTH = 4000
 """As JSON."""
 REPEAT_S = 10.0
-"""Equal refusals within this time become one line, and one with their number."""
-MOST_REPEATS = 500
+"""Equal refusals within this time become one line, followed by one with their number."""
+MAX_REPEATS = 500
 RETRY_S = 5.0
 NOT_SENT = frozenset(
     {
@@ -50,11 +50,11 @@ NOT_SENT = frozenset(
         "unknown_recording",
     }
 )
-"""Results of what was refused before anything was sent."""
+"""Results of commands that were refused before anything was sent."""
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class JournalEntry:
     """One line."""
 
     unix_s: float
@@ -65,24 +65,24 @@ class Entry:
     result: str
     """ok, or the error's code: refused, rejected, no_reply, …"""
     detail: str | None
-    """The error in words."""
+    """Text of the error."""
     duration_s: float
     repeated: int = 1
-    """Number of equal refusals of this client that this line stands for."""
+    """Number of equal refusals of this client that this line represents."""
 
 
-class _Kept:
-    """The lines of one file: the newest in memory, those that wait for the disk."""
+class _FileLines:
+    """Lines of one file: the newest ones in memory, and those that wait for the disk."""
 
     def __init__(self, path: Path | None, max_bytes: int, in_memory: int) -> None:
         self.in_memory = in_memory
         self.log = None if path is None else LineLog(path, max_bytes)
-        self.tail: deque[Entry] = deque(maxlen=in_memory)
-        self.unwritten: deque[Entry] = deque()
+        self.tail: deque[JournalEntry] = deque(maxlen=in_memory)
+        self.unwritten: deque[JournalEntry] = deque()
         self.lost = 0
-        """Lines that were dropped because the disk could not be written for too long."""
+        """Lines dropped because the disk could not be written for too long."""
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: JournalEntry) -> None:
         self.tail.append(entry)
         if self.log is not None:
             if len(self.unwritten) >= QUEUE_LENGTH:
@@ -90,41 +90,41 @@ class _Kept:
                 self.lost += 1
             self.unwritten.append(entry)
 
-    def take(self) -> list[Entry]:
+    def take(self) -> list[JournalEntry]:
         taken = list(self.unwritten)
         self.unwritten.clear()
         return taken
 
-    def give_back(self, entries: list[Entry]) -> None:
+    def put_back(self, entries: list[JournalEntry]) -> None:
         waiting = [*entries, *self.unwritten]
         self.lost += max(0, len(waiting) - QUEUE_LENGTH)
         self.unwritten = deque(waiting[-QUEUE_LENGTH:])
 
 
 class Journal:
-    """Append-only.
+    """The append-only journal.
 
     Args:
-        clock: for people's time.
-        path: the file of commands (`journal.jsonl`; refusals go to `journal-refused.jsonl` beside it); None
-            keeps the tail in memory only.
-        max_bytes: of one file of commands; two are kept.
+    clock: gives the time of entries.
+    path: the file of commands (`journal.jsonl`; refusals go to `journal-refused.jsonl` beside it); None
+        keeps the tail in memory only.
+    max_bytes: size of one file of commands; two files are kept.
     """
 
     def __init__(self, clock: Clock, path: Path | None, *, max_bytes: int = MAX_BYTES) -> None:
         self._clock = clock
         self._path = path
         refused = None if path is None else path.with_name(f"{path.stem}-refused{path.suffix}")
-        self._commands = _Kept(path, max_bytes, TAIL_LENGTH)
-        self._refusals = _Kept(refused, MAX_REFUSED_BYTES, REFUSED_TAIL_LENGTH)
-        self._repeats: OrderedDict[tuple[object, ...], tuple[float, int, Entry]] = OrderedDict()
-        """Equal refusals: time of their last line, number since then, and the newest."""
+        self._commands = _FileLines(path, max_bytes, TAIL_LENGTH)
+        self._refusals = _FileLines(refused, MAX_REFUSED_BYTES, REFUSED_TAIL_LENGTH)
+        self._repeats: OrderedDict[tuple[object, ...], tuple[float, int, JournalEntry]] = OrderedDict()
+        """Equal refusals: time of their last line, number since then, and the newest entry."""
         self._wake = asyncio.Event()
         self.warning: str | None = None
         """Why lines cannot be written to disk; None while they can."""
 
     async def load(self) -> None:
-        """Reads the newest lines of before the server's start; what is no line is left out."""
+        """Reads the newest lines from before the server's start; invalid lines are skipped."""
         for kept in (self._commands, self._refusals):
             if kept.log is not None:
                 lines = await asyncio.to_thread(kept.log.tail, TAIL_BYTES)
@@ -134,7 +134,7 @@ class Journal:
                 kept.tail.extendleft(reversed(found[-room:] if room else []))
 
     def start(self, supervisor: Supervisor) -> None:
-        """Begins to write."""
+        """Starts writing."""
         if self._path is not None:
             supervisor.start("journal", self._write_for_ever)
 
@@ -147,9 +147,9 @@ class Journal:
         result: str,
         detail: str | None,
         duration_s: float,
-    ) -> Entry:
-        """Notes a command; never fails and never waits."""
-        entry = Entry(
+    ) -> JournalEntry:
+        """Records a command; never fails and never waits."""
+        entry = JournalEntry(
             self._clock.unix_s(),
             _short(client),
             _short(command),
@@ -166,7 +166,7 @@ class Journal:
         self._wake.set()
         return entry
 
-    def tail(self, limit: int) -> list[Entry]:
+    def tail(self, limit: int) -> list[JournalEntry]:
         """The newest `limit` lines, newest first; equal refusals that are still counted as one."""
         self._settle_repeats()
         both = [*self._commands.tail, *self._refusals.tail]
@@ -180,13 +180,13 @@ class Journal:
 
     # --- inside -------------------------------------------------------------------------------------
 
-    def _is_repeated(self, entry: Entry) -> bool:
+    def _is_repeated(self, entry: JournalEntry) -> bool:
         key = (entry.client, entry.command, entry.vehicle, entry.result, entry.detail)
         now_s = self._clock.monotonic_s()
         self._settle_repeats()
         known = self._repeats.get(key)
         if known is None:
-            while len(self._repeats) >= MOST_REPEATS:
+            while len(self._repeats) >= MAX_REPEATS:
                 self._settle(next(iter(self._repeats)))
             self._repeats[key] = (now_s, 0, entry)
             return False
@@ -194,9 +194,9 @@ class Journal:
         return True
 
     def _settle_repeats(self, *, at_once: bool = False) -> None:
-        """Those whose time is up become a line with their number."""
+        """Writes a line with the number of repeated refusals once their time is over."""
         now_s = self._clock.monotonic_s()
-        while self._repeats:  # in the order of their times
+        while self._repeats:  # in chronological order
             key = next(iter(self._repeats))
             if not at_once and now_s - self._repeats[key][0] < REPEAT_S:
                 return
@@ -222,19 +222,19 @@ class Journal:
                 try:
                     problem = await writing
                 except BaseException:
-                    kept.give_back(taken)  # the server ends: `flush` writes what may be there already
+                    kept.put_back(taken)  # the server shuts down: `flush` may write some lines twice
                     raise
                 self._written(kept, taken, problem)
             if self._commands.unwritten or self._refusals.unwritten:
                 await self._clock.sleep(RETRY_S if self.warning is not None else 0.0)
                 self._wake.set()
 
-    def _written(self, kept: _Kept, taken: list[Entry], problem: str | None) -> None:
+    def _written(self, kept: _FileLines, taken: list[JournalEntry], problem: str | None) -> None:
         if problem is None:
             if kept is self._commands or not self._commands.unwritten:
                 self.warning = None
             return
-        kept.give_back(taken)
+        kept.put_back(taken)
         text = f"The journal {self._path} cannot be written ({problem}); commands still work."
         if kept.lost:
             text += f" {kept.lost} lines are lost."
@@ -243,8 +243,8 @@ class Journal:
         self.warning = text
 
 
-def _append(kept: _Kept, entries: list[Entry]) -> str | None:
-    """On the disk when it returns None, else why not. For any thread."""
+def _append(kept: _FileLines, entries: list[JournalEntry]) -> str | None:
+    """Writes lines and returns None, or the reason why not. Called in any thread."""
     if kept.log is None or not entries:
         return None
     text = "".join(json.dumps(asdict(entry), allow_nan=False, default=str) + "\n" for entry in entries)
@@ -256,7 +256,7 @@ def _append(kept: _Kept, entries: list[Entry]) -> str | None:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}… ({len(text)} characters)"
+    return text if len(text) <= MAX_TEXT_LENGTH else f"{text[:MAX_TEXT_LENGTH]}… ({len(text)} characters)"
 
 
 def _bounded(arguments: dict[str, object]) -> dict[str, object]:
@@ -265,17 +265,17 @@ def _bounded(arguments: dict[str, object]) -> dict[str, object]:
     try:
         text = json.dumps(arguments, default=str, allow_nan=False)
     except (ValueError, RecursionError):
-        return {"left_out": "arguments that are no JSON"}
-    if len(text) <= LONGEST_ARGUMENTS:
+        return {"left_out": "arguments that are not JSON"}
+    if len(text) <= MAX_ARGUMENTS_LENGTH:
         return arguments
-    return {"left_out": f"{len(text)} characters of arguments, which begin: {text[:LONGEST_TEXT]}"}
+    return {"left_out": f"{len(text)} characters of arguments, which begin: {text[:MAX_TEXT_LENGTH]}"}
 
 
-def _entry(line: bytes) -> Entry | None:
-    """None for what is no line of a journal."""
+def _entry(line: bytes) -> JournalEntry | None:
+    """Parses a line; None if it is invalid."""
     try:
         fields = cast(dict[str, Any], json.loads(line))
-        entry = Entry(**fields)
+        entry = JournalEntry(**fields)
     except (ValueError, TypeError, RecursionError):
         return None
     texts = [fields.get(name) or "" for name in ("client", "command", "result", "vehicle", "detail")]

@@ -15,7 +15,7 @@ from typing import Literal
 
 from gcs_server.clock import Clock
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MOST_REQUESTS, REQUEST_LIVES_S, Asking, make_room
+from gcs_server.control.requests import MAX_REQUESTS, REQUEST_LIVES_S, Asking, make_room
 from gcs_server.errors import NotInControl, Refused
 
 OnControlLost = Literal["nothing", "hold", "land", "rtl"]
@@ -23,7 +23,7 @@ OnControlLost = Literal["nothing", "hold", "land", "rtl"]
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class LeaseTimes:
     """Durations of leases and answers; the operator's settings."""
 
     lease_s: float = 30.0
@@ -31,7 +31,7 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ControlChange:
     """A change of control, published to all clients."""
 
     action: str
@@ -42,7 +42,7 @@ class Change:
     holder: Principal | None
     """Afterwards."""
     previous: Principal | None = None
-    """The holder before, where it changed."""
+    """The previous holder, if it changed."""
     reason: str | None = None
     on_expiry: OnControlLost = "nothing"
     to: Principal | None = None
@@ -54,9 +54,9 @@ class ControlRequest:
     """A client that requests control."""
 
     client: str
-    """Its name."""
+    """Name of the client."""
     key: str
-    """Tells clients of one name apart; a client's own stands in `GET /me`."""
+    """Distinguishes clients of the same name; `GET /me` returns the caller's own."""
     reason: str | None
     """The reason that the client gave."""
     since_unix_s: float
@@ -79,31 +79,31 @@ class Lease:
     """The lease of one vehicle.
 
     Args:
-        vehicle_id: for the words.
-        terms: how long things last.
-        reachable: whether a client has an open telemetry socket: it is there, and can be asked.
+        vehicle_id: used in texts.
+        terms: durations of leases and answers.
+        reachable: whether a client has an open telemetry socket, so that it can be asked.
         tell: called with each change.
     """
 
     clock: Clock
     vehicle_id: str
-    terms: Terms
+    terms: LeaseTimes
     reachable: Callable[[Principal], bool]
-    tell: Callable[[Change], None]
+    on_change: Callable[[ControlChange], None]
     _holding: _Holding | None = None
     _asking: dict[str, Asking] = field(default_factory=dict[str, Asking])
 
-    # --- what there is --------------------------------------------------------------------------
+    # --- state ----------------------------------------------------------------------------------
 
     @property
     def holder(self) -> Principal | None:
         """The client in control; None: the first client that commands gets control."""
-        self.settle()
+        self.expire_due()
         return None if self._holding is None else self._holding.client
 
     @property
     def since_unix_s(self) -> float | None:
-        """Since when."""
+        """Since when the holder has control."""
         return None if self._holding is None else self._holding.since_unix_s
 
     @property
@@ -126,7 +126,7 @@ class Lease:
     @property
     def has_most_requests(self) -> bool:
         """Whether no more clients can ask for control."""
-        return len(self._asking) >= MOST_REQUESTS
+        return len(self._asking) >= MAX_REQUESTS
 
     def requests(self) -> tuple[ControlRequest, ...]:
         """Clients that wait for an answer, the earliest first."""
@@ -144,7 +144,7 @@ class Lease:
         Raises:
             NotInControl: another holds it.
         """
-        self.settle()
+        self.expire_due()
         if self._holding is None:
             self._give(
                 client, "taken", client, f"{client} commands vehicle {self.vehicle_id} and has control."
@@ -160,7 +160,7 @@ class Lease:
 
     def refusal(self, client: Principal) -> NotInControl | None:
         """The error that a command of this client would get; changes nothing."""
-        self.settle()
+        self.expire_due()
         holding = self._holding
         if holding is None or holding.client.key == client.key or self._yields(holding):
             return None
@@ -175,15 +175,15 @@ class Lease:
         """Takes control that nobody holds, or by force from its holder.
 
         Args:
-            client: who.
-            force: from another, who was asked first where that is possible.
-            on_expiry: what the vehicle is told when the holder is not heard any more; "nothing" unless given.
+            client: the caller.
+            force: take it from the holder, who must be asked first if that is possible.
+            on_expiry: command sent to the vehicle when the holder's control expires; default "nothing".
 
         Raises:
             NotInControl: another holds it, and it was not forced.
-            Refused: forced without asking a holder who can be asked, or before the time to answer is over.
+            Refused: forced without asking a holder that can be asked, or before its time to answer is over.
         """
-        self.settle()
+        self.expire_due()
         holding = self._holding
         if holding is None:
             self._give(client, "taken", client, f"{client} has taken control of vehicle {self.vehicle_id}.")
@@ -206,15 +206,15 @@ class Lease:
             self._holding.on_expiry = on_expiry
 
     def grant(self, client: Principal, to: str) -> None:
-        """Hands control to somebody who asks.
+        """Gives control to a client that requested it.
 
         Args:
             client: the holder.
-            to: key or name of the one who asks.
+            to: key or name of the requesting client.
 
         Raises:
             NotInControl: `client` does not hold it.
-            Refused: nobody of that name asks.
+            Refused: no client of that name has requested control.
         """
         holding = self._own(client)
         asking = self._who_asks(to)
@@ -222,7 +222,7 @@ class Lease:
         self._give(asking.client, "granted", client, text)
 
     def deny(self, client: Principal, to: str, reason: str | None = None) -> None:
-        """Keeps control; the one who asks may then take it by force. Raises as `grant`."""
+        """Denies a request; the requesting client may then take control by force. Raises as `grant`."""
         holding = self._own(client)
         asking = self._who_asks(to)
         asking.denied, asking.first_s = True, self.clock.monotonic_s()
@@ -230,25 +230,26 @@ class Lease:
         text = (
             f"{holding.client} keeps control of vehicle {self.vehicle_id}; {asking.client} asked for it{why}."
         )
-        self.tell(Change("denied", client, text, holding.client, reason=reason, to=asking.client))
+        self.on_change(ControlChange("denied", client, text, holding.client, reason=reason, to=asking.client))
 
     def release(self, client: Principal) -> None:
-        """Gives control up (the first who asks gets it), or takes a request back; else nothing happens."""
-        self.settle()
+        """Releases control (the first requesting client gets it), or withdraws a request; otherwise does
+        nothing."""
+        self.expire_due()
         asking = self._asking.pop(client.key, None)
         holding = self._holding
         if holding is not None and holding.client.key == client.key:
             text = f"{client} has released control of vehicle {self.vehicle_id}."
-            self._end(Change("released", client, text, None, previous=client))
+            self._end(ControlChange("released", client, text, None, previous=client))
         elif asking is not None and not asking.denied:
             text = f"{client} has withdrawn the request for control of vehicle {self.vehicle_id}."
-            self.tell(Change("withdrawn", client, text, self.holder))
+            self.on_change(ControlChange("withdrawn", client, text, self.holder))
 
-    # --- the others -----------------------------------------------------------------------------
+    # --- other clients --------------------------------------------------------------------------
 
     def request(self, client: Principal, reason: str | None = None) -> None:
-        """Asks the holder; what nobody holds is taken at once."""
-        self.settle()
+        """Requests control from the holder; if nobody has it, takes it at once."""
+        self.expire_due()
         holding = self._holding
         if holding is None or (self._yields(holding) and holding.client.key != client.key):
             self.take(client)
@@ -264,19 +265,19 @@ class Lease:
         make_room(self._asking, client, self.vehicle_id)
         self._asking[client.key] = Asking(client, reason, self.clock.unix_s(), now_s, now_s)
         why = f": {reason}" if reason else ""
-        text = f"{client} asks {holding.client} for control of vehicle {self.vehicle_id}{why}."
-        self.tell(Change("requested", client, text, holding.client, reason=reason))
+        text = f"{client} requests control from {holding.client} of vehicle {self.vehicle_id}{why}."
+        self.on_change(ControlChange("requested", client, text, holding.client, reason=reason))
 
     def intervened(self, client: Principal, what: str) -> None:
-        """A client used one of the actions that are open to all."""
-        self.settle()
+        """A client used a command that is open to all."""
+        self.expire_due()
         holding = self._holding
         if holding is None or holding.client.key == client.key:
             return
         text = f"{client} commanded {what} of vehicle {self.vehicle_id}; {holding.client} still has control."
-        self.tell(Change("intervened", client, text, holding.client))
+        self.on_change(ControlChange("intervened", client, text, holding.client))
 
-    def settle(self) -> None:
+    def expire_due(self) -> None:
         """Ends what has expired. Called before each step and periodically."""
         now_s = self.clock.monotonic_s()
         for key, asking in list(self._asking.items()):
@@ -289,11 +290,13 @@ class Lease:
             holding.heard_s = now_s
         elif now_s - holding.heard_s > self.terms.lease_s:
             text = (
-                f"{holding.client} has not been heard for {self.terms.lease_s:g} s: "
+                f"{holding.client} has been silent for {self.terms.lease_s:g} s: "
                 f"its control of vehicle {self.vehicle_id} has ended."
             )
             self._end(
-                Change("expired", holding.client, text, None, holding.client, on_expiry=holding.on_expiry)
+                ControlChange(
+                    "expired", holding.client, text, None, holding.client, on_expiry=holding.on_expiry
+                )
             )
 
     # --- the parts ------------------------------------------------------------------------------
@@ -303,18 +306,18 @@ class Lease:
         now_s = self.clock.monotonic_s()
         self._holding = _Holding(client, self.clock.unix_s(), now_s, "nothing", asked_for=action != "taken")
         self._asking.pop(client.key, None)
-        for key, asking in list(self._asking.items()):  # the new holder is asked anew
+        for key, asking in list(self._asking.items()):  # the new holder gets the remaining requests
             if asking.denied:
                 del self._asking[key]
             asking.asked_s = now_s
-        self.tell(Change(action, by, text, client, previous))
+        self.on_change(ControlChange(action, by, text, client, previous))
 
-    def _end(self, change: Change) -> None:
+    def _end(self, change: ControlChange) -> None:
         self._holding = None
-        self.tell(change)
+        self.on_change(change)
         waiting = next((a for a in self._asking.values() if not a.denied), None)
         if waiting is not None:
-            text = f"{waiting.client} asked for control of vehicle {self.vehicle_id} and has it now."
+            text = f"{waiting.client} requested control of vehicle {self.vehicle_id} and has it now."
             self._give(waiting.client, "taken", waiting.client, text)
 
     def _yields(self, holding: _Holding) -> bool:
@@ -322,7 +325,7 @@ class Lease:
         return not (holding.asked_for or holding.client.identified or self.reachable(holding.client))
 
     def _own(self, client: Principal) -> _Holding:
-        self.settle()
+        self.expire_due()
         if self._holding is None:
             raise Refused(f"Nobody controls vehicle {self.vehicle_id}.", remedy="Take control of it first.")
         if self._holding.client.key != client.key:
@@ -337,7 +340,9 @@ class Lease:
             return found[0]
         if found:
             keys = ", ".join(a.client.key for a in found)
-            raise Refused(f"{len(found)} clients named {to!r} request it.", remedy=f"Give one's key: {keys}.")
+            raise Refused(
+                f"{len(found)} clients named {to!r} request it.", remedy=f"Give the key of one: {keys}."
+            )
         names = ", ".join(f"{a.client} ({a.client.key})" for a in asking) or "nobody"
         raise Refused(
             f"{to!r} has not requested control of vehicle {self.vehicle_id}.", remedy=f"Requests: {names}."

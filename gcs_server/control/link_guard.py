@@ -1,7 +1,7 @@
-"""Links of vehicles in flight: who may cut one, and who may let another station in.
+"""Decides who may close a link to a flying vehicle, and who may let another station in.
 
-Closing a link takes a vehicle away from whoever flies it; a link to another ground station
-(`forward=1`) lets that station command past all control. Neither is for who only watches.
+Closing a link takes a vehicle away from its pilot. A link to another ground station (`forward=1`) lets that
+station command without control. Neither is allowed to clients without control.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.vehicle import Vehicle
 
 ADD, CLOSE = "links/add", "links/remove"
-"""Their rows in `commands.py`."""
+"""Names of the rows in `commands.py`."""
 
 
 class LinkGuard:
-    """Asked before a link is closed or added.
+    """Checks before a link is closed or added.
 
     Args:
-        router: whose links.
-        fleet: whose vehicles are heard on them.
-        authority: who controls these.
+        router: the links.
+        fleet: the vehicles heard on them.
+        authority: control of these vehicles.
     """
 
     def __init__(self, router: Router, fleet: Fleet, authority: Authority) -> None:
@@ -39,14 +39,14 @@ class LinkGuard:
         """Before a link is closed.
 
         Args:
-            name: the link's.
-            principal: who asks.
-            confirm: what it says will happen, where a flying vehicle would lose its last link.
+            name: name of the link.
+            principal: the caller.
+            confirm: confirmation text, if a flying vehicle would lose its last link.
 
         Raises:
             UnknownLink: there is none of that name.
-            NotInControl: another client controls a vehicle that is heard there.
-            Refused: a flying vehicle would lose its last link, and the words for that are missing.
+            NotInControl: another client controls a vehicle that is heard on this link.
+            Refused: a flying vehicle would lose its last link, and the confirmation is missing.
         """
         link = self._router.connection(name).link
         if link.replay:
@@ -57,7 +57,7 @@ class LinkGuard:
         heard_there = [v for v in self._live() if name in v.known_links]
         self._refuse_unless_ours(principal, CLOSE, heard_there)
         last = [v.id for v in heard_there if is_flown(v) and not self._heard_elsewhere(v, name)]
-        if last and confirm != (wanted := words(name, last)):
+        if last and confirm != (wanted := closing_confirmation(name, last)):
             many = len(last) > 1
             raise Refused(
                 f"Vehicle{'s' if many else ''} {', '.join(last)} {'are' if many else 'is'} armed or flown by "
@@ -66,10 +66,10 @@ class LinkGuard:
             )
 
     def may_forward(self, principal: Principal) -> None:
-        """Before another ground station is let in.
+        """Checks before another ground station is let in.
 
         Raises:
-            NotInControl: another client controls a vehicle, which that station could command.
+        NotInControl: another client controls a vehicle, which that station could command.
         """
         self._refuse_unless_ours(principal, ADD, self._live())
 
@@ -89,10 +89,10 @@ class LinkGuard:
 
 
 def is_flown(vehicle: Vehicle) -> bool:
-    """Whether it has its motors on or is sent setpoints, as far as is known."""
+    """Whether the vehicle is armed or has a setpoint stream, as far as known."""
     return vehicle.status.armed or vehicle.streaming
 
 
-def words(name: str, vehicle_ids: list[str]) -> str:
-    """What a client must say to close a flying vehicle's last link."""
-    return BY_NAME[CLOSE].confirm_words(link=name, vehicles=" and ".join(vehicle_ids))
+def closing_confirmation(name: str, vehicle_ids: list[str]) -> str:
+    """Confirmation text for closing a flying vehicle's last link."""
+    return BY_NAME[CLOSE].confirmation_text(link=name, vehicles=" and ".join(vehicle_ids))

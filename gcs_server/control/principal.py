@@ -1,9 +1,9 @@
-"""Who asks: one principal per caller, made by `api/principals.py` and handed to routes and WebSockets.
+"""The caller of a request: `api/principals.py` makes one principal per caller for routes and WebSockets.
 
-A caller names itself in `X-Client` and, so that two of one name are two, gives an id of its own in
-`X-Client-Id` (WebSockets of browsers: `?client=` and `&client_id=`). Without an id it is its name at its
-address. This keeps people out of each other's way; it is no protection against somebody who is let in and
-claims to be another: the token is what keeps strangers out.
+A caller gives its name in `X-Client` and an id in `X-Client-Id`, which distinguishes callers of the same name
+(WebSockets of browsers: `?client=` and `&client_id=`). Without an id, name and address identify it. This
+coordinates people; it does not protect against a caller that claims to be another. Access itself is protected
+by the token.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from hashlib import sha256
 
 from gcs_server.control.commands import PERMISSIONS, Permission
 
-LONGEST_NAME = 64
-LONGEST_ID = 64
+MAX_NAME_LENGTH = 64
+MAX_ID_LENGTH = 64
 KEY_LENGTH = 12
 
 
@@ -23,30 +23,30 @@ class Principal:
     """A caller. Equal names may be two callers: compare `key`."""
 
     name: str
-    """For people: what it calls itself, else its address."""
+    """The name it gave, else its address."""
     key: str
-    """Made of the id or the address, never showing the id itself."""
+    """Derived from the id or the address; does not reveal the id."""
     address: str = ""
-    """Where its request comes from; empty where only a name is known."""
+    """Address of its request; empty if only a name is known."""
     identified: bool = False
-    """Whether it gave an id of its own: it means to be told from others."""
+    """Whether it gave an id."""
     permissions: frozenset[Permission] = PERMISSIONS
-    """What it may do; today everybody who is let in may do everything."""
+    """Its permissions; today every caller has all of them."""
 
     def __str__(self) -> str:
         return self.name
 
     @classmethod
     def of(cls, name: str, own_id: str = "", address: str = "") -> Principal:
-        """Made of what a request says of itself.
+        """Makes a principal from a request's headers.
 
         Args:
-            name: as in `X-Client`; the address where it is empty.
-            own_id: as in `X-Client-Id`.
-            address: where the request comes from.
+            name: `X-Client`; if empty, the address is used.
+            own_id: `X-Client-Id`.
+            address: address of the request.
         """
-        shown = _printable(name)[:LONGEST_NAME] or address or "unknown"
-        own = _printable(own_id)[:LONGEST_ID]
+        shown = _printable(name)[:MAX_NAME_LENGTH] or address or "unknown"
+        own = _printable(own_id)[:MAX_ID_LENGTH]
         secret = f"id {own}" if own else f"name {shown} at {address}"
         return cls(shown, sha256(secret.encode()).hexdigest()[:KEY_LENGTH], address, bool(own))
 

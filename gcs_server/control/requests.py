@@ -1,4 +1,4 @@
-"""Who asks for control of a vehicle, and how many may ask at a time."""
+"""Requests for control of a vehicle, and their limits."""
 
 from __future__ import annotations
 
@@ -7,43 +7,43 @@ from dataclasses import dataclass
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
 
-MOST_REQUESTS = 20
-"""Clients that may ask for control of one vehicle at a time."""
-MOST_REQUESTS_BY_ADDRESS = 10
+MAX_REQUESTS = 20
+"""Clients that may request control of one vehicle at a time."""
+MAX_REQUESTS_PER_ADDRESS = 10
 REQUEST_LIVES_S = 120.0
-"""A request, or the right to force that a denial gives, is forgotten after this [s]."""
+"""Lifetime of a request, and of the right to force after a denial [s]."""
 
 
 @dataclass(slots=True)
 class Asking:
-    """One client that asks."""
+    """A client that requests control."""
 
     client: Principal
     reason: str | None
     since_unix_s: float
     asked_s: float
-    """When the present holder was asked."""
+    """When the current holder was asked."""
     first_s: float
     denied: bool = False
 
 
 def make_room(asking: dict[str, Asking], client: Principal, vehicle_id: str) -> None:
-    """Forgets the oldest request that was denied, where there are too many for one more.
+    """Drops the oldest denied request if there is no room for one more.
 
     Raises:
-        Refused: as many as possible wait for an answer.
+        Refused: the limit of waiting requests is reached.
     """
     same = [a for a in asking.values() if a.client.address == client.address]
-    if client.address and len(same) >= MOST_REQUESTS_BY_ADDRESS:
+    if client.address and len(same) >= MAX_REQUESTS_PER_ADDRESS:
         crowd, where = same, " at your address"
-    elif len(asking) >= MOST_REQUESTS:
+    elif len(asking) >= MAX_REQUESTS:
         crowd, where = list(asking.values()), ""
     else:
         return
     denied = next((a for a in crowd if a.denied), None)
     if denied is None:
         raise Refused(
-            f"{len(crowd)} clients{where} ask for control of vehicle {vehicle_id} already.",
+            f"{len(crowd)} clients{where} already request control of vehicle {vehicle_id}.",
             remedy="Wait until the holder has answered some (control/grant, control/deny); a request is "
             f"forgotten after {REQUEST_LIVES_S:g} s. Hold, Land now and Kill need no control.",
         )

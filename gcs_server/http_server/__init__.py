@@ -1,1 +1,1 @@
-"""HTTP and WebSockets on the wire: every connection bounded in size, time, number and memory."""
+"""The HTTP and WebSocket server: limits size, time, number and memory of all connections."""

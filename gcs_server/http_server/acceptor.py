@@ -1,7 +1,7 @@
-"""Accepts connections: a few in each turn of the loop, and none that there is no room for.
+"""Accepts connections: a few per turn of the event loop, and only if there is room.
 
-asyncio's own acceptor takes as many at once as wait, and where the process has no file left it writes a
-traceback for each of them, again every second.
+asyncio's own acceptor accepts all waiting connections at once, and without free file descriptors it logs a
+traceback for each of them every second.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
 
-ACCEPTED_A_TURN = 4
+ACCEPTED_PER_TURN = 4
 CHECK_PERIOD_S = 0.5
 NO_FILES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 NO_FILES_PAUSE_S = 0.2
@@ -33,8 +33,8 @@ class Acceptor:
 
     Args:
         listener: bound, listening, not blocking.
-        protocol: makes what speaks on a new connection.
-        connections: asked whether there is room.
+        protocol: makes the protocol of a new connection.
+        connections: decides whether there is room.
         clock: the server's.
     """
 
@@ -52,7 +52,7 @@ class Acceptor:
         self._supervisor = Supervisor(clock)
         self._accepting: asyncio.Task[None] | None = None
         self._spare: int | None = None
-        """A file that is given up to accept, and close, one connection where there are no others left."""
+        """A spare file, closed to accept and refuse one connection when no other descriptor is left."""
 
     def start(self) -> None:
         """Begins."""
@@ -61,7 +61,7 @@ class Acceptor:
         self._supervisor.start("deadlines of connections", self._check_for_ever)
 
     def close(self) -> None:
-        """Accepts no more; deadlines stay in force until the loop ends."""
+        """Stops accepting; deadlines stay in force until the event loop ends."""
         if self._accepting is not None:
             self._accepting.cancel()
         if self._spare is not None:
@@ -74,7 +74,7 @@ class Acceptor:
     async def _accept_for_ever(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            for _ in range(ACCEPTED_A_TURN):
+            for _ in range(ACCEPTED_PER_TURN):
                 try:
                     accepted, address = await loop.sock_accept(self._listener)
                 except OSError as error:
@@ -94,16 +94,16 @@ class Acceptor:
         loop = asyncio.get_running_loop()
         try:
             await loop.connect_accepted_socket(lambda: self._protocol(connection), accepted)
-        except OSError:  # it has gone already
+        except OSError:  # it is already closed
             self._connections.closed(connection)
             accepted.close()
 
     async def _failed(self, error: OSError) -> None:
         """No file descriptor is left: refuses one waiting connection, and tries again a little later."""
         if error.errno not in NO_FILES:
-            return  # the client went before it was accepted
+            return  # the client disconnected before it was accepted
         log.warning("no connection can be accepted: %s", error.strerror)
-        self._connections.turned_away()
+        self._connections.count_refusal()
         if self._spare is not None:
             os.close(self._spare)
             self._spare = None
@@ -125,7 +125,7 @@ class Acceptor:
 
 
 def _turn_away(accepted: socket.socket) -> None:
-    """Says why, without waiting."""
+    """Sends the refusal without waiting, and closes."""
     with accepted, contextlib.suppress(OSError):
         accepted.setblocking(False)
         accepted.send(raw_answer(FULL))

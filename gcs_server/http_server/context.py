@@ -1,4 +1,4 @@
-"""What a connection is handed from HTTP to WebSocket."""
+"""The context that a connection passes from HTTP to WebSocket."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_server.clock import Clock
 
 @dataclass(frozen=True, slots=True)
 class ConnectionContext:
-    """One connection, and what serves all of them."""
+    """One connection, with the objects shared by all connections."""
 
     config: Config
     server_state: ServerState

@@ -1,4 +1,4 @@
-"""How many files the process may have open, and how many of them are for connections of clients."""
+"""Limit of open files of the process, and how many of them client connections may use."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ log = logging.getLogger(__name__)
 
 WANTED = 4096
 KEPT = 256
-"""For MAVLink links, recordings, the streams' process, the journal and the page's files."""
+"""Reserved for MAVLink links, recordings, the streams' process, the journal and the page's files."""
 
 
 def for_connections() -> int:
-    """Raises the soft limit as far as is useful and allowed; how many connections then leave `KEPT` free."""
+    """Raises the soft limit as far as useful and allowed; returns the number of connections that leaves
+    `KEPT` free."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     allowed = soft
     if soft != resource.RLIM_INFINITY and soft < WANTED:

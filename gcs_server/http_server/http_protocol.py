@@ -1,7 +1,8 @@
 """HTTP of one connection, within limits of size, time and number.
 
-uvicorn's protocol does the work; this one counts what comes in before it is kept, and refuses in words. What
-was refused is closed so that the words arrive: the server ends its own side, and drops what still comes in.
+uvicorn's protocol does the work; this class counts input before it is stored, and refuses it with a reason. A
+refused connection is closed so that the answer arrives: the server closes its own side, and drops further
+input.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from gcs_server.http_server.stall import Stall
 from gcs_server.http_server.websocket_protocol import BoundedWebSocket
 
 OVERHEAD_BYTES = 131_072
-"""Most bytes of a chunked body beside its content."""
-MOST_CHUNKS = 4096
+"""Largest overhead of a chunked body [bytes]."""
+MAX_CHUNKS = 4096
 LINGER_S = 2.0
 LINGER_BYTES = 4 << 20
 
@@ -32,7 +33,7 @@ _HEADERS = (
 
 
 def raw_answer(refusal: r.LimitRefusal) -> bytes:
-    """A whole HTTP answer."""
+    """A complete HTTP answer."""
     body = refusal.body()
     return b"HTTP/1.1 %d %s\r\n%scontent-length: %d\r\n\r\n%s" % (
         refusal.status,
@@ -44,11 +45,11 @@ def raw_answer(refusal: r.LimitRefusal) -> bytes:
 
 
 class _Stop(Exception):
-    """Ends the parsing of what has come in."""
+    """Stops the parsing of received bytes."""
 
 
 class BoundedHttp(HttpToolsProtocol):
-    """One connection."""
+    """The HTTP protocol of one connection."""
 
     def __init__(self, context: ConnectionContext) -> None:
         super().__init__(*context.of_uvicorn)
@@ -58,7 +59,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._clock = clock = context.clock
         self._stall = Stall(clock)
         self._since_s = clock.monotonic_s()
-        """Start of the present deadline: for the head, or for the body."""
+        """Start of the current deadline: for the head, or for the body."""
         self._in_head = False
         self._in_body = False
         self._head_bytes = 0
@@ -66,9 +67,9 @@ class BoundedHttp(HttpToolsProtocol):
         self._body_bytes = 0
         self._chunks = 0
         self._fed_bytes = 0
-        """Raw bytes since the message began; without those that came together with its beginning."""
+        """Raw bytes since the message began, without those received together with its start."""
         self._began = False
-        """Whether a message began in the bytes that are being parsed."""
+        """Whether a message starts in the bytes being parsed."""
         self._unanswered: deque[RequestResponseCycle] = deque()
         self._present: RequestResponseCycle | None = None
         """The request whose body is arriving; None until its head is complete."""
@@ -76,22 +77,22 @@ class BoundedHttp(HttpToolsProtocol):
         self._lingers_until_s: float | None = None
         self._dropped_bytes = 0
 
-    # --- asyncio's side -------------------------------------------------------------------------
+    # --- called by asyncio ----------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The socket is there."""
+        """The connection is open."""
         super().connection_made(cast(asyncio.Transport, transport))
         self.connection.socket = self
-        if self.connection.closed:  # it had to give way meanwhile
+        if self.connection.closed:  # it was closed meanwhile for another connection
             self.end()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The socket has gone."""
+        """The connection is closed."""
         super().connection_lost(exc)
         self._connections.closed(self.connection)
 
     def data_received(self, data: bytes) -> None:
-        """Bytes of the client."""
+        """Handles bytes from the client."""
         if self._refused:
             self._dropped_bytes += len(data)
             if self._dropped_bytes > LINGER_BYTES:
@@ -104,23 +105,23 @@ class BoundedHttp(HttpToolsProtocol):
         except httptools.HttpParserUpgrade:
             if self._should_upgrade():
                 self.handle_websocket_upgrade()
-            return  # another protocol is asked for (h2c): the request is answered as it is
+            return  # another protocol is requested (h2c): the request is answered as HTTP/1.1
         except httptools.HttpParserError:
             self._refuse(r.MALFORMED)
             return
         if not self._began:
             self._fed_bytes += len(data)
-        # Incomplete headers, chunk extensions and trailers are in no callback's count.
-        if self._in_head and self._fed_bytes > r.LONGEST_HEAD_BYTES:
+        # No callback counts incomplete headers, chunk extensions and trailers.
+        if self._in_head and self._fed_bytes > r.MAX_HEAD_BYTES:
             self._refuse(r.HEAD_TOO_LARGE)
-        elif self._in_body and self._fed_bytes > r.LARGEST_BODY_BYTES + OVERHEAD_BYTES:
+        elif self._in_body and self._fed_bytes > r.MAX_BODY_BYTES + OVERHEAD_BYTES:
             self._refuse(r.BODY_TOO_LARGE)
 
-    # --- the parser's side ----------------------------------------------------------------------
+    # --- called by the parser -------------------------------------------------------------------
 
     def on_message_begin(self) -> None:
-        """A request begins."""
-        if len(self.pipeline) >= r.MOST_PIPELINED:
+        """A request starts."""
+        if len(self.pipeline) >= r.MAX_PIPELINED:
             self._stop(r.TOO_MANY)
         super().on_message_begin()
         self._in_head = self._began = True
@@ -132,24 +133,24 @@ class BoundedHttp(HttpToolsProtocol):
         """A piece of the address."""
         self._head_bytes += len(url)
         self._url_bytes += len(url)
-        if self._url_bytes > r.LONGEST_URL_BYTES:
+        if self._url_bytes > r.MAX_URL_BYTES:
             self._stop(r.URL_TOO_LONG)
         super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """A header, or a trailer behind the body."""
+        """A header, or a trailer after the body."""
         self._head_bytes += len(name) + len(value) + 4
-        if self._head_bytes > r.LONGEST_HEAD_BYTES or len(self.headers) >= r.MOST_HEADERS:
+        if self._head_bytes > r.MAX_HEAD_BYTES or len(self.headers) >= r.MAX_HEADERS:
             self._stop(r.HEAD_TOO_LARGE)
-        if self._in_head:  # trailers are of no use here
+        if self._in_head:  # trailers are ignored
             super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
-        """The head is whole: the application begins."""
+        """The head is complete: the application starts."""
         self._in_head, self._in_body = False, True
         self._since_s = self._clock.monotonic_s()
         declared = next((value for name, value in self.headers if name == b"content-length"), b"0")
-        if len(declared) > 15 or int(declared) > r.LARGEST_BODY_BYTES:
+        if len(declared) > 15 or int(declared) > r.MAX_BODY_BYTES:
             self._stop(r.BODY_TOO_LARGE)
         super().on_headers_complete()
         if not self._should_upgrade():
@@ -160,22 +161,22 @@ class BoundedHttp(HttpToolsProtocol):
             self._connections.shed()
 
     def on_chunk_header(self) -> None:
-        """A piece of a chunked body begins."""
+        """A piece of a chunked body starts."""
         self._chunks += 1
-        if self._chunks > MOST_CHUNKS:
+        if self._chunks > MAX_CHUNKS:
             self._stop(r.BODY_TOO_LARGE)
 
     def on_body(self, body: bytes) -> None:
         """A piece of the body."""
         self._body_bytes += len(body)
-        if self._body_bytes > r.LARGEST_BODY_BYTES:
+        if self._body_bytes > r.MAX_BODY_BYTES:
             self._stop(r.BODY_TOO_LARGE)
         if not self.cycle.response_complete and not self._connections.take_body(self.connection, len(body)):
             self._stop(r.FULL)
         super().on_body(body)
 
     def on_message_complete(self) -> None:
-        """The request is whole."""
+        """The request is complete."""
         self._in_body = False
         super().on_message_complete()
 
@@ -205,16 +206,16 @@ class BoundedHttp(HttpToolsProtocol):
     # --- for `Connections` ----------------------------------------------------------------------
 
     def end(self) -> None:
-        """Closes it at once."""
+        """Closes the connection at once."""
         if self.transport is not None:  # type: ignore[redundant-expr]
             self.transport.abort()
 
     def unread_bytes(self) -> int:
-        """Bytes written that the operating system has not taken yet."""
+        """Written bytes that the operating system has not accepted yet."""
         return self.transport.get_write_buffer_size()
 
     def check(self, now_s: float) -> None:
-        """Closes it where a deadline has passed."""
+        """Closes the connection if a deadline has passed."""
         if self._lingers_until_s is not None:
             if now_s > self._lingers_until_s:
                 self.end()
@@ -236,11 +237,11 @@ class BoundedHttp(HttpToolsProtocol):
         raise _Stop
 
     def _refuse(self, refusal: r.LimitRefusal) -> None:
-        """Answers in words where no other answer is under way, and closes."""
+        """Answers with the reason, unless another answer has started, and closes."""
         if self._refused:
             return
         self._refused = True
-        self._connections.turned_away()
+        self._connections.count_refusal()
         self.pipeline.clear()
         self._unset_keepalive_if_required()
         present = self._present

@@ -1,4 +1,4 @@
-"""uvicorn's server with an acceptor and connections of our own."""
+"""uvicorn's server with its own acceptor and connection limits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, cast
 import uvicorn
 
 from gcs_server.api.connections import Connection, Connections
-from gcs_server.api.refusals import LARGEST_MESSAGE_BYTES
+from gcs_server.api.refusals import MAX_MESSAGE_BYTES
 from gcs_server.clock import Clock
 from gcs_server.http_server.acceptor import Acceptor
 from gcs_server.http_server.context import ConnectionContext
@@ -18,14 +18,14 @@ from gcs_server.http_server.http_protocol import BoundedHttp
 
 
 class HttpServer(uvicorn.Server):
-    """Serves an application on a socket that listens already, and says once everything is up how to come in.
+    """Serves an application on a listening socket, and prints its addresses once everything is running.
 
     Args:
         app: the application.
-        connections: what it knows of its connections, with their limits.
+        connections: its connections and their limits.
         clock: the server's.
-        addresses: said when it is ready.
-        trusted_proxies: whose word on the caller's address and scheme is believed.
+        addresses: printed when it is ready.
+        trusted_proxies: proxies whose headers for the caller's address and scheme are trusted.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class HttpServer(uvicorn.Server):
                 http="httptools",
                 ws="websockets-sansio",
                 ws_per_message_deflate=False,
-                ws_max_size=LARGEST_MESSAGE_BYTES,
+                ws_max_size=MAX_MESSAGE_BYTES,
                 access_log=False,
                 proxy_headers=bool(trusted_proxies),
                 forwarded_allow_ips=list(trusted_proxies),
@@ -57,7 +57,7 @@ class HttpServer(uvicorn.Server):
         self._addresses = addresses
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Starts the application, then lets clients in."""
+        """Starts the application, then accepts clients."""
         await super().startup([])
         for listener in sockets or []:
             acceptor = Acceptor(listener, self._protocol, self._connections, self._clock)

@@ -1,4 +1,4 @@
-"""Whether a client takes what is written for it."""
+"""Detects clients that do not read."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Stall:
         self._since_s = 0.0
 
     def too_long(self, unread_bytes: int) -> bool:
-        """Whether nothing was taken for `UNREAD_DEADLINE_S`; to be asked now and then.
+        """Whether nothing was read for `UNREAD_DEADLINE_S`; call periodically.
 
         Args:
-            unread_bytes: how much waits in the process now.
+            unread_bytes: bytes that wait in the process now.
         """
         now_s = self._clock.monotonic_s()
         if not unread_bytes or unread_bytes < self._last_bytes or not self._last_bytes:

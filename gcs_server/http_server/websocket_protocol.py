@@ -1,8 +1,8 @@
-"""One WebSocket, within limits: what comes in is parsed in small pieces, what is not read is not kept.
+"""One WebSocket within limits: input is parsed in small pieces, and only as fast as the application reads it.
 
-uvicorn's protocol parses all that came in at once and keeps each message; a quarter of a megabyte of empty
-frames would stop the loop for most of a second. Here the next piece is parsed when the application has taken
-the messages of the one before, in a turn of the loop of its own.
+uvicorn's protocol parses all input at once and stores each message; a quarter of a megabyte of empty frames
+would stall the event loop for most of a second. Here the next piece is parsed, in a turn of its own, when the
+application has read the messages of the previous one.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.stall import Stall
 
 PIECE_BYTES = 2048
-MOST_FRAMES = 1024
-"""Most frames of one message."""
-MOST_FRAMES_PER_S = 5000
-MOST_UNREAD_PONG_BYTES = 65_536
+MAX_FRAMES = 1024
+"""Largest number of frames of one message."""
+MAX_FRAMES_PER_S = 5000
+MAX_UNREAD_PONG_BYTES = 65_536
 CLOSE_DEADLINE_S = 5.0
 CLOSE_POLICY = 1008
 CLOSE_TOO_LARGE = 1009
@@ -33,7 +33,7 @@ CLOSE_TOO_SLOW = 1013
 
 
 class BoundedWebSocket(WebSocketsSansIOProtocol):
-    """One WebSocket."""
+    """The protocol of one WebSocket."""
 
     def __init__(self, context: ConnectionContext) -> None:
         super().__init__(*context.of_uvicorn)
@@ -47,7 +47,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self._second_s, self._frames_in_second = clock.monotonic_s(), 0
         self._closing_since_s: float | None = None
 
-    # --- coming in ------------------------------------------------------------------------------
+    # --- input ----------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Taken over from HTTP."""
@@ -56,29 +56,29 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self._connections.set_busy(self.connection, True)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The socket has gone."""
+        """The connection is closed."""
         self._unparsed.clear()
         super().connection_lost(exc)
         self._connections.closed(self.connection)
 
     def data_received(self, data: bytes) -> None:
-        """Bytes of the client, cut into pieces."""
-        if not self.handshake_initiated:  # the head, from our own parser
+        """Splits bytes of the client into pieces."""
+        if not self.handshake_initiated:  # the head, from this server's parser
             super().data_received(data)
             return
-        if self.close_sent and not self._parsing:  # only the answer to our closing is of interest
+        if self.close_sent and not self._parsing:  # only the answer to the close frame matters
             data = data[-PIECE_BYTES:]
         self._unparsed.extend(data[i : i + PIECE_BYTES] for i in range(0, len(data), PIECE_BYTES))
         self.transport.pause_reading()
         self._parse_some()
 
     def _parse_some(self) -> None:
-        """One piece; the next follows in another turn, once the application has taken what there is."""
+        """Parses one piece; the next follows in another turn, once the application has read its messages."""
         self._parsing = False
         if self.transport.is_closing() or self.disconnected:
             self._unparsed.clear()
             return
-        if not self.handshake_complete:  # what came before the application has accepted waits for that
+        if not self.handshake_complete:  # data received before the application accepts must wait
             return
         if self._unparsed and (self.queue.empty() or self.close_sent):
             super().data_received(self._unparsed.popleft())
@@ -98,7 +98,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         return message
 
     async def send(self, message: Any) -> None:
-        """Something for the client.
+        """Sends to the client.
 
         Raises:
             ClientDisconnected: it went before it was accepted.
@@ -111,33 +111,33 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
             self._parse_some()
 
     def handle_connect(self, event: Request) -> None:
-        """The head is whole; the application begins in the next turn of the loop."""
+        """The head is complete; the application starts in the next turn of the event loop."""
         super().handle_connect(event)
         if self.response.status_code == 101:
             scope = cast("dict[str, Any]", self.scope)
             scope["extensions"] = {**scope["extensions"], SCOPE_KEY: self.connection}
 
     def handle_events(self) -> None:
-        """Frames; more in a second than anybody needs end the WebSocket."""
+        """Handles frames; too many per second end the WebSocket."""
         now_s = self._clock.monotonic_s()
         if now_s - self._second_s >= 1.0:
             self._second_s, self._frames_in_second = now_s, 0
         self._frames_in_second += len(self.conn.events)
-        if self._frames_in_second > MOST_FRAMES_PER_S:
-            self._fail(CLOSE_POLICY, f"more than {MOST_FRAMES_PER_S} frames in a second")
+        if self._frames_in_second > MAX_FRAMES_PER_S:
+            self._fail(CLOSE_POLICY, f"more than {MAX_FRAMES_PER_S} frames in a second")
             return
         super().handle_events()
 
     def handle_cont(self, event: Frame) -> None:
         """A further part of a message."""
-        if len(self.frames) >= MOST_FRAMES:
-            self._fail(CLOSE_TOO_LARGE, f"a message of more than {MOST_FRAMES} frames")
+        if len(self.frames) >= MAX_FRAMES:
+            self._fail(CLOSE_TOO_LARGE, f"a message of more than {MAX_FRAMES} frames")
             return
         super().handle_cont(event)
 
     def handle_ping(self) -> None:
-        """Answers, unless the client leaves the answers unread."""
-        if self.unread_bytes() < MOST_UNREAD_PONG_BYTES:
+        """Answers a ping, unless too many answers are unread."""
+        if self.unread_bytes() < MAX_UNREAD_PONG_BYTES:
             super().handle_ping()
         else:
             self.conn.data_to_send()
@@ -145,15 +145,15 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
     # --- for `Connections` ----------------------------------------------------------------------
 
     def end(self) -> None:
-        """Closes it at once."""
+        """Closes the connection at once."""
         self.transport.abort()
 
     def unread_bytes(self) -> int:
-        """Bytes written that the operating system has not taken yet."""
+        """Written bytes that the operating system has not accepted yet."""
         return self.transport.get_write_buffer_size()
 
     def check(self, now_s: float) -> None:
-        """Ends it where the client takes nothing, or does not close."""
+        """Closes the connection if the client does not read, or does not answer the close."""
         if self.transport.is_closing() or self.close_sent:
             if self._closing_since_s is None:
                 self._closing_since_s = now_s
@@ -163,10 +163,10 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
             self._fail(CLOSE_TOO_SLOW, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
 
     def _fail(self, code: int, reason: str) -> None:
-        """Closes with a code and a reason; `check` ends it where they are not read."""
+        """Closes with a code and a reason; `check` closes the connection if they are not read."""
         if self.close_sent or self.transport.is_closing():
             return
-        self._connections.turned_away()
+        self._connections.count_refusal()
         self._unparsed.clear()
         self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
         self.conn.fail(code, reason)

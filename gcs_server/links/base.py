@@ -1,4 +1,4 @@
-"""The base of all links: bytes in with the peer they came from, bytes out from any thread."""
+"""The base of all links: receives bytes with their peer, and sends bytes from any thread."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from gcs_server.links.send_queue import Packet, SendCounts
 from gcs_server.links.writer import LinkWriter
 
 FIRST_RETRY_S = 0.5
-LONGEST_RETRY_S = 5.0
+MAX_RETRY_S = 5.0
 OPENING_FAILED = "A fault in this server kept the link from opening; its log says more. This is tried again."
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """The other end: `host:port` for UDP, one for the whole link otherwise."""
+    """The remote end: `host:port` for UDP, one for the whole link otherwise."""
 
     name: str
     address: tuple[str, int] | None = None
@@ -35,43 +35,44 @@ class Recording:
     file: str | None
     """The tlog's name in the data folder's `recordings`; null before the first frame."""
     bytes: int
-    """Written to this file; a full one is followed by the next."""
+    """Size of this file; when it is full, the next file begins."""
     started_unix_s: float | None
-    """When this file began."""
+    """Start time of this file."""
     stopped: str | None
-    """Why nothing is recorded now, for people; null while all is well."""
+    """Why nothing is recorded now; null while recording works."""
 
 
 @dataclass(frozen=True, slots=True)
 class SigningOptions:
-    """How a link's MAVLink frames are signed, as its URL says."""
+    """Signing options of a link, from its URL."""
 
     key: str
-    """The key's name; the key itself stands in no URL."""
+    """Name of the key; the key itself is never in a URL."""
     required: bool
     """Whether unsigned frames are refused; wrongly signed ones always are."""
 
 
 @dataclass(frozen=True, slots=True)
 class SigningReport:
-    """Signing of a link, and how many frames it refused."""
+    """Signing of a link, and its refused frames."""
 
     key: str
     """The key's name."""
     mode: str
-    """required: unsigned frames are refused; allowed: they are taken. Wrongly signed ones are refused."""
+    """required: unsigned frames are refused; allowed: they are accepted. Wrongly signed frames are always
+    refused."""
     link_id: int
     """The link id in all signatures of this link, 0 to 255."""
     unsigned: int
-    """Refused: no signature, where one is required."""
+    """Refused: no signature, but one is required."""
     wrong_signature: int
-    """Refused: signed with another key, or changed on the way."""
+    """Refused: signed with another key, or changed in transfer."""
     replayed: int
-    """Refused: no later than a frame that this sender has sent already."""
+    """Refused: not newer than an earlier frame of this sender."""
     too_old: int
     """Refused: a sender's first frame, more than a minute behind this server's time."""
     too_many_streams: int
-    """Refused: another sender with this key, where there are too many."""
+    """Refused: one sender too many with this key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,46 +82,46 @@ class LinkInfo:
     name: str
     url: str
     state: str
-    """connecting, open, waiting (it will try again), closed, ended (a replay that came to its end)."""
+    """connecting, open, waiting (it will try again), closed, ended (a replay at its end)."""
     detail: str
-    """For people: what is wrong and what to do about it; empty when all is well."""
+    """What is wrong and what to do about it; empty if there is no problem."""
     replay: bool
     forward: bool
     peers: tuple[str, ...]
     bytes_received: int
     bytes_sent: int
     bytes_dropped: int
-    """Not sent because too much waited, the system refused it, or nobody was connected."""
+    """Not sent because the queue was full, the system refused it, or no peer was connected."""
     frames_sent: int = 0
-    """Frames that have left."""
+    """Sent frames."""
     frames_waiting: int = 0
-    """Frames that wait now, because the link takes no more at the moment."""
+    """Frames waiting in the queue."""
     frames_replaced: int = 0
-    """Frames that waited until a newer one took their place: setpoints, commands sent again or overtaken."""
+    """Waiting frames replaced by newer ones: setpoints, repeated or replaced commands."""
     frames_expired: int = 0
     """Frames that waited too long and were not sent: a setpoint after 0.1 s, a command after 0.5 s."""
     frames_dropped: int = 0
-    """Frames not sent because too much waited or the link failed."""
+    """Frames not sent because the queue was full or the link failed."""
     frames_received: int = 0
-    """Whole MAVLink frames, of peers that have gone, too; so are the next four."""
+    """Received MAVLink frames, including those of former peers, as in the next four counters."""
     frames_unknown: int = 0
-    """Frames of messages that the dialect does not have."""
+    """Frames of messages that are not in the dialect."""
     frames_lost: int = 0
-    """Counted by gaps in the sequence numbers; not counted in a recording."""
+    """Lost frames, counted by gaps in sequence numbers; not counted in a recording."""
     crc_errors: int = 0
-    """Frames whose checksum is wrong."""
+    """Frames with a wrong checksum."""
     bytes_skipped: int = 0
-    """Bytes that belong to no frame: garbage, another protocol, a wrong baud rate."""
+    """Bytes that are not part of a frame: garbage, another protocol, a wrong baud rate."""
     handler_errors: int = 0
     """Messages that were skipped and logged because of an error in this server."""
     frames_refused: int = 0
-    """Frames that were refused because of their signature or its absence; `signing` says why."""
+    """Frames refused because of a wrong or missing signature; `signing` says why."""
     frames_unverified: int = 0
-    """Signed frames that were taken as they are, since this link has no key."""
+    """Signed frames accepted without a check, because this link has no key."""
     signing: SigningReport | None = None
-    """Null where the link's URL names no key."""
+    """Null if the link has no key."""
     recording: Recording | None = None
-    """Null where nothing is to be recorded: a replay, or a server with --no-record."""
+    """Null if the link is not recorded: a replay, or a server with --no-record."""
 
 
 OnBytes = Callable[[bytes, Peer, float], None]
@@ -131,26 +132,26 @@ OnState = Callable[[], None]
 
 
 class Link(ABC):
-    """Bytes only; a link opens itself, and again after it was lost.
+    """Transports bytes only; opens itself, and reopens after it was lost.
 
-    Kinds implement `_open`, `_close`, `_writer`; they call `_opened`, `_lost` and `_received`.
+    Subclasses implement `_open`, `_close`, `_writer`; they call `_opened`, `_lost` and `_received`.
     Everything but `submit` and `send` happens in the event loop.
     """
 
     replay = False
     """True where what arrives is a recording; nothing can be sent."""
     clock: Clock | None = None
-    """Whose time it is for those heard here: a recording has its own; None is the server's."""
+    """The clock of vehicles on this link: a recording has its own; None is the server's."""
     signing: SigningOptions | None = None
-    """Which key signs what is sent and heard; None: nothing is signed, and no signature is checked."""
+    """The signing key; None: frames are not signed, and signatures are not checked."""
     quiet = False
-    """True while what arrives only makes a vehicle what it was: nobody is told of its events."""
+    """True while received frames only restore a vehicle's state: its events are not published."""
 
     def __init__(self, name: str, url: str, *, forward: bool = False) -> None:
         self.name = name
         self.url = url
         self.forward = forward
-        """True for a link to another ground station, which gets what the vehicles say."""
+        """True for a link to another ground station, which gets the vehicles' messages."""
         self._state = "closed"
         self._detail = ""
         self._peers: dict[str, Peer] = {}
@@ -160,9 +161,9 @@ class Link(ABC):
         self._retry: asyncio.TimerHandle | None = None
         self._wanted = False
         self.faults = FaultLog(f"link {name}")
-        """Errors of this server's own code in serving this link."""
+        """Errors of this server's code while serving this link."""
         self.now_s: Callable[[], float] = time.monotonic
-        """The clock by which packets expire: the loop's, once started; from any thread."""
+        """The clock by which packets expire: the event loop's, once started. Callable from any thread."""
         self._loop: asyncio.AbstractEventLoop
         self._on_bytes: OnBytes
         self._on_peer_gone: OnPeerGone
@@ -177,13 +178,13 @@ class Link(ABC):
         self._wanted = True
         try:
             self._try()
-        except BaseException:  # an error of our own: release what was opened
+        except BaseException:  # a fault of this program: release what was opened
             self._wanted = False
             self._shut()
             raise
 
     def submit(self, packet: Packet) -> bool:
-        """Sends or queues by priority; callable from any thread; False where it was dropped at once."""
+        """Sends or queues a packet by priority, from any thread; False if it was dropped at once."""
         writer = None if self._state != "open" or self.replay else self._writer(packet.peer)
         if writer is not None:
             return writer.submit(packet)
@@ -193,25 +194,25 @@ class Link(ABC):
         return False
 
     def send(self, data: bytes, peer: Peer) -> bool:
-        """As `submit`, for plain bytes with the lowest priority and no expiry."""
+        """Like `submit`, for plain bytes with the lowest priority and no expiry."""
         return self.submit(Packet(peer, len(data), lambda: data))
 
     def datagrams(self) -> socket.socket | None:
-        """The open socket where each send is a datagram: another process may send by it, too."""
+        """The open socket, if each send is a datagram: another process may send with it too."""
         return None
 
     def sent_elsewhere(self, size_bytes: int) -> None:
-        """Another process has sent a frame of this size by this link's socket."""
+        """Counts a frame that another process has sent with this link's socket."""
         with self._counts.lock:
             self._counts.frames_sent += 1
             self._counts.bytes_sent += size_bytes
 
     def peers(self) -> tuple[Peer, ...]:
-        """The peers at the other end now."""
+        """Current peers."""
         return tuple(self._peers.values())
 
     def info(self) -> LinkInfo:
-        """State and counters now."""
+        """Current state and counters."""
         counts = self._counts
         writers = {writer for peer in self.peers() if (writer := self._writer(peer)) is not None}
         return LinkInfo(
@@ -234,29 +235,29 @@ class Link(ABC):
         )
 
     async def close(self) -> None:
-        """Gives back the socket or device; returns when that is done."""
+        """Closes the link; returns when socket or device are released."""
         self._wanted = False
         if self._retry is not None:
             self._retry.cancel()
         self._shut()
         self._set_state("closed", "")
 
-    # --- for the kinds ---------------------------------------------------------------------------
+    # --- for subclasses --------------------------------------------------------------------------
 
     @abstractmethod
     def _open(self) -> None:
-        """Begins to open; ends in `_opened()` or `_lost(why)`; may raise OSError."""
+        """Starts to open; ends with `_opened()` or `_lost(why)`; may raise OSError."""
 
     @abstractmethod
     def _close(self) -> None:
-        """Gives back what `_open` took; may be called at any time."""
+        """Releases what `_open` acquired; may be called at any time."""
 
     @abstractmethod
     def _writer(self, peer: Peer) -> LinkWriter | None:
         """The writer for this peer, usable from any thread; None if there is no peer."""
 
     def _explain(self, error: OSError) -> str:
-        """The error in words for people."""
+        """The error as text for people."""
         if error.errno in (errno.EMFILE, errno.ENFILE):
             return "This server has too many files and connections open. Close some; this is tried again."
         return f"{error.strerror or error}"
@@ -266,7 +267,7 @@ class Link(ABC):
         self._set_state("open", "")
 
     def _lost(self, why: str) -> None:
-        """Closes what is left and tries again later."""
+        """Closes the link and schedules a retry."""
         self._shut()
         if not self._wanted:
             return
@@ -274,13 +275,13 @@ class Link(ABC):
         if self._retry is not None:
             self._retry.cancel()
         self._retry = self._loop.call_later(self._retry_s, self._try)
-        self._retry_s = min(self._retry_s * 2, LONGEST_RETRY_S)
+        self._retry_s = min(self._retry_s * 2, MAX_RETRY_S)
 
     def _received(self, data: bytes, peer: Peer, now_s: float | None = None) -> None:
-        """Hands over what came; whoever handles it cannot end the link.
+        """Passes on received bytes; errors of the receiver do not end the link.
 
         Args:
-            now_s: the loop's time, from a kind that knows it already.
+            now_s: the event loop's time, if the caller knows it.
         """
         self._bytes_received += len(data)
         try:
@@ -296,7 +297,7 @@ class Link(ABC):
                 self.faults.add(error, "handling that a peer has gone")
 
     def _changed(self) -> None:
-        """Tells that the state or the peers are others."""
+        """Reports a change of the state or the peers."""
         try:
             self._on_state()
         except Exception as error:
@@ -308,7 +309,7 @@ class Link(ABC):
             self._changed()
 
     def _attempt(self, step: Callable[..., None], *arguments: object) -> None:
-        """A step of opening, from the loop or a look-up: whatever fails, the link is tried again."""
+        """Runs a step of opening; if it fails, the link is tried again."""
         try:
             step(*arguments)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""Frugal reading, for every link that has a descriptor; writing is `writer.py`."""
+"""Efficient reading for links with a file descriptor; `writer.py` writes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Callable
 from gcs_server.faults import FaultLog
 
 WAKE_INTERVAL_S = 0.005
-"""A busy link is read no more often, then all there is; what comes after a pause is read at once."""
-READ_AT_MOST_S = 0.02
-"""A link is read no longer than this in one turn of the loop, whatever it takes to handle what comes. What is
-left waits in the system's buffer, and what that cannot hold is lost on this link, not on the others."""
+"""Shortest time between two reads of a busy link; bytes after a pause are read at once."""
+MAX_READ_S = 0.02
+"""Longest time spent on one link per turn of the event loop. The rest waits in the system's buffer; if that
+overflows, bytes are lost on this link only."""
 PACES = ((2000.0, 0.020), (500.0, 0.010))
-"""(pieces a second, s between two reads): a fleet's link is read less often, for each wake costs as much as
-reading dozens of pieces, and no page draws sooner."""
+"""(pieces per second, seconds between two reads): a busy link is read less often, because each wake costs as
+much as reading dozens of pieces."""
 
 
 def pace(pieces_per_s: float) -> float:
@@ -23,12 +23,12 @@ def pace(pieces_per_s: float) -> float:
 
 
 class ThrottledReader:
-    """Calls `drain()` when there is something to read, at the link's `pace`.
+    """Calls `drain()` when data can be read, at the link's `pace`.
 
-    While bytes keep coming the descriptor is not watched at all: a timer is cheaper than being woken.
+    While bytes keep arriving a timer is used instead of watching the descriptor, because it is cheaper.
 
     Args:
-        drain: reads all there is; says how many pieces. Should it raise, reading goes on all the same.
+        drain: reads everything and returns the number of pieces. If it raises, reading continues.
     """
 
     def __init__(
@@ -49,13 +49,13 @@ class ThrottledReader:
 
     def _read(self) -> None:
         self._timer = None
-        came = 1  # should it fail: to be read again soon, not at once
+        came = 1  # if it fails, read again soon, not at once
         try:
             came = self._drain()
         except Exception as error:
             self._faults.add(error, "reading")
         finally:
-            if not self._closed:  # by what came
+            if not self._closed:  # by the number of pieces
                 self._again(came)
 
     def _again(self, came: int) -> None:

@@ -1,8 +1,8 @@
 """Detects TCP connections that do not speak MAVLink: web pages and browsers, by their first bytes.
 
-A page of any site can make a browser send a request to a TCP port of this machine, with a body of the page's
-choice. The body would be read as MAVLink. What a page cannot choose are the first bytes: a method and a blank
-(RFC 9112, 3), the preface of HTTP/2 (`PRI * HTTP/2.0`, RFC 9113, 3.4), or a TLS record (RFC 8446, 5.1).
+Any web page can make a browser send a request with any body to a TCP port of this computer, and the body
+could be read as MAVLink. But a page cannot choose the first bytes: a method and a blank (RFC 9112, 3), the
+preface of HTTP/2 (`PRI * HTTP/2.0`, RFC 9113, 3.4), or a TLS record (RFC 8446, 5.1).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import re
 log = logging.getLogger(__name__)
 
 MAX_UNDECIDED_BYTES = 24
-"""Longer than every method: by then it is decided."""
+"""Longer than every HTTP method, so the protocol is decided by then."""
 LOG_INTERVAL_S = 10.0
 SHOWN_FOR_S = 600.0
 """How long a link's detail shows the last closed connection [s]."""
@@ -24,7 +24,7 @@ _TLS = re.compile(rb"[\x14-\x17]\x03")
 
 
 def foreign_protocol(first: bytes) -> str | None:
-    """ "HTTP" or "TLS" where the first bytes of a connection are of it; "" where more are needed to tell."""
+    """ "HTTP" or "TLS" if the first bytes of a connection match; "" if more bytes are needed."""
     if _HTTP.match(first):
         return "HTTP"
     if _TLS.match(first):
@@ -34,7 +34,7 @@ def foreign_protocol(first: bytes) -> str | None:
 
 
 class FirstBytes:
-    """Holds back what one connection says until its first bytes show that it is no web client's."""
+    """Holds back a connection's bytes until they show that it is not a web client."""
 
     __slots__ = ("_decided", "_held")
 
@@ -46,7 +46,7 @@ class FirstBytes:
         """The bytes that may be read as MAVLink; empty until the protocol is known.
 
         Raises:
-            ForeignProtocol: it is HTTP or TLS; nothing of the connection may be read.
+            ForeignProtocol: it is HTTP or TLS; close the connection without reading it.
         """
         if self._decided:
             return data
@@ -70,7 +70,7 @@ class ForeignProtocol(Exception):
 
 
 class ClosedConnections:
-    """The connections that a listening link closed for their first bytes: counted, told, sparingly logged."""
+    """Counts and reports connections that a listening link closed because of their first bytes."""
 
     def __init__(self, link_name: str) -> None:
         self._link_name = link_name
@@ -80,7 +80,7 @@ class ClosedConnections:
         self._logged_s = float("-inf")
 
     def add(self, host: str, protocol: str, now_s: float) -> None:
-        """One more was closed."""
+        """Counts a closed connection."""
         self._count += 1
         self._last = (host, protocol, now_s)
         if now_s - self._logged_s >= LOG_INTERVAL_S:
@@ -88,12 +88,12 @@ class ClosedConnections:
             log.warning("link %s: %s", self._link_name, self.text(now_s))
 
     def text(self, now_s: float) -> str:
-        """For the link's detail; empty while nothing was closed of late."""
+        """Text for the link's detail; empty if nothing was closed recently."""
         host, protocol, last_s = self._last
         if now_s - last_s > SHOWN_FOR_S:
             return ""
         connections = "1 connection" if self._count == 1 else f"{self._count} connections"
         return (
             f"Closed {connections} that spoke {protocol}, not MAVLink, the last from {host}: a web page or a "
-            "browser tried this port. Nothing of it was read. Close the page that does so."
+            "browser tried this port. Nothing of it was read. Close that page."
         )

@@ -1,4 +1,4 @@
-"""A link without a network, for tests: what is sent lands in a function, what is injected arrives."""
+"""A link without a network, for tests: sent bytes go to a function, injected bytes are received."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from gcs_server.links.writer import LinkWriter
 
 
 class MemoryLink(Link):
-    """Open at once and for ever.
+    """A link that is always open.
 
     Args:
-        outgoing: gets (data, peer) of everything sent.
-        replay: pretends to be a recording.
+        outgoing: called with (data, peer) for all sent bytes.
+        replay: acts as a recording.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Rules for names and targets of links, the same for given and for derived names."""
+"""Rules for names and targets of links, for given and derived names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gcs_server.errors import InvalidRequest
 MAX_NAME_LENGTH = 64
 MAX_PATH_BYTES = 1024
 MAX_PATH_PART_BYTES = 255
-NAME_IN_WORDS = (
+NAME_RULE = (
     f"1 to {MAX_NAME_LENGTH} characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit"
 )
 _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME_LENGTH - 1}}}")
@@ -21,35 +21,36 @@ _HOST = re.compile(r"(?=.{1,253}\Z)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.
 
 
 def checked_name(name: str) -> str:
-    """`name` as it is: it stands in URLs, file names and logs.
+    """Returns `name` if it is valid in URLs, file names and logs.
 
     Raises:
-        InvalidRequest: it cannot.
+        InvalidRequest: it is not.
     """
     if not _NAME.fullmatch(name):
         raise InvalidRequest(
-            "name", f"{_short(name)} cannot be the name of a link.", remedy=f"A name has {NAME_IN_WORDS}."
+            "name", f"{_short(name)} cannot be the name of a link.", remedy=f"A name has {NAME_RULE}."
         )
     return name
 
 
 def checked_key_name(name: str) -> str:
-    """The name of a signing key as it is: it stands in URLs and is its file's name.
+    """Returns the name of a signing key if it is valid in URLs and file names.
 
     Raises:
-        InvalidRequest: it cannot. The name is not repeated: it may be the key itself, given by mistake.
+        InvalidRequest: it is not. The error does not repeat it, because it may be the key itself, given by
+            mistake.
     """
     if not _NAME.fullmatch(name) or _LOOKS_SECRET.fullmatch(name):
         raise InvalidRequest(
             "key",
-            "What was given as a key's name cannot be one.",
-            remedy=f"A key's name has {NAME_IN_WORDS}. Never put the key itself here: see gcs key --help.",
+            "The given name of a key is not valid.",
+            remedy=f"A key's name has {NAME_RULE}. Never put the key itself here: see gcs key --help.",
         )
     return name
 
 
 def shown_url(url: str) -> str:
-    """A link's URL as it may stand in a journal or a log: what is no key's name is not shown."""
+    """A link's URL for journal and log: hides anything that is not a key's name."""
 
     def shown(match: re.Match[str]) -> str:
         try:
@@ -67,32 +68,32 @@ def derived_name(text: str) -> str:
 
 
 def checked_host(url: str, host: str) -> str:
-    """`host` as it is.
+    """Returns `host` if it is valid.
 
     Raises:
-        InvalidRequest: no IPv4 address and no host name looks like this.
+        InvalidRequest: it is neither an IPv4 address nor a host name.
     """
     if not _HOST.fullmatch(host):
         raise InvalidRequest(
             "url",
-            f"{_short(url)}: {_short(host)} is no host.",
+            f"{_short(url)}: {_short(host)} is not a host.",
             remedy="Give an IPv4 address or a host name (letters, digits, '-' and '.').",
         )
     return host
 
 
 def checked_path(url: str, path: str) -> str:
-    """`path` of a device or a recording as it is.
+    """Returns the path of a device or recording if it is valid.
 
     Raises:
-        InvalidRequest: no file can be called so.
+        InvalidRequest: it is not a valid file name.
     """
     parts = path.encode(errors="replace").split(b"/")
     too_long = sum(map(len, parts)) > MAX_PATH_BYTES or max(map(len, parts)) > MAX_PATH_PART_BYTES
     if not path.isprintable() or too_long:
         raise InvalidRequest(
             "url",
-            f"{_short(url)}: no file can be called {_short(path)}.",
+            f"{_short(url)}: not a valid file name: {_short(path)}.",
             remedy="Give the path of a device or a recording.",
         )
     return path

@@ -1,6 +1,7 @@
-"""When a link takes the next frame.
+"""Decides when a link may send the next frame.
 
-Little may lie in the buffers of the system and the driver: nothing overtakes it there, and nothing expires.
+Little data may wait in the buffers of system and driver, because there it cannot be overtaken and does not
+expire.
 """
 
 from __future__ import annotations
@@ -16,38 +17,38 @@ from collections.abc import Callable
 from typing import Protocol
 
 LOOK_AGAIN_S = 0.005
-"""A link that takes nothing is looked at again after this."""
-BITS_A_BYTE = 10
+"""Time until a blocked link is tried again."""
+BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
 AHEAD_S = 0.005
-"""Time ahead of an idle line at which the next frame may be written, because timers fire late."""
+"""How long before the line is idle the next frame may be written, because timers fire late."""
 TIMER_STEP_S = 0.0001
-"""No timer is set for less."""
+"""Shortest timer."""
 DRIVER_SLACK_BYTES = 64
 """Drivers count in blocks."""
 UNPACED_DRIVER_BYTES = 512
 """Bytes that may wait in the driver of a device without a line speed (USB)."""
 ACKED_WITHIN_S = 0.1
-"""TCP: what was written must be acknowledged within this and two round trips; else nothing follows."""
+"""TCP: written bytes must be acknowledged within this and two round trips; otherwise sending pauses."""
 MAX_IN_FLIGHT_BYTES = 64_000
 _RTT_OFFSET_BYTES = 68
 """Offset of `tcpi_rtt` [us] in Linux' struct tcp_info."""
 
 
 class Pacer(Protocol):
-    """Says when the next frame may be written."""
+    """Decides when the next frame may be written."""
 
     def wait_s(self, now_s: float) -> float:
-        """0: now. Else it is asked again after so long."""
+        """Time until the next frame may be written; 0: now."""
         ...
 
     def wrote(self, size_bytes: int, now_s: float) -> None:
-        """Notes the bytes that were handed to the operating system."""
+        """Records bytes handed to the operating system."""
         ...
 
 
 class Unpaced:
-    """Whatever the socket takes (UDP)."""
+    """No pacing: as much as the socket accepts (UDP)."""
 
     def wait_s(self, now_s: float) -> float:
         return 0.0
@@ -57,21 +58,21 @@ class Unpaced:
 
 
 class LinePacer:
-    """A serial line: no faster than its bytes leave, by its speed and by what its driver says.
+    """A serial line: as fast as its bytes are sent, by its speed and its driver's count.
 
     Args:
-        baud: infinity where the device has no line speed.
+        baud: infinity if the device has no line speed.
         in_driver: bytes that the driver has not sent yet.
     """
 
     def __init__(self, baud: float, in_driver: Callable[[], int]) -> None:
-        self._bytes_per_s = baud / BITS_A_BYTE
+        self._bytes_per_s = baud / BITS_PER_BYTE
         self._in_driver = in_driver
         unlimited = math.isinf(baud)
         self._ahead = 0.0 if unlimited else self._bytes_per_s * AHEAD_S
         self._driver_limit = UNPACED_DRIVER_BYTES if unlimited else self._ahead + DRIVER_SLACK_BYTES
         self._on_line = 0.0
-        """Bytes written that have not left, if the line never rests."""
+        """Bytes written but not sent yet, if the line is never idle."""
         self._at_s = 0.0
 
     def wait_s(self, now_s: float) -> float:
@@ -90,11 +91,11 @@ class LinePacer:
 
 
 class AckPacer:
-    """TCP: nothing more while the other side's acknowledgement is overdue, so that a stall delays little.
+    """TCP: sends nothing while an acknowledgement is overdue, so that little data waits during a stall.
 
     Args:
-        unacknowledged: bytes written that the other side has not acknowledged.
-        round_trip_s: as the system measures it.
+        unacknowledged: written bytes that are not acknowledged.
+        round_trip_s: round trip time measured by the system.
     """
 
     def __init__(self, unacknowledged: Callable[[], int], round_trip_s: Callable[[], float]) -> None:
@@ -102,7 +103,7 @@ class AckPacer:
         self._round_trip_s = round_trip_s
         self._written = 0
         self._writes: deque[tuple[int, float]] = deque()
-        """(bytes written by then, when), of what is not acknowledged."""
+        """(bytes written, time) of unacknowledged data."""
 
     def wait_s(self, now_s: float) -> float:
         writes = self._writes
@@ -124,7 +125,7 @@ class AckPacer:
 
 
 def bytes_in_driver(fileno: int) -> int:
-    """Written to a descriptor and not yet sent (serial) or acknowledged (TCP); 0 where that is not told."""
+    """Bytes written to a descriptor and not yet sent (serial) or acknowledged (TCP); 0 if unknown."""
     try:
         return struct.unpack("i", fcntl.ioctl(fileno, termios.TIOCOUTQ, b"\0" * 4))[0]
     except (OSError, ValueError):
@@ -132,7 +133,7 @@ def bytes_in_driver(fileno: int) -> int:
 
 
 def round_trip_s(sock: socket.socket) -> float:
-    """A connection's smoothed round trip; 0 where the system does not tell."""
+    """Smoothed round trip time of a connection; 0 if unknown."""
     with contextlib.suppress(OSError, AttributeError, struct.error):
         info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _RTT_OFFSET_BYTES + 4)
         return struct.unpack_from("I", info, _RTT_OFFSET_BYTES)[0] / 1e6

@@ -1,4 +1,4 @@
-"""Host names to addresses without stopping the loop."""
+"""Resolves host names without blocking the event loop."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ def resolve(
     found: Callable[[Address], None],
     failed: Callable[[str], None],
 ) -> None:
-    """Calls `found` at once for an IPv4 address, later for a name; `failed` with a sentence.
+    """Calls `found` at once for an IPv4 address, later for a name; on failure calls `failed` with a sentence.
 
     Args:
-        found: must not raise: the loop would be all to hear of it.
+        found: must not raise, because nothing would handle the error.
     """
     try:
         socket.inet_pton(socket.AF_INET, host)

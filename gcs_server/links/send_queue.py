@@ -1,4 +1,4 @@
-"""What waits to leave a link: the most urgent first, each until it expires (pure; no clock of its own)."""
+"""The packets that wait on a link: the most urgent is sent first, and each expires (pure; no clock)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from gcs_server.links.base import Peer
 
 CLASSES = 5
-"""0 is the most urgent. What each means is decided by who sends (`mavlink/priority.py`)."""
+"""Class 0 is the most urgent. `mavlink/priority.py` defines the classes."""
 FIRST, LAST = 0, CLASSES - 1
 PASSED_OVER = 4
-"""A class whose packets wait goes next after so many of more urgent ones, unless one of class 0 waits."""
+"""A waiting class is sent next after this many more urgent packets, unless a packet of class 0 waits."""
 LAST_LIMIT_BYTES = 64_000
-"""Limit of the least urgent class: more is dropped."""
+"""Limit of the least urgent class: further packets are dropped."""
 CLASS_LIMIT = 512
-"""Packets of each class between; of class 0 none is ever dropped."""
+"""Limits of the classes between; packets of class 0 are never dropped."""
 
 
 def _nothing(_data: bytes) -> None:
@@ -29,17 +29,18 @@ def _nothing(_data: bytes) -> None:
 
 @dataclass(slots=True, eq=False)
 class Packet:
-    """A packet to send, completed at the moment when it leaves.
+    """A packet to send, completed when it is sent.
 
     Args:
-        peer: to whom.
-        size_bytes: at most, once it is finished.
-        finish: the bytes as they would leave now (numbered and signed); called again where they could not.
-        left: told the bytes once they leave; the number of that frame is used up then.
+        peer: the receiver.
+        size_bytes: largest size when completed.
+        finish: returns the bytes to send now (numbered and signed); called again if they could not be sent.
+        left: called with the bytes once they are sent; then the frame's number is used.
         priority: its class.
-        expires_s: not sent after this, on the link's clock.
-        key: it replaces what waits for the same peer under this key; None: nothing.
-        group: it takes out what waits for the same peer in this group, is not more urgent and not of class 0.
+        expires_s: it is not sent after this time, on the link's clock.
+        key: it replaces the waiting packet with the same peer and key; None: it replaces nothing.
+        group: it removes waiting packets of the same peer and group that are not more urgent and not of class
+            0.
     """
 
     peer: Peer
@@ -63,14 +64,12 @@ class SendCounts:
     frames_dropped: int = 0
     bytes_dropped: int = 0
     lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
-    """Shared by all who send on the link: its frames are numbered in the order in which they leave."""
+    """Shared by all senders of the link, so that frames are numbered in the order in which they are sent."""
 
 
 class SendQueue:
-    """Packets by class.
-
-    Class 0 always goes first. Of the others the most urgent goes, but a class that was passed over by
-    `PASSED_OVER` packets goes next: none waits for ever.
+    """Packets by class. Class 0 is always first. Of the others the most urgent is first, but a class that was
+    passed over by `PASSED_OVER` packets is next, so that none waits forever.
     """
 
     def __init__(self, counts: SendCounts) -> None:
@@ -83,7 +82,7 @@ class SendQueue:
         return sum(map(len, self._waiting))
 
     def put(self, packet: Packet, now_s: float) -> bool:
-        """Lets it wait; False: it was dropped, for too much waits."""
+        """Queues a packet; False if it was dropped because the queue is full."""
         if packet.group is not None:
             self._take_out_group(packet)
         name = (packet.peer.name, packet.key) if packet.key is not None else packet
@@ -93,7 +92,7 @@ class SendQueue:
             self._counts.frames_replaced += 1
             if packet.priority == LAST:
                 self._last_bytes += packet.size_bytes - older.size_bytes
-            waiting[name] = packet  # its place is kept: vehicles take turns
+            waiting[name] = packet  # it keeps its position in the queue, so that vehicles take turns
             return True
         if self._is_full(packet):
             self.purge(now_s)
@@ -107,7 +106,7 @@ class SendQueue:
         return True
 
     def take(self, now_s: float) -> Packet | None:
-        """The packet that leaves now; None where none waits."""
+        """Takes the packet to send now; None if none waits."""
         while (chosen := self._choose()) is not None:
             _, packet = self._waiting[chosen].popitem(last=False)
             if chosen == LAST:
@@ -123,7 +122,7 @@ class SendQueue:
         return None
 
     def put_back(self, packet: Packet) -> None:
-        """Returns a packet that could not leave to the front of its class."""
+        """Puts a packet that could not be sent back to the front of its class."""
         name = (packet.peer.name, packet.key) if packet.key is not None else packet
         waiting = self._waiting[packet.priority]
         waiting[name] = packet
@@ -132,7 +131,7 @@ class SendQueue:
             self._last_bytes += packet.size_bytes
 
     def purge(self, now_s: float) -> None:
-        """Takes out what has expired."""
+        """Removes expired packets."""
         for priority, waiting in enumerate(self._waiting):
             for name in [name for name, packet in waiting.items() if packet.expires_s < now_s]:
                 packet = waiting.pop(name)
@@ -141,7 +140,7 @@ class SendQueue:
                     self._last_bytes -= packet.size_bytes
 
     def clear(self) -> None:
-        """Drops everything."""
+        """Drops all packets."""
         for waiting in self._waiting:
             self._counts.frames_dropped += len(waiting)
             self._counts.bytes_dropped += sum(packet.size_bytes for packet in waiting.values())

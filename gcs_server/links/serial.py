@@ -1,4 +1,4 @@
-"""A serial port or USB radio; comes and goes with its plug."""
+"""A serial port or USB radio, which may be unplugged and plugged in."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class SerialLink(Link):
             pacer=LinePacer(self._line_baud(), lambda: bytes_in_driver(descriptor)),
             counts=self._counts,
             received=lambda data: self._received(data, self._peer),
-            ended=lambda why: self._lost(f"{self._device} went away ({why}) Plug it in again."),
+            ended=lambda why: self._lost(f"{self._device} was disconnected ({why}) Plug it in again."),
             faults=self.faults,
         )
         self._peers[self._peer.name] = self._peer
@@ -75,7 +75,7 @@ class SerialLink(Link):
         return f"{self._device}: {error.strerror or error}"
 
     def _line_baud(self) -> float:
-        """A flight controller's own USB port (CDC ACM) has no line speed, whatever is set."""
+        """Line speed; a flight controller's USB port (CDC ACM) has none, whatever is set."""
         return math.inf if Path(self._device).resolve().name.startswith("ttyACM") else float(self._baud)
 
     def _writer(self, peer: Peer) -> LinkWriter | None:
@@ -97,7 +97,7 @@ def _no_data_is_no_end(descriptor: int) -> None:
         attributes = termios.tcgetattr(descriptor)
         attributes[6][termios.VMIN] = 1
         termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
-    except termios.error as error:  # unplugged since it was opened; no OSError by class
+    except termios.error as error:  # unplugged since it was opened; not an OSError
         raise OSError(*error.args[:2]) from error
 
 

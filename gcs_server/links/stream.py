@@ -1,4 +1,4 @@
-"""What TCP and serial share: one descriptor, a stream of bytes."""
+"""The common part of TCP and serial links: one descriptor, a stream of bytes."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import asyncio
 from collections.abc import Callable
 
 from gcs_server.faults import FaultLog
-from gcs_server.links.channel import READ_AT_MOST_S, ThrottledReader
+from gcs_server.links.channel import MAX_READ_S, ThrottledReader
 from gcs_server.links.pacing import Pacer
 from gcs_server.links.send_queue import SendCounts
 from gcs_server.links.writer import LinkWriter
 
 READ_BYTES = 8192
-READS_A_WAKE = 128
+READS_PER_WAKE = 128
 
 
 class StreamSession:
     """Reads and writes one open stream until it ends.
 
     Args:
-        read: some bytes, b"" at the end; raises BlockingIOError where there is nothing.
-        write: writes some of the bytes and says how many.
+        read: returns some bytes, b"" at the end; raises BlockingIOError if there are none.
+        write: writes some of the bytes and returns how many.
         pacer: when the next frame may be written.
-        received: gets what came.
-        ended: gets a sentence; called once.
+        received: called with received bytes.
+        ended: called once with a sentence.
     """
 
     def __init__(
@@ -62,8 +62,8 @@ class StreamSession:
         self.writer.close()
 
     def _drain(self) -> int:
-        came, end_s = 0, self._now_s() + READ_AT_MOST_S
-        for _ in range(READS_A_WAKE):
+        came, end_s = 0, self._now_s() + MAX_READ_S
+        for _ in range(READS_PER_WAKE):
             if self._over or self._now_s() > end_s:
                 break
             try:

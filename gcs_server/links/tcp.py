@@ -7,7 +7,7 @@ import errno
 import socket
 from dataclasses import replace
 
-from gcs_server.links.base import LONGEST_RETRY_S, Link, LinkInfo, Peer
+from gcs_server.links.base import MAX_RETRY_S, Link, LinkInfo, Peer
 from gcs_server.links.first_bytes import ClosedConnections, FirstBytes, ForeignProtocol
 from gcs_server.links.pacing import AckPacer, bytes_in_driver, round_trip_s
 from gcs_server.links.resolve import Address, resolve
@@ -21,7 +21,7 @@ ACCEPT_AGAIN_AFTER_S = 1.0
 
 
 class TcpLink(Link):
-    """A client of one server."""
+    """A client of one TCP server."""
 
     def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
         super().__init__(name, url, forward=forward)
@@ -78,7 +78,7 @@ class TcpLink(Link):
         try:
             data = self._first_bytes.pass_on(data)
         except ForeignProtocol as error:
-            self._retry_s = LONGEST_RETRY_S  # it will hardly speak MAVLink a moment later
+            self._retry_s = MAX_RETRY_S  # it is unlikely to speak MAVLink later
             who = f"{self._peer.name} speaks {error.protocol}, not MAVLink."
             self._lost(f"{who} Check the port; this is tried again.")
             return
@@ -87,7 +87,7 @@ class TcpLink(Link):
 
     def _explain(self, error: OSError) -> str:
         if error.errno == errno.ECONNREFUSED:
-            return f"Nobody listens on {self._host}:{self._port} yet (TCP); this is tried again."
+            return f"No program listens on {self._host}:{self._port} yet (TCP); this is tried again."
         if error.errno in (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT):
             return f"{self._host} cannot be reached. Check the network; this is tried again."
         if error.errno in (errno.EMFILE, errno.ENFILE):
@@ -111,7 +111,7 @@ class TcpLink(Link):
 
 
 class TcpServerLink(Link):
-    """Listens; every client is a peer."""
+    """A listening link; every client is a peer."""
 
     def __init__(self, name: str, url: str, host: str, port: int, *, forward: bool = False) -> None:
         super().__init__(name, url, forward=forward)
@@ -124,7 +124,7 @@ class TcpServerLink(Link):
 
     @property
     def local_port(self) -> int | None:
-        """The port in use, where it is open."""
+        """The port in use, if the link is open."""
         return self._socket.getsockname()[1] if self._socket else None
 
     def info(self) -> LinkInfo:
@@ -168,7 +168,7 @@ class TcpServerLink(Link):
         try:
             sock, address = listener.accept()
         except OSError as error:
-            if error.errno in OUT_OF_RESOURCES:  # it stays readable: rest, do not spin
+            if error.errno in OUT_OF_RESOURCES:  # the socket stays readable: pause to avoid a busy loop
                 self.faults.add(error, "accepting a connection")
                 self._loop.remove_reader(listener.fileno())
                 self._accept_again = self._loop.call_later(ACCEPT_AGAIN_AFTER_S, self._listen)

@@ -1,4 +1,4 @@
-"""A link that plays a telemetry log: pace, pause, and jumps to any moment."""
+"""A link that plays a telemetry log with speed, pause, and jumps to any time."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from gcs_server.replay.playback import Moment, ReplayClock, Timeline, condense, 
 from gcs_server.replay.records import Batch, Cursor, Record, open_log, read_batch
 
 TICK_S = 0.02
-RECORDS_A_TICK = 500
-"""At most: about 10 ms of the event loop, whatever the recording holds. Where more is due, the replay falls
-behind."""
+RECORDS_PER_TICK = 500
+"""Limits a tick to about 10 ms of the event loop; if more is due, the replay falls behind."""
 CONDENSE_FROM = 100
-"""More than this at once and only what the vehicles' state is made of is played."""
+"""If more records are due at once, only those needed for the vehicles' state are played."""
 READ_AHEAD = 4000
-AT_ITS_END = "The recording has come to its end."
+AT_ITS_END = "The recording is at its end."
 
 T = TypeVar("T")
 
@@ -33,26 +32,26 @@ class ReplayState:
     """The state of a replay."""
 
     state: str
-    """connecting (it is being read), open, ended (at its end, or it cannot be played: see `detail`)."""
+    """connecting (reading the file), open, ended (at its end, or it cannot be played: see `detail`)."""
     detail: str
     """For people; empty while all is well."""
     playing: bool
     speed: float
-    """Times the pace at which it was recorded; 0 is as fast as it goes."""
+    """Playback speed; 1 is real time, 0 is as fast as possible."""
     position_unix_s: float | None
-    """Which moment is shown, by the recording machine's clock; null while the recording is being read."""
+    """Current time in the recording, by the recording computer's clock; null while the file is being read."""
     begin_unix_s: float | None
     end_unix_s: float | None
 
 
 class TlogLink(Link):
-    """Plays a recording at its own pace, or `speed` times that; 0 is as fast as it goes, leaving nothing out.
+    """Plays a recording at `speed` times real time; 0 is as fast as possible, without dropping records.
 
-    What it plays happens at the recording's time (`clock`), not at the server's. A jump makes the peer go and
-    come again, so that the vehicles of before are gone with all that they had heard.
+    Its vehicles live in the recording's time (`clock`). A jump removes the peer and adds it again, so that
+    the previous vehicles and their state are gone.
 
     Args:
-        index: of this file; it is made, in a process of its own, where none is given.
+        index: index of this file; if not given, a process makes it.
     """
 
     replay = True
@@ -67,7 +66,7 @@ class TlogLink(Link):
         self._peer = Peer(path.name)
         self._file: BinaryIO | None = None
         self._reader: ThreadPoolExecutor | None = None
-        """The one thread that reads the file, so that nothing is closed under its hands."""
+        """The only thread that reads the file, so that the file is not closed while it reads."""
         self._indexing: IndexProcess | None = None
         self._timeline: Timeline | None = None
         self._replay_clock: ReplayClock | None = None
@@ -81,10 +80,10 @@ class TlogLink(Link):
         self._settled = asyncio.Event()
 
     async def opened(self) -> None:
-        """Returns once it plays, or cannot be played: see `replay_state`."""
+        """Returns once it plays, or has failed: see `replay_state`."""
         await self._settled.wait()
 
-    # --- for whoever watches it -------------------------------------------------------------------
+    # --- controls ---------------------------------------------------------------------------------
 
     def replay_state(self) -> ReplayState:
         """Now."""
@@ -104,14 +103,14 @@ class TlogLink(Link):
         )
 
     def play(self) -> None:
-        """Goes on; from the begin where it is at its end."""
+        """Plays; if at the end, from the beginning."""
         timeline, now_s = self._ready(), self._loop.time()
         if timeline.position_us(now_s) >= timeline.end_us and not self._jumping:
             self._jump(timeline.begin_us)
         timeline.play(now_s)
 
     def pause(self) -> None:
-        """Stands; what is shown stays."""
+        """Pauses."""
         self._ready().pause(self._loop.time())
 
     def set_speed(self, speed: float) -> None:
@@ -120,7 +119,7 @@ class TlogLink(Link):
         self._speed = speed
 
     async def seek(self, time_us: int) -> None:
-        """Jumps to a time, or the nearest one there is; returns once the vehicles have their state of that
+        """Jumps to a time, or the nearest recorded one; returns once the vehicles have their state of that
         time."""
         self._ready()
         self._jumped.append(done := self._loop.create_future())
@@ -162,7 +161,7 @@ class TlogLink(Link):
         self._timer = self._loop.call_soon(self._tick)
 
     def _in_background(self, work: Callable[[], T], then: Callable[[T], None]) -> None:
-        """Runs what reads files beside the loop; what goes wrong ends the replay, in words."""
+        """Runs file reading in the background; an error ends the replay with a text."""
 
         def done(future: asyncio.Future[T]) -> None:
             if future.cancelled():
@@ -212,18 +211,18 @@ class TlogLink(Link):
         due: list[Record] = []
         pending = self._pending
         while pending and (pending[0].time_us <= position_us or everything):
-            if everything and len(due) >= RECORDS_A_TICK:
+            if everything and len(due) >= RECORDS_PER_TICK:
                 break
             due.append(pending.popleft())
         if len(pending) < READ_AHEAD and not self._at_end:
             self._read_on()
         if not everything and len(due) > CONDENSE_FROM:
             due = condense(due)
-        pending.extendleft(reversed(due[RECORDS_A_TICK:]))
-        is_behind = everything or len(due) > RECORDS_A_TICK
-        self._feed(due[:RECORDS_A_TICK], clock)
+        pending.extendleft(reversed(due[RECORDS_PER_TICK:]))
+        is_behind = everything or len(due) > RECORDS_PER_TICK
+        self._feed(due[:RECORDS_PER_TICK], clock)
         if not pending and not self._at_end:
-            return  # the file is slower than the pace
+            return  # reading the file is slower than playback
         if is_behind:
             timeline.jump(self._loop.time(), clock.time_us)
         else:
@@ -236,7 +235,7 @@ class TlogLink(Link):
         for record in records:
             clock.time_us = max(clock.time_us, record.time_us)
             self._received(record.raw, self._peer, clock.monotonic_s())
-            if not self._wanted:  # closed by who received it
+            if not self._wanted:  # the receiver closed the link
                 return
 
     def _read_on(self) -> None:
@@ -275,7 +274,7 @@ class TlogLink(Link):
         def fetched(there: Moment) -> None:
             if self._timeline is None or self._file is not file:
                 return
-            if self._jump_to_us != wanted_us:  # jumped on meanwhile
+            if self._jump_to_us != wanted_us:  # another jump came meanwhile
                 self._fetch()
                 return
             self._arrive(there, index, wanted_us)
@@ -294,13 +293,13 @@ class TlogLink(Link):
         self._rebuild(deque(there.records), clock, time_us, take)
 
     def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, take: int) -> None:
-        """Feeds what makes the vehicles what they were, a turn of the event loop at a time."""
+        """Feeds the frames that restore the vehicles' state, in several turns of the event loop."""
         if self._timeline is None or take != self._take:
             return
-        self._feed([records.popleft() for _ in range(min(len(records), RECORDS_A_TICK))], clock)
+        self._feed([records.popleft() for _ in range(min(len(records), RECORDS_PER_TICK))], clock)
         if records:
             self._loop.call_soon(self._rebuild, records, clock, time_us, take)
-        elif self._jump_to_us != time_us:  # jumped on meanwhile
+        elif self._jump_to_us != time_us:  # another jump came meanwhile
             self._fetch()
         else:
             self.quiet = False

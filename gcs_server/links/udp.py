@@ -1,4 +1,4 @@
-"""UDP: `udpin` listens and answers whom it hears, `udpout` speaks first."""
+"""UDP: `udpin` listens and answers its peers, `udpout` sends first."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ import errno
 import socket
 
 from gcs_server.links.base import Link, Peer
-from gcs_server.links.channel import READ_AT_MOST_S, ThrottledReader
+from gcs_server.links.channel import MAX_READ_S, ThrottledReader
 from gcs_server.links.resolve import Address, resolve
 from gcs_server.links.writer import LinkWriter
 
 FORGET_AFTER_S = 30.0
-"""A peer silent for longer is forgotten."""
+"""A peer that is silent for longer is removed."""
 MAX_PEERS = 256
 EVICT_AFTER_S = 5.0
-"""With MAX_PEERS peers, one that has been silent for this long is replaced by a new one; else new ones are
+"""With MAX_PEERS peers, a new one replaces a peer that has been silent for this long; otherwise new ones are
 ignored."""
 LOOK_AGAIN_S = 0.25
-DATAGRAMS_A_WAKE = 4000
+DATAGRAMS_PER_WAKE = 4000
 BUFFER_BYTES = 4_000_000
-LONGEST_DATAGRAM_BYTES = 65536
+MAX_DATAGRAM_BYTES = 65536
 SEND_BUFFER_BYTES = 32_768
-"""Some 80 datagrams: what waits in an interface that takes nothing (Wi-Fi that retries) cannot expire."""
+"""About 80 datagrams, because data in the buffer of a blocked interface (Wi-Fi retries) cannot expire."""
 
 
 class UdpLink(Link):
     """One socket for all peers.
 
     Args:
-        host: to listen on, or to speak to.
-        outgoing: speaks first to `host:port`, from a port of the system's choice.
+        host: address to listen on, or to send to.
+        outgoing: sends first to `host:port`, from a port chosen by the system.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class UdpLink(Link):
 
     @property
     def local_port(self) -> int | None:
-        """The port in use, where it is open."""
+        """The port in use, if the link is open."""
         return self._socket.getsockname()[1] if self._socket else None
 
     def datagrams(self) -> socket.socket | None:
@@ -103,17 +103,17 @@ class UdpLink(Link):
     def _drain(self) -> int:
         sock, came, now_s = self._socket, 0, self._loop.time()
         by_address, heard_s, received = self._by_address, self._heard_s, self._received
-        end_s = now_s + READ_AT_MOST_S
-        for _ in range(DATAGRAMS_A_WAKE):
-            if sock is None or self._socket is not sock:  # closed by what came
+        end_s = now_s + MAX_READ_S
+        for _ in range(DATAGRAMS_PER_WAKE):
+            if sock is None or self._socket is not sock:  # the receiver closed the link
                 break
             if self._loop.time() > end_s:
                 break
             try:
-                data, address = sock.recvfrom(LONGEST_DATAGRAM_BYTES)
+                data, address = sock.recvfrom(MAX_DATAGRAM_BYTES)
             except BlockingIOError:
                 break
-            except ConnectionError:  # an earlier datagram found nobody; others may come
+            except ConnectionError:  # an earlier datagram had no receiver; others may arrive
                 continue
             except OSError as error:
                 self._lost(self._explain(error))
@@ -137,7 +137,7 @@ class UdpLink(Link):
             self._forget_peer(quietest)
             return self._peer(address)
         self._full_until_s = now_s + LOOK_AGAIN_S
-        self._set_state("open", f"{MAX_PEERS} addresses speak on this link; further ones are not heard.")
+        self._set_state("open", f"{MAX_PEERS} addresses send on this link; further ones are ignored.")
         return None
 
     def _peer(self, address: Address) -> Peer:
@@ -171,7 +171,7 @@ class UdpLink(Link):
         try:
             return sock.sendto(data, peer.address)
         except OSError as error:
-            if error.errno == errno.ENOBUFS:  # the interface's queue is full: as good as would block
+            if error.errno == errno.ENOBUFS:  # the interface's queue is full: same as would block
                 raise BlockingIOError from error
             raise
 

@@ -1,16 +1,16 @@
-"""Link URLs: the one place that knows their grammar.
+"""The grammar of link URLs.
 
     udpin://127.0.0.1:14550            listens; the host defaults to 127.0.0.1
-    udpout://127.0.0.1:14580           speaks first
+    udpout://127.0.0.1:14580 sends first
     tcp://127.0.0.1:5760               client
     tcpin://127.0.0.1:5790             listens
     serial:///dev/ttyACM0?baud=57600   or serial:/dev/ttyACM0:57600
     tlog:///path/to/flight.tlog?speed=1    0: as fast as it goes
 
-`forward=1` on a network link marks another ground station: it gets what the vehicles say, and what it
-says goes to the vehicles. `key=NAME` on any link but a recording signs what is sent and checks what comes
-with that key (docs/links.md): `signing=required`, the default, refuses unsigned frames, `signing=allowed`
-takes them.
+`forward=1` on a network link marks another ground station: it gets the vehicles' messages, and the vehicles
+get its messages. `key=NAME` on any link except a recording signs sent frames and checks received ones with
+that key (docs/links.md): `signing=required`, the default, refuses unsigned frames, `signing=allowed` accepts
+them.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from gcs_server.links.udp import UdpLink
 
 LOOPBACK = "127.0.0.1"
 ANY_LIVE = frozenset({"forward", "key", "signing"})
-"""Options of every link that is no recording."""
+"""Options of all links except recordings."""
 KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial", "tlog")
 REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev/ttyACM0?baud=57600."
 
 
 def make_link(url: str, name: str | None = None) -> Link:
-    """The link that a URL describes, not yet started.
+    """Makes the link of a URL, not yet started.
 
     Args:
-        url: as above.
-        name: how to call it; made from the URL where it is None.
+        url: a link URL.
+        name: name of the link; None: derived from the URL.
 
     Raises:
         InvalidRequest: the URL is not understood, or the name cannot be one.
-        LinkError: a recording that is not there.
+        LinkError: the recording does not exist.
     """
     for given in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
-        checked_key_name(unquote(given))  # first of all: messages below repeat the URL
+        checked_key_name(unquote(given))  # first, because the messages below repeat the URL
     link = _link(url, name)
     link.signing = _signing(url)
     return link
@@ -73,7 +73,7 @@ def _link(url: str, name: str | None) -> Link:
     forward = _flag(url, options.get("forward", "0"))
     if kind == "serial":
         if not parts.path.startswith("/"):
-            raise InvalidRequest("url", f"{url!r} names no device.", remedy=REMEDY)
+            raise InvalidRequest("url", f"{url!r} has no device.", remedy=REMEDY)
         device, rate = checked_path(url, unquote(parts.path)), str(DEFAULT_BAUD)
         after_colon = re.fullmatch(r"(.+):(\d{4,})", device)
         if after_colon is not None:
@@ -88,10 +88,10 @@ def _link(url: str, name: str | None) -> Link:
     listens = kind in ("udpin", "tcpin")
     host = parts.hostname or (LOOPBACK if listens else "")
     if not host:
-        raise InvalidRequest("url", f"{url!r} names no host to connect to.", remedy=REMEDY)
+        raise InvalidRequest("url", f"{url!r} has no host to connect to.", remedy=REMEDY)
     checked_host(url, host)
     if port is None or (port == 0 and not listens):
-        raise InvalidRequest("url", f"{url!r} names no port (1 to 65535).", remedy=REMEDY)
+        raise InvalidRequest("url", f"{url!r} has no port (1 to 65535).", remedy=REMEDY)
     if parts.path not in ("", "/") or "@" in parts.netloc:
         raise InvalidRequest("url", f"{url!r}: only host, port and options may follow '//'.", remedy=REMEDY)
     name = name or derived_name(f"{kind}-{host}-{port}")

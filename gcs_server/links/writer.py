@@ -1,4 +1,4 @@
-"""Writes what waits for a link, frame by frame, from any thread and a timer of the loop."""
+"""Writes the waiting packets of a link, frame by frame, from any thread and a timer of the event loop."""
 
 from __future__ import annotations
 
@@ -17,21 +17,19 @@ if TYPE_CHECKING:
 
 PURGE_EVERY_S = 0.1
 Write = Callable[[bytes, "Peer"], int]
-"""Writes some of the bytes and says how many; raises BlockingIOError where it would wait."""
+"""Writes some of the bytes and returns how many; raises BlockingIOError if it would block."""
 
 
 class LinkWriter:
-    """Lets a queue's packets leave as its pacer allows.
-
-    Whoever submits writes at once what can leave now; what has to wait is written by whoever submits next,
-    or by the loop's timer. A packet is finished only when its bytes can leave. A frame that was begun is
-    completed before the next one; where its end comes too late, it is sent so that its checksum fails: the
-    vehicle reads what follows and does not obey it.
+    """Sends a queue's packets as its pacer allows. `submit` writes at once what can be sent now; the rest is
+    written by the next `submit`, or by the event loop's timer. A packet is completed only when its bytes can
+    be sent. A partly sent frame is finished before the next one; if its end is too late, it is sent with a
+    wrong checksum, so that the vehicle ignores it and reads the next frame.
 
     Args:
-        loop: for the timer; None where nothing ever has to wait.
-        now_s: the clock by which packets expire (the loop's).
-        failed: called in the loop when the descriptor is broken; None: a packet that fails is lost, no more.
+        loop: for the timer; None if writing never blocks.
+        now_s: the clock by which packets expire (the event loop's).
+        failed: called in the event loop when the descriptor is broken; None: only the packet is lost.
     """
 
     def __init__(
@@ -54,7 +52,7 @@ class LinkWriter:
         self._failed = failed
         self._queue = SendQueue(counts)
         self._begun: tuple[Packet, bytes] | None = None
-        """The frame of which a part has left, and what is left of it."""
+        """The partly sent frame, and its remaining bytes."""
         self._lost: Packet | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._timer_wanted = False
@@ -63,11 +61,11 @@ class LinkWriter:
 
     @property
     def waiting(self) -> int:
-        """Packets that wait."""
+        """Number of waiting packets."""
         return len(self._queue)
 
     def submit(self, packet: Packet) -> bool:
-        """Sends it or lets it wait; from any thread. False: it was dropped."""
+        """Sends or queues a packet, from any thread; False if it was dropped."""
         with self._counts.lock:
             if self._closed:
                 return False
@@ -78,7 +76,7 @@ class LinkWriter:
             return kept and not self._was_lost(packet)
 
     def close(self) -> None:
-        """Drops what waits; call before the descriptor is closed. Afterwards nothing is written."""
+        """Drops waiting packets; call before the descriptor is closed. Afterwards nothing is written."""
         with self._counts.lock:
             self._closed = True
             self._begun = None
@@ -102,7 +100,7 @@ class LinkWriter:
                 self._wake_in(wait_s)
 
     def _write_one(self, now_s: float) -> bool:
-        """Writes the rest of a frame, or the next one; False where the descriptor takes nothing now."""
+        """Writes the rest of a frame, or the next one; False if the descriptor is blocked."""
         begun = self._begun
         if begun is not None:
             packet, data = begun
@@ -115,7 +113,7 @@ class LinkWriter:
                 return True
             try:
                 data = packet.finish()
-            except Exception as error:  # it costs this packet, not those that wait behind it
+            except Exception as error:  # only this packet is lost
                 self._faults.add(error, "finishing a frame")
                 self._drop(packet)
                 return True
@@ -141,7 +139,7 @@ class LinkWriter:
             try:
                 packet.left(data)
             except Exception as error:
-                self._faults.add(error, "noting a frame that left")
+                self._faults.add(error, "recording a sent frame")
         return True
 
     def _was_lost(self, packet: Packet) -> bool:
@@ -166,7 +164,7 @@ class LinkWriter:
 
     def _in_loop(self, callback: Callable[..., None], argument: object) -> None:
         assert self._loop is not None
-        with contextlib.suppress(RuntimeError):  # the loop has ended, and with it the server
+        with contextlib.suppress(RuntimeError):  # the event loop has ended, and the server with it
             self._loop.call_soon_threadsafe(callback, argument)
 
     # --- in the loop ------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Bytes to frames and back, without I/O and without message objects.
+"""Converts bytes to frames and back, without I/O and message objects.
 
 Frame layouts and the checksum are those of the MAVLink guide ("Packet serialization"): MAVLink 1 has a
 6-byte header, MAVLink 2 a 10-byte one and, where incompatibility flag 1 is set, 13 bytes of signature.
@@ -18,19 +18,19 @@ from gcs_server.mavlink.tables import CRC_EXTRA, LAYOUTS
 
 STX_V1, STX_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2, CHECKSUM, SIGNATURE = 6, 10, 2, 13
-LEAST_V2 = HEADER_V2 + CHECKSUM
+MIN_V2_BYTES = HEADER_V2 + CHECKSUM
 SIGNED = 0x01
 
 _crc = fastcrc.crc16.mcrf4xx
 _header_v2 = struct.Struct("<BBBBBBBHB")
 _header_v2_tail = struct.Struct("<xBBBBBBHB").unpack_from
-"""What follows the first byte."""
+"""The header after its first byte."""
 _checksum = struct.Struct("<H")
 
 
 @dataclass(slots=True, eq=False)
 class Frame:
-    """One checked frame; few are ever looked into, so the payload is cut out when it is asked for."""
+    """One checked frame. The payload is extracted only on request, because few are decoded."""
 
     msg_id: int
     system_id: int
@@ -39,21 +39,20 @@ class Frame:
     raw: bytes
     received_monotonic_s: float
     known: bool = True
-    """False: not in the dialect, so its CRC could not be checked."""
+    """False: not in the dialect, so that its CRC could not be checked."""
 
     @property
     def payload(self) -> bytes:
-        """Still without the zeros that MAVLink 2 cuts off."""
+        """The payload without the trailing zeros that MAVLink 2 removes."""
         raw = self.raw
         start = HEADER_V2 if raw[0] == STX_V2 else HEADER_V1
         return raw[start : start + raw[1]]
 
 
 class FrameParser:
-    """Cuts one peer's bytes into frames, and finds its feet again after garbage.
-
-    A byte that begins no valid frame is skipped and counted. A message id that the dialect does not
-    know cannot be checked; it is taken where another frame (or the end of what came) follows it.
+    """Splits one peer's bytes into frames, and resynchronises after garbage. A byte that starts no valid
+    frame is skipped and counted. An unknown message cannot be checked; it is accepted if another frame, or
+    the end of the data, follows it.
     """
 
     __slots__ = (
@@ -80,12 +79,12 @@ class FrameParser:
         self._rest = b""
 
     def feed(self, data: bytes, received_monotonic_s: float) -> list[Frame]:
-        """All frames that are complete now."""
+        """Returns all complete frames."""
         if self._rest:
             return self._cut(self._rest + data, received_monotonic_s)
-        # nearly always a datagram is one good unsigned frame: seen at a glance, else looked at with care
+        # fast path: nearly every datagram is one valid unsigned frame
         size = len(data)
-        if size > LEAST_V2 and data[0] == STX_V2 and data[1] + LEAST_V2 == size and not data[2]:
+        if size > MIN_V2_BYTES and data[0] == STX_V2 and data[1] + MIN_V2_BYTES == size and not data[2]:
             _, _, _, seq, system_id, component_id, low, high = _header_v2_tail(data)
             msg_id = low | high << 16
             extra = CRC_EXTRA.get(msg_id)
@@ -166,7 +165,7 @@ class FrameParser:
         self._last_seq[key] = seq
         if last is not None and seq != (last + 1) & 0xFF:
             gap = (seq - last - 1) & 0xFF
-            if gap < 128:  # more: an older frame came late, or the sender began anew
+            if gap < 128:  # larger: an older frame arrived late, or the sender restarted
                 of = (system_id, component_id)
                 self.lost[of] = self.lost.get(of, 0) + gap
 
@@ -178,14 +177,14 @@ def _next_start(data: bytes, position: int, size: int) -> int:
 
 
 def full_payload(frame: Frame) -> bytes:
-    """The payload with its trailing zeros, as long as the dialect's message."""
+    """The payload with its trailing zeros, in the full length of the message."""
     size = LAYOUTS[frame.msg_id].unpacker.size
     payload = frame.payload
     return payload if len(payload) == size else payload[:size].ljust(size, b"\0")
 
 
 def decode(frame: Frame) -> MAVLink_message | None:
-    """The dialect's message object, for who asked for one; None for an unknown id."""
+    """The dialect's message object; None for an unknown id."""
     layout = LAYOUTS.get(frame.msg_id)
     if layout is None:
         return None
@@ -230,10 +229,10 @@ def encode_frame(
     component_id: int,
     signer: FrameSigner | None = None,
 ) -> bytes:
-    """A MAVLink 2 frame; trailing zeros of the payload are cut off as the protocol wants.
+    """A MAVLink 2 frame; trailing zeros of the payload are removed as the protocol requires.
 
     Args:
-        signer: signs it; frames leave in the order in which they were signed. None: unsigned.
+        signer: signs it; frames must be sent in the order in which they were signed. None: unsigned.
     """
     payload = payload.rstrip(b"\0") or payload[:1]
     header = _header_v2.pack(

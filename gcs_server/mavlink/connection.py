@@ -1,4 +1,4 @@
-"""A link with what MAVLink adds: a parser a peer, the recording, and our own sequence numbers."""
+"""A link with MAVLink: one parser per peer, the recording, and this server's sequence numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from gcs_server.clock import Clock
 from gcs_server.links.base import Link, LinkInfo, Peer
 from gcs_server.links.send_queue import Packet
-from gcs_server.mavlink.codec import LEAST_V2, SIGNATURE, Frame, FrameParser, encode_frame
+from gcs_server.mavlink.codec import MIN_V2_BYTES, SIGNATURE, Frame, FrameParser, encode_frame
 from gcs_server.mavlink.link_signing import LinkSigning
 from gcs_server.mavlink.priority import classify, classify_forwarded
 from gcs_server.mavlink.signing import FrameSigner
@@ -40,11 +40,11 @@ class ParserCounts:
 
 
 class FrameSender:
-    """The one place that finishes outgoing frames, so that all threads share their sequence numbers.
+    """The only place that completes outgoing frames, so that all threads share the sequence numbers.
 
-    A frame is finished at the moment when it leaves, with the link's lock held: `_finish` gives the bytes as
-    they would leave now, `_left` uses their number up. Numbers run per peer: several vehicles on one link
-    would otherwise each count our frames to the others as lost.
+    A frame is completed when it is sent, with the link's lock held: `_finish` returns the bytes to send now,
+    `_left` uses their number. Numbers count per peer; otherwise each of several vehicles on one link would
+    count frames to the others as lost.
     """
 
     def __init__(
@@ -71,17 +71,17 @@ class FrameSender:
         made_s: float | None = None,
         until_s: float | None = None,
     ) -> bool:
-        """Sends a message, or lets it wait as its kind allows; from any thread. False: dropped at once.
+        """Sends or queues a message, from any thread; False if it was dropped at once.
 
         Args:
             made_s: when it was made, on the link's clock; None: now.
-            until_s: it is not sent later, though its kind would still be worth it.
+            until_s: it is not sent later than this, even if its type has a longer lifetime.
         """
         urgency = classify(msg_id, payload)
         expires_s = (self._link.now_s() if made_s is None else made_s) + urgency.lifetime_s
         packet = Packet(
             peer,
-            len(payload) + LEAST_V2 + SIGNATURE,
+            len(payload) + MIN_V2_BYTES + SIGNATURE,
             lambda: self._finish(msg_id, payload, peer),
             lambda raw: self._left(raw, peer),
             urgency.priority,
@@ -92,7 +92,7 @@ class FrameSender:
         return self._link.submit(packet)
 
     def forward(self, frame: Frame, peer: Peer) -> bool:
-        """Another's frame as it is: neither numbered nor signed by us."""
+        """Forwards a frame unchanged: neither numbered nor signed by this server."""
         urgency = classify_forwarded(frame)
         packet = Packet(
             peer,
@@ -106,7 +106,7 @@ class FrameSender:
         return self._link.submit(packet)
 
     def forget(self, peer: Peer) -> None:
-        """The peer is gone; its numbers begin anew."""
+        """The peer is gone; its numbers restart."""
         self._seq.pop(peer.name, None)
 
     def _finish(self, msg_id: int, payload: bytes, peer: Peer) -> bytes:
@@ -125,9 +125,9 @@ class Connection:
     """One link in use.
 
     Args:
-        recording: gets every frame that was taken or sent; None for replays.
-        signing: signs what is sent and refuses what is not signed well; None: neither.
-        on_frame: gets each frame heard.
+        recording: gets every accepted or sent frame; None for replays.
+        signing: signs sent frames and refuses wrongly signed ones; None: neither.
+        on_frame: called with each received frame.
     """
 
     protocol = "MAVLink"
@@ -157,9 +157,9 @@ class Connection:
         self._on_state = on_state
         self._parsers: dict[str, FrameParser] = {}
         self._stamped_s, self._stamp = -1.0, b""
-        """When the newest bytes came, and what the recording calls that."""
+        """When the newest bytes arrived, on both clocks."""
         self._gone = ParserCounts(0, 0, 0, 0, 0)
-        """Sum of the counts of peers that have gone."""
+        """Sum of the counts of former peers."""
         signer = None if signing is None else signing.signer
         self.sender = FrameSender(link, system_id, component_id, self._record, signer)
 
@@ -179,17 +179,18 @@ class Connection:
             self._recording.closing = True
 
     def forward(self, frame: Frame, peer: Peer) -> None:
-        """Passes on another's frame as it is."""
+        """Forwards a frame unchanged."""
         self.sender.forward(frame, peer)
 
     def sent_elsewhere(self, time_us: int, raw: bytes) -> None:
-        """A process of ours has sent this frame by the link's socket, then (since 1970); from any thread."""
+        """Records a frame that the streams' process has sent with this link's socket at that time (since
+        1970); from any thread."""
         self.link.sent_elsewhere(len(raw))
         if self._recording is not None:
             self._recording.append(stamp(time_us), raw)
 
     def speaking_peers(self) -> tuple[Peer, ...]:
-        """Peers to greet: all but those from whom only garbage came."""
+        """Peers that get heartbeats: all except those that sent only garbage."""
         return tuple(
             peer
             for peer in self.link.peers()
@@ -197,7 +198,7 @@ class Connection:
         )
 
     def info(self) -> LinkInfo:
-        """The link's state with what was in its bytes and what of it is on disk."""
+        """The link's state with frame counts and recording."""
         total = self._gone
         for counts in self.counts().values():
             total = total.plus(counts)
@@ -205,7 +206,7 @@ class Connection:
             self.link.info(),
             frames_received=total.frames,
             frames_unknown=total.frames_unknown,
-            frames_lost=0 if self.link.replay else total.frames_lost,  # jumps leave gaps of our own
+            frames_lost=0 if self.link.replay else total.frames_lost,  # jumps of a replay cause gaps
             crc_errors=total.crc_errors,
             bytes_skipped=total.bytes_skipped,
             frames_refused=0 if self.signing is None else self.signing.refused(),
@@ -226,7 +227,7 @@ class Connection:
         frames = parser.feed(data, received_s)
         if not frames:
             return
-        if is_new:  # greeted though it may be refused: a vehicle gets its signing time from what it hears
+        if is_new:  # also if its frames are refused: a vehicle adopts the signing time from heartbeats
             try:
                 self._on_new_peer(self, peer)
             except Exception as error:
@@ -234,13 +235,13 @@ class Connection:
         if self.signing is not None:
             frames = [frame for frame in frames if self.signing.accepts(frame)]
         if self._recording is not None:
-            if received_s != self._stamped_s:  # many datagrams are read in one go
+            if received_s != self._stamped_s:  # many datagrams are read at once
                 self._stamped_s, self._stamp = received_s, stamp(int(self._clock.unix_s() * 1e6))
             for frame in frames:
                 self._recording.append(self._stamp, frame.raw)
         on_frame = self._on_frame
         for frame in frames:
-            try:  # one frame's fault costs that frame only
+            try:  # a fault affects this frame only
                 on_frame(frame, self, peer)
             except Exception as error:
                 name = NAMES.get(frame.msg_id, f"message {frame.msg_id}")

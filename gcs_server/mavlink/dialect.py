@@ -1,4 +1,4 @@
-"""The only door to the generated dialect (see tools/build_dialect.py)."""
+"""The only module that imports the generated dialect (see tools/build_dialect.py)."""
 
 from __future__ import annotations
 

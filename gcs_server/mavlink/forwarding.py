@@ -1,7 +1,7 @@
-"""Another ground station beside us: it gets what the vehicles say, they get what it says.
+"""Forwards frames between vehicles and other ground stations.
 
-No loops: frames never go back where they came from, never from one station to another, and what a
-station sends in a vehicle's name is dropped. Where a vehicle is heard on two links, one is passed on.
+There are no loops: frames never go back to their source, and never from one station to another; frames that a
+station sends with a vehicle's id are dropped. If a vehicle is heard on two links, one is forwarded.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ class _Route:
 
 
 class Forwarder:
-    """Knows where each system was heard."""
+    """Forwards frames; knows on which connection each system was heard."""
 
     def __init__(self, own_system_id: int) -> None:
         self.stations: tuple[Connection, ...] = ()
-        """Those to pass frames on to; without any, `frame` has nothing to do."""
+        """Connections to other ground stations; without any, `frame` does nothing."""
         self._own_system_id = own_system_id
         self._routes: dict[int, _Route] = {}
 
     def use(self, connections: Iterable[Connection]) -> None:
-        """All connections, whenever that changes; without a station among them there is nothing to do."""
+        """Sets all connections, after each change."""
         self.stations = tuple(c for c in connections if c.link.forward)
         if not self.stations:
             self._routes.clear()
 
     def frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
-        """Passes on a frame that just came."""
+        """Forwards a received frame."""
         link = connection.link
         if link.replay or not self.stations:
             return
@@ -58,7 +58,7 @@ class Forwarder:
                 other.forward(frame, station)
 
     def peer_gone(self, connection: Connection, peer: Peer) -> None:
-        """Forgets the systems heard there."""
+        """Forgets the systems heard from this peer."""
         for system_id, route in list(self._routes.items()):
             if route.connection is connection and route.peer is peer:
                 del self._routes[system_id]

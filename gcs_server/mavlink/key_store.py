@@ -1,4 +1,4 @@
-"""Signing keys by name, each a file that only its owner can read, and the newest timestamp that was used."""
+"""Signing keys by name, each in a file that only its owner can read, and the newest used timestamp."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from gcs_server.links.names import checked_key_name
 from gcs_server.mavlink.signing import KEY_BYTES, SecretKey
 
 SUFFIX = ".key"
-LONGEST_FILE = 4096
-LEAST_PASSPHRASE = 12
-"""Characters. Whoever records a signed frame can try passphrases on it for as long as he likes."""
-FORM_IN_WORDS = f"{KEY_BYTES} bytes as {2 * KEY_BYTES} hexadecimal digits or as base64"
+MAX_FILE_LENGTH = 4096
+MIN_PASSPHRASE_LENGTH = 12
+"""Characters. An attacker with a recorded signed frame can try passphrases offline."""
+FORM_RULE = f"{KEY_BYTES} bytes as {2 * KEY_BYTES} hexadecimal digits or as base64"
 
 
 class KeyUnusable(GcsError):
-    """A signing key is missing, cannot be read, or others can read it."""
+    """A signing key is missing, unreadable, or readable by others."""
 
     code = "signing_key"
 
@@ -35,14 +35,14 @@ class KeyStore:
     """The keys of one data folder.
 
     Args:
-        folder: made, for its owner only, with the first key.
+        folder: created with the first key, accessible to its owner only.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def names(self) -> list[str]:
-        """The names of all keys; never the keys themselves."""
+        """Names of all keys."""
         with contextlib.suppress(OSError):
             return sorted(path.stem for path in self._folder.glob(f"*{SUFFIX}"))
         return []
@@ -51,14 +51,14 @@ class KeyStore:
         """The key of that name.
 
         Raises:
-            InvalidRequest: no key can be called so.
-            KeyUnusable: it is not there, holds no key, or others may read it.
+            InvalidRequest: the name is not valid.
+            KeyUnusable: the file is missing, has no valid key, or is readable by others.
         """
         path = self._path(name)
         try:
             with path.open("rb") as file:
                 mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-                text = file.read(LONGEST_FILE)
+                text = file.read(MAX_FILE_LENGTH)
         except FileNotFoundError:
             known = ", ".join(self.names()) or "none"
             raise KeyUnusable(
@@ -72,20 +72,20 @@ class KeyStore:
         if mode & 0o077:
             raise KeyUnusable(
                 f"Others can read the signing key {name!r} ({path}, mode {mode:04o}).",
-                remedy=f"chmod 600 {path}; if somebody may have read it, make a new one.",
+                remedy=f"chmod 600 {path}; if someone may have read it, create a new key.",
             )
         try:
             return parse_key(text.decode("ascii", errors="replace"))
         except ValueError:
             raise KeyUnusable(
-                f"The signing key {name!r} ({path}) is damaged.", remedy=f"It holds {FORM_IN_WORDS}."
+                f"The signing key {name!r} ({path}) is damaged.", remedy=f"It holds {FORM_RULE}."
             ) from None
 
     def add(self, name: str, key: SecretKey) -> None:
-        """Keeps a key.
+        """Stores a key.
 
         Raises:
-            InvalidRequest: the name cannot be one, or is taken.
+            InvalidRequest: the name is not valid, or in use.
             KeyUnusable: it cannot be written.
         """
         path = self._path(name)
@@ -96,7 +96,7 @@ class KeyStore:
         except FileExistsError:
             raise InvalidRequest(
                 "name",
-                f"There is a signing key {name!r} already.",
+                f"A signing key {name!r} already exists.",
                 remedy=f"Remove it: gcs key remove {name}.",
             ) from None
         except OSError as error:
@@ -105,10 +105,10 @@ class KeyStore:
             ) from None
 
     def remove(self, name: str) -> None:
-        """Forgets a key; open links go on with it until they are closed.
+        """Deletes a key; open links keep using it until they are closed.
 
         Raises:
-            KeyUnusable: it is not there, or cannot be deleted.
+            KeyUnusable: it does not exist, or cannot be deleted.
         """
         try:
             self._path(name).unlink()
@@ -118,14 +118,14 @@ class KeyStore:
             ) from None
 
     def newest_timestamp(self) -> int:
-        """The newest that was used to sign; 0 where none is known."""
+        """The newest timestamp used for signing; 0 if unknown."""
         try:
             return max(0, int((self._folder / "timestamp").read_text()[:20]))
         except (OSError, ValueError):
             return 0
 
     def keep_timestamp(self, timestamp: int) -> None:
-        """Remembers it. Raises OSError."""
+        """Stores the newest timestamp. Raises OSError."""
         path = self._folder / "timestamp"
         draft = path.with_name(f".{path.name}.{os.getpid()}")
         draft.write_text(f"{timestamp}\n")
@@ -136,32 +136,32 @@ class KeyStore:
 
 
 def parse_key(text: str) -> SecretKey:
-    """A key as people give it: 64 hexadecimal digits, or base64 of 32 bytes.
+    """Parses a key: 64 hexadecimal digits, or base64 of 32 bytes.
 
     Raises:
-        ValueError: it is none; the text is not repeated.
+        ValueError: it is not a key; the error does not repeat the text.
     """
     text = text.strip()
     if re.fullmatch(rf"[0-9A-Fa-f]{{{2 * KEY_BYTES}}}", text):
         return SecretKey(bytes.fromhex(text))
     with contextlib.suppress(binascii.Error, ValueError):
         return SecretKey(base64.b64decode(text, validate=True))
-    raise ValueError(f"a signing key has {FORM_IN_WORDS}")
+    raise ValueError(f"a signing key has {FORM_RULE}")
 
 
 def key_of_passphrase(text: str) -> SecretKey:
-    """SHA-256 of the text, as MAVProxy makes a key of its passphrase.
+    """The key of a passphrase: SHA-256 of the text, as in MAVProxy.
 
     Raises:
         ValueError: too short.
     """
-    if len(text) < LEAST_PASSPHRASE:
-        raise ValueError(f"a passphrase has at least {LEAST_PASSPHRASE} characters")
+    if len(text) < MIN_PASSPHRASE_LENGTH:
+        raise ValueError(f"a passphrase has at least {MIN_PASSPHRASE_LENGTH} characters")
     return SecretKey(hashlib.sha256(text.encode()).digest())
 
 
 def random_key() -> SecretKey:
-    """One that nobody can guess."""
+    """A random key."""
     return SecretKey(secrets.token_bytes(KEY_BYTES))
 
 

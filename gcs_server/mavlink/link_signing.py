@@ -1,4 +1,4 @@
-"""Signing of the server's links: which key, which link id, what is refused, and what people are told."""
+"""Signing of the server's links: keys, link ids, refusals and warnings."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ from gcs_server.mavlink.signing import (
 log = logging.getLogger(__name__)
 
 UNSIGNED_TAKEN = frozenset({d.MAVLINK_MSG_ID_RADIO_STATUS})
-"""A telemetry radio adds these itself and has no key (MAVLink guide, "Accepting Unsigned Packets")."""
+"""Messages that a telemetry radio adds itself, without a key (MAVLink guide, "Accepting Unsigned
+Packets")."""
 WARNED_FOR_S = 60.0
-"""A refusal is a warning for so long after the last one."""
+"""How long a warning is shown after the last refusal."""
 KEEP_INTERVAL_S = 10.0
-"""How often the newest timestamp is written down; the guide asks for once a minute."""
+"""How often the newest timestamp is stored; the guide requires once a minute."""
 MAX_LINK_IDS = 256
 
-_WORDS = {
+_REFUSAL_TEXT = {
     Refusal.UNSIGNED: "sends frames without a signature, and this link requires one. Give the vehicle the "
     "key, or open the link with signing=allowed.",
     Refusal.WRONG_SIGNATURE: "sends frames with a wrong signature: it has another key, or somebody forges "
     "frames in its name. Give it the key of this link.",
-    Refusal.REPLAYED: "sends frames that are no later than earlier ones: somebody replays them, or two "
+    Refusal.REPLAYED: "sends frames that are not newer than earlier ones: someone replays them, or two "
     "senders with this key have the same system id, component and link id.",
     Refusal.TOO_OLD: "signs with a time more than a minute behind this server's. It should take over this "
     "server's time from the frames that it gets; if it does not, set its clock.",
@@ -53,7 +54,7 @@ class _Refused:
 
 @dataclass(slots=True, eq=False)
 class LinkSigning:
-    """One link's."""
+    """Signing of one link."""
 
     link: str
     options: SigningOptions
@@ -63,7 +64,7 @@ class LinkSigning:
     _refused: dict[Refusal, _Refused] = field(default_factory=lambda: {r: _Refused() for r in Refusal})
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether a frame that came in may be recorded, forwarded and acted upon; counts it where not."""
+        """Whether a received frame may be recorded, forwarded and handled; counts refusals."""
         raw = frame.raw
         if not is_signed(raw) and (not self.options.required or frame.msg_id in UNSIGNED_TAKEN):
             return True
@@ -97,14 +98,14 @@ class LinkSigning:
 
     def _text(self, why: Refusal, refused: _Refused) -> str:
         key = f"(key {self.options.key!r}; refused so far: {refused.count})"
-        return f"System {refused.system_id} {_WORDS[why]} {key}"
+        return f"System {refused.system_id} {_REFUSAL_TEXT[why]} {key}"
 
 
 class Signing:
-    """All signing of one server: its keys in use, its time, its link ids.
+    """Signing of one server: keys in use, time, link ids.
 
     Args:
-        store: where keys lie; None: there are none.
+        store: the stored keys; None: none.
     """
 
     def __init__(self, clock: Clock, store: KeyStore | None) -> None:
@@ -112,11 +113,11 @@ class Signing:
         self._store = store
         self.clock = SigningClock(clock.unix_s)
         newest = 0 if store is None else store.newest_timestamp()
-        if newest >= self.clock.now():  # the machine's clock went back, or a vehicle's was ahead of it
+        if newest >= self.clock.now():  # the system clock went back, or a vehicle's was ahead of it
             unwritten = round(KEEP_INTERVAL_S * TICKS_PER_S)
             self.clock = SigningClock(clock.unix_s, newest + unwritten)
         self._verifiers: list[tuple[SecretKey, KeyVerifier]] = []
-        """Kept when a key's links are closed: so are the timestamps that were heard."""
+        """Kept when the links of a key are closed, with the received timestamps."""
         self._link_ids: set[int] = set()
         self._failed = False
 
@@ -126,10 +127,10 @@ class Signing:
         return bool(self._link_ids)
 
     def open(self, link: str, options: SigningOptions) -> LinkSigning:
-        """For a link that is being opened.
+        """Signing for a new link.
 
         Raises:
-            InvalidRequest: its key cannot be used; says why. Or no link id is free.
+            InvalidRequest: its key cannot be used, or no link id is free.
         """
         try:
             if self._store is None:
@@ -145,7 +146,8 @@ class Signing:
         return LinkSigning(link, options, signer, self._verifier(key), self._clock)
 
     def _verifier(self, key: SecretKey) -> KeyVerifier:
-        """One for each key, whatever names it has: what was heard on one link is a replay on another."""
+        """One verifier per key, also if it has several names: a frame received on one link is a replay on
+        another."""
         for known, verifier in self._verifiers:
             if known == key:
                 return verifier
@@ -158,7 +160,7 @@ class Signing:
         self._link_ids.discard(signing.signer.link_id)
 
     def keep(self) -> None:
-        """Writes down how far the timestamps are; from any thread."""
+        """Stores the newest timestamp; from any thread."""
         if self._store is None or not self._verifiers:
             return
         try:

@@ -1,4 +1,4 @@
-"""Waiting for a message: armed before the request goes out, resolved or failed at once."""
+"""Waits for messages: armed before the request is sent, resolved or failed at once."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from gcs_server.mavlink.codec import Frame
 from gcs_server.mavlink.dialect import MAVLink_message
 
 Reply = Any
-"""A dialect message; which fields it has depends on the id that was awaited."""
+"""A dialect message; its fields depend on the awaited id."""
 Matches = Callable[[Reply], bool]
 
 
-MOST_WAITING = 4096
-"""Messages that wait for one who awaits them; more than PX4's parameters in one burst."""
+MAX_WAITING = 4096
+"""Messages that wait in one waiter; more than PX4's parameters in one burst."""
 
 
 class Waiter:
     """A stream of awaited messages: `await next()` gives each match in order.
 
-    Beyond `MOST_WAITING` that nobody has taken, further ones are as if the link had lost them.
+    With `MAX_WAITING` unread matches, further ones are dropped.
     """
 
     def __init__(self, msg_ids: frozenset[int], matches: Matches | None) -> None:
@@ -33,7 +33,7 @@ class Waiter:
         self._queue: asyncio.Queue[MAVLink_message | GcsError] = asyncio.Queue()
 
     def take(self) -> Reply | None:
-        """A match that is there already, without waiting; raises as `next`."""
+        """A waiting match, or None; raises as `next`."""
         if self._queue.empty():
             return None
         item = self._queue.get_nowait()
@@ -46,7 +46,7 @@ class Waiter:
         """The next match.
 
         Raises:
-            Disconnected: the vehicle or its link went.
+            Disconnected: the vehicle or its link was lost.
         """
         item = await self._queue.get()
         if isinstance(item, GcsError):
@@ -56,11 +56,11 @@ class Waiter:
 
     def offer(self, message: MAVLink_message) -> None:
         """Called by the mailbox."""
-        if self._queue.qsize() < MOST_WAITING and (self._matches is None or self._matches(message)):
+        if self._queue.qsize() < MAX_WAITING and (self._matches is None or self._matches(message)):
             self._queue.put_nowait(message)
 
     def fail(self, error: GcsError) -> None:
-        """Called by the mailbox: every further `next()` raises this."""
+        """Called by the mailbox: further calls of `next()` raise this error."""
         self._queue.put_nowait(error)
 
 
@@ -72,7 +72,7 @@ class Mailbox:
         self._waiters: list[Waiter] = []
         self._faults = FaultLog("mailbox")
         self.awaited: frozenset[int] = frozenset()
-        """Message ids for which somebody waits; `deliver` does nothing with others."""
+        """Awaited message ids; `deliver` ignores others."""
 
     @contextmanager
     def expect(self, *msg_ids: int, matches: Matches | None = None) -> Generator[Waiter]:
@@ -87,7 +87,7 @@ class Mailbox:
             self._refresh()
 
     def deliver(self, frame: Frame) -> None:
-        """Gives a frame to who waits for it; cheap when nobody does."""
+        """Delivers a frame to its waiters; cheap if there are none."""
         if frame.msg_id not in self.awaited:
             return
         message = self._decode(frame)
@@ -95,13 +95,13 @@ class Mailbox:
             return
         for waiter in tuple(self._waiters):
             if frame.msg_id in waiter.msg_ids:
-                try:  # what one waiter cannot judge is none of its; the others still get it
+                try:  # if one waiter's match fails, the others still get the message
                     waiter.offer(message)
                 except Exception as error:
                     self._faults.add(error, f"matching {message.get_type()}")
 
     def fail_all(self, error: GcsError) -> None:
-        """Resolves everything pending, at once, with this error."""
+        """Fails everything pending, at once, with this error."""
         for waiter in tuple(self._waiters):
             waiter.fail(error)
 

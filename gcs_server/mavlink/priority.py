@@ -1,8 +1,8 @@
-"""Which message leaves a link first, and until when it is worth sending; pure.
+"""Priority and lifetime of each message on a link; pure.
 
-On a slow link frames wait. What they are decides: stop motors before all others, then what changes the mode
-or disarms, other commands and replies, setpoints, the rest. Every message expires: a setpoint is replaced by
-the next one, and a command whose sender has given up must not fly the vehicle later.
+On a slow link frames wait. Stop motors is sent first, then mode changes and disarm, other commands and
+replies, setpoints, the rest. Every message expires: a setpoint is replaced by the next one, and a command
+must not reach the vehicle after its sender has given up.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from gcs_server.mavlink.tables import TARGET_SYSTEM_OFFSET
 
 SETPOINT_LIFETIME_S = 0.1
 COMMAND_LIFETIME_S = 0.5
-"""Not longer than the time after which an unanswered command is sent again."""
+"""At most the period after which an unanswered command is repeated."""
 STOP_LIFETIME_S = 1.0
-"""Longer than the time between two attempts, so that one always waits."""
+"""Longer than the period of attempts, so that one always waits in the queue."""
 HEARTBEAT_LIFETIME_S = 1.0
 REST_LIFETIME_S = 3.0
 
@@ -29,7 +29,7 @@ class Priority(IntEnum):
     """The classes of a link's send queue, most urgent first."""
 
     STOP = 0
-    """Stop motors and flight termination: before everything."""
+    """Stop motors and flight termination: before all others."""
     MODE = 1
     """Mode changes, hold, land, return, disarm."""
     COMMAND = 2
@@ -46,12 +46,12 @@ class Urgency:
 
     priority: Priority
     lifetime_s: float
-    """Not sent later than this after it was made."""
+    """Longest time between making and sending it."""
     key: Hashable = None
-    """A message replaces the one that waits under the same key; None: it replaces nothing."""
+    """A message replaces the waiting one with the same key; None: it replaces nothing."""
     flight: Hashable = None
-    """Set for what changes how a vehicle flies: the newer takes the place of those that wait for this vehicle
-    and are not more urgent. Stop motors is never taken out."""
+    """Set for messages that change how a vehicle flies: a newer one replaces those that wait for this vehicle
+    and are not more urgent. Stop motors is never replaced."""
 
 
 _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
@@ -75,7 +75,7 @@ INPUTS = frozenset(
         d.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET,
     }
 )
-"""Sticks: as short-lived as setpoints."""
+"""Stick inputs: as short-lived as setpoints."""
 GIMBAL_INPUTS = frozenset(
     {
         d.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE,
@@ -102,11 +102,11 @@ FLIGHT_COMMANDS = frozenset(
         d.MAV_CMD_MISSION_START,
     }
 )
-"""They fly the vehicle, too, but a mode change is more urgent."""
+"""They also fly the vehicle, but a mode change is more urgent."""
 
 
 def classify(msg_id: int, payload: bytes) -> Urgency:
-    """How a message of our own is queued; the payload with or without its trailing zeros."""
+    """Urgency of a message of this server; the payload with or without trailing zeros."""
     if msg_id in (_LONG, _INT):
         return _of_command(msg_id, payload)
     system = _target_system(msg_id, payload)
@@ -126,9 +126,8 @@ def classify(msg_id: int, payload: bytes) -> Urgency:
 
 
 def classify_forwarded(frame: Frame) -> Urgency:
-    """How a frame of somebody else is queued: it keeps its order, but for stop motors and setpoints.
-
-    Nothing of it is taken for outdated by a newer command: only its own station knows that.
+    """Urgency of a forwarded frame: frames keep their order, except for stop motors and setpoints. A newer
+    command does not replace older ones, because only their own station can decide that.
     """
     own = classify(frame.msg_id, frame.payload)
     sender = (frame.system_id, frame.component_id)
@@ -155,7 +154,7 @@ def _of_command(msg_id: int, payload: bytes) -> Urgency:
 
 
 def _stops(command: int, first: float, second: float) -> bool:
-    """Compared with care: a parameter of another station's command may be NaN."""
+    """Handles NaN, which parameters of another station's command may have."""
     if command == d.MAV_CMD_COMPONENT_ARM_DISARM:
         return abs(first) < 0.5 and abs(second - FORCE) < 0.5
     return command == d.MAV_CMD_DO_FLIGHTTERMINATION and first > 0.5

@@ -1,4 +1,4 @@
-"""Links in, vehicles' frames out: owns the connections, heartbeats, forwarding and recording."""
+"""Owns the connections, heartbeats, forwarding and recording, and passes frames to the fleet."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from gcs_server.supervise import Supervisor
 
 HEARTBEAT_INTERVAL_S = 1.0
 TROUBLED = ("waiting", "open")
-"""States in which a link's detail is a warning; in others it tells of progress."""
+"""States in which a link's detail is a warning."""
 
 
 @dataclass(frozen=True, slots=True)
 class RouterSettings:
-    """What the operator may choose."""
+    """Settings of the router."""
 
     system_id: int = 255
     component_id: int = 190
     signing_dir: Path | None = None
     """Folder of the signing keys; None: no link can sign."""
     recording_dir: Path | None = None
-    """Folder of the tlogs; None records nothing."""
+    """Folder of the tlogs; None: no recording."""
     recording_max_bytes: int = 200_000_000
-    """A tlog is closed and the next begun at this size."""
+    """Size at which a tlog is closed and the next one begins."""
     recording_keep_free_bytes: int = 500_000_000
     """Recording stops while the disk has less than this free."""
 
@@ -48,7 +48,7 @@ class FrameSink:
         """A frame from a vehicle's side (not from a forwarding link)."""
 
     def on_peer_gone(self, connection: Connection, peer: Peer) -> None:
-        """A peer, or its whole link, is gone."""
+        """A peer is gone, or its whole link."""
 
 
 class Router:
@@ -85,7 +85,7 @@ class Router:
         )
 
     def start(self) -> None:
-        """Begins heartbeats (1 Hz to each peer of each link that is no replay) and recording."""
+        """Starts heartbeats (1 Hz to each peer of each link except replays) and recording."""
         if self._recorder is not None:
             self._recorder.start()
         self._supervisor.start("heartbeats", self._send_heartbeats)
@@ -96,12 +96,12 @@ class Router:
 
         Raises:
             InvalidRequest: the URL is not understood, or the name is taken.
-            LinkError: a recording to replay is not there.
+            LinkError: the recording to replay does not exist.
         """
         return self.add(make_link(url, name))
 
     def add(self, link: Link) -> LinkInfo:
-        """Opens a link that was made already.
+        """Opens an existing link.
 
         Raises:
             InvalidRequest: the name or the URL is in use.
@@ -109,7 +109,7 @@ class Router:
         if link.name in self._connections:
             raise InvalidRequest(
                 "name",
-                f"There is a link {link.name!r} already.",
+                f"A link {link.name!r} already exists.",
                 remedy="Remove it first, or give another name.",
             )
         self._refuse_loop(link)
@@ -131,7 +131,7 @@ class Router:
         self._forwarder.use(self._connections.values())
         try:
             connection.start()
-        except BaseException:  # nothing of it stays behind
+        except BaseException:  # leave nothing behind
             del self._connections[link.name]
             self._forwarder.use(self._connections.values())
             if recording is not None:
@@ -142,7 +142,7 @@ class Router:
         return connection.info()
 
     async def remove_link(self, name: str) -> None:
-        """Closes a link and forgets it.
+        """Closes and removes a link.
 
         Raises:
             UnknownLink: no link of that name.
@@ -170,13 +170,13 @@ class Router:
         return self._connections[name]
 
     def warnings(self) -> list[tuple[str, str, str]]:
-        """(kind, link, text) of what stands now: links that wait or have faults, recordings that stopped."""
+        """Current warnings (kind, link, text): links that wait or have faults, stopped recordings."""
         faults = [
             (
                 "link",
                 name,
                 f"{c.link.faults.count} messages or events of this link could not be handled because of a "
-                f"fault in this server ({c.link.faults.newest}). They were skipped; the link goes on. "
+                f"fault in this server ({c.link.faults.newest}). They were skipped; the link continues. "
                 "Please report it with the server's log.",
             )
             for name, c in self._connections.items()
@@ -210,14 +210,15 @@ class Router:
         if other is not None and other.forward != link.forward:
             raise InvalidRequest(
                 "url",
-                f"{link.url!r} would send the vehicles' messages back to our own link {other.name!r}.",
+                f"{link.url!r} would send the vehicles' messages back to this server's own link "
+                f"{other.name!r}.",
                 remedy="Forward to the port on which the other ground station listens.",
             )
 
     def _frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         link = connection.link
         if frame.system_id == self._own_system_id and not link.replay and not link.forward:
-            return  # our own echo, or another station that uses our id
+            return  # this server's own echo, or another station with the same id
         if self._forwarder.stations:
             self._forwarder.frame(frame, connection, peer)
         if not link.forward:
@@ -234,10 +235,10 @@ class Router:
     def _changed(self, connection: Connection) -> None:
         info = connection.link.info()
         for callback in self._on_change:
-            try:  # whoever listens cannot keep the others from hearing of it
+            try:  # a failing listener must not affect the others
                 callback(info)
             except Exception as error:
-                connection.link.faults.add(error, "telling of a change")
+                connection.link.faults.add(error, "reporting a change")
 
     async def _keep_signing_time(self) -> None:
         while True:
@@ -251,7 +252,7 @@ class Router:
             for connection in tuple(self._connections.values()):
                 if connection.link.replay or connection.link.forward:
                     continue
-                try:  # one link's fault does not silence us on the others
+                try:  # a fault of one link must not stop heartbeats on the others
                     for peer in connection.speaking_peers():
                         connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
                 except Exception as error:

@@ -1,4 +1,4 @@
-"""MAVLink 2 message signing: signatures made and checked, timestamps that never go back. No I/O.
+"""MAVLink 2 message signing: makes and checks signatures, with timestamps that never go back. No I/O.
 
 Rules and layout are those of the MAVLink guide ("Message signing"): after the checksum a frame carries a link
 id (one byte), a timestamp (48 bits, 10 us since 2015-01-01) and the first 48 bits of the SHA-256 over the
@@ -22,33 +22,33 @@ SIGNATURE_BYTES = 13
 EPOCH_UNIX_S = 1_420_070_400.0
 """2015-01-01 00:00 UTC."""
 TICKS_PER_S = 100_000
-OLDEST_NEW_STREAM_TICKS = 60 * TICKS_PER_S
+MAX_NEW_STREAM_AGE_TICKS = 60 * TICKS_PER_S
 MAX_TIMESTAMP = (1 << 48) - 1
-LATEST_ADOPTED_TIMESTAMP = MAX_TIMESTAMP - 366 * 86_400 * TICKS_PER_S
-"""A timestamp at the very end of the range would leave nothing to sign with after it."""
+MAX_ADOPTED_TIMESTAMP = MAX_TIMESTAMP - 366 * 86_400 * TICKS_PER_S
+"""Larger timestamps are not adopted, because the range would soon be used up."""
 MAX_STREAMS = 1024
-"""Most streams of one key. Only a sender with the key can start a new one."""
+"""Limit of streams per key. Only a sender with the key can start a new one."""
 STX_V2 = 0xFD
 SIGNED_FLAG = 0x01
 _time_low_high = struct.Struct("<IH")
 
 
 class Refusal(StrEnum):
-    """Why a frame is not taken."""
+    """Why a frame is refused."""
 
     UNSIGNED = "unsigned"
-    """It carries no signature, and the link requires one."""
+    """It has no signature, and the link requires one."""
     WRONG_SIGNATURE = "wrong_signature"
-    """Signed with another key, or changed on its way."""
+    """It was signed with another key, or changed in transfer."""
     REPLAYED = "replayed"
-    """No later than a frame that its stream has sent already."""
+    """It is not newer than an earlier frame of its stream."""
     TOO_OLD = "too_old"
-    """The first of its stream, and more than a minute behind this server's time."""
+    """It is the first of its stream, and more than a minute behind this server's time."""
     TOO_MANY_STREAMS = "too_many_streams"
 
 
 class SecretKey:
-    """32 bytes that nothing prints: neither `repr`, nor a log, nor an error shows them."""
+    """A key of 32 bytes that is never shown: not by `repr`, logs or errors."""
 
     __slots__ = ("_bytes",)
 
@@ -73,7 +73,7 @@ class SecretKey:
         raise TypeError("a signing key is not pickled by chance; see `reveal`")
 
     def reveal(self) -> bytes:
-        """The bytes, for the process that flies the streams and for the key's file: for nobody else."""
+        """The bytes, only for the streams' process and the key's file."""
         return self._bytes
 
     def signature(self, frame: bytes) -> bytes:
@@ -82,22 +82,22 @@ class SecretKey:
 
 
 class SigningClock:
-    """The timestamps of all that one process signs: each later than every one before, from any thread.
+    """Timestamps for signing in one process: always increasing, from any thread.
 
-    They follow the machine's clock and run ahead of it where a correctly signed frame did: a vehicle
+    They follow the system clock, and run ahead of it if a correctly signed frame did, because a vehicle
     refuses a new stream that is a minute behind its own time.
 
     Args:
-        unix_s: the machine's clock [s since 1970].
-        at_least: a timestamp that was used before; the first one is later.
+        unix_s: the system clock [s since 1970].
+        at_least: an earlier used timestamp; the first new one is larger.
     """
 
     def __init__(self, unix_s: Callable[[], float], at_least: int = 0) -> None:
         self._unix_s = unix_s
-        self._last = min(at_least, LATEST_ADOPTED_TIMESTAMP)
+        self._last = min(at_least, MAX_ADOPTED_TIMESTAMP)
         self._lock = threading.Lock()
         self.ahead_ticks = 0
-        """Ticks by which the timestamps are ahead of the machine's clock."""
+        """Ticks by which the timestamps are ahead of the system clock."""
         if at_least:
             self._run_ahead_of(self._last)
 
@@ -108,22 +108,22 @@ class SigningClock:
             return self._last
 
     def now(self) -> int:
-        """A timestamp that `next` is never earlier than."""
+        """A lower bound of `next`."""
         return max(self._machine_ticks() + self.ahead_ticks, self._last)
 
     def adopt(self, timestamp: int) -> None:
-        """A frame with a correct signature carries this timestamp: later ones of ours are later."""
-        if self.now() < timestamp <= LATEST_ADOPTED_TIMESTAMP:
+        """Adopts the timestamp of a correctly signed frame: this server's next ones are larger."""
+        if self.now() < timestamp <= MAX_ADOPTED_TIMESTAMP:
             with self._lock:
                 self._run_ahead_of(timestamp)
 
     def run_ahead(self, ticks: int) -> None:
-        """Sets the ticks ahead of the machine's clock, as used by another process of this server."""
+        """Sets the ticks ahead of the system clock, as used by another process of this server."""
         with self._lock:
             self.ahead_ticks = max(self.ahead_ticks, ticks)
 
     def _run_ahead_of(self, timestamp: int) -> None:
-        # Never rounded up: a vehicle takes over our time as we take over its, and each round would add to it.
+        # Never rounded up: vehicle and server adopt each other's time, and each exchange would add to it.
         self.ahead_ticks = max(self.ahead_ticks, timestamp - self._machine_ticks())
 
     def _machine_ticks(self) -> int:
@@ -131,12 +131,12 @@ class SigningClock:
 
 
 class FrameSigner:
-    """Signs what leaves by one link.
+    """Signs the frames of one link.
 
     Args:
-        key: the link's.
-        link_id: tells the links of one key apart, 0 to 255.
-        clock: one for all that the process signs.
+        key: the link's key.
+        link_id: distinguishes the links of one key, 0 to 255.
+        clock: the signing clock of the process.
     """
 
     __slots__ = ("_link_id", "clock", "key", "link_id")
@@ -148,17 +148,18 @@ class FrameSigner:
         self.clock = clock
 
     def trailer(self, frame: bytes) -> bytes:
-        """The 13 bytes that follow a frame with its checksum. Call it as the frame leaves, in their order."""
+        """The 13 bytes that follow a frame with its checksum. Call it when the frame is sent, in the order of
+        sending."""
         timed = self._link_id + self.clock.next().to_bytes(6, "little")
         return timed + self.key.signature(frame + timed)
 
 
 class KeyVerifier:
-    """Checks what is signed with one key, on all links that use it: a frame counts once, wherever it comes.
+    """Checks frames signed with one key, on all its links: each frame is accepted only once.
 
     Args:
         key: the key.
-        clock: this server's signing time; takes over that of correctly signed frames.
+        clock: this server's signing time; adopts that of correctly signed frames.
     """
 
     def __init__(self, key: SecretKey, clock: SigningClock) -> None:
@@ -168,17 +169,17 @@ class KeyVerifier:
         """By stream."""
 
     def refusal(self, raw: bytes, system_id: int, component_id: int) -> Refusal | None:
-        """Why a whole frame with a good checksum is not to be taken; None: take it."""
+        """Why a frame with a valid checksum is refused; None: accepted."""
         if not is_signed(raw):
             return Refusal.UNSIGNED
         if not hmac.compare_digest(self._key.signature(raw[:-6]), raw[-6:]):
-            return Refusal.WRONG_SIGNATURE  # first of all: it must change nothing that is remembered
+            return Refusal.WRONG_SIGNATURE  # first, because it must not change any state
         low, high = _time_low_high.unpack_from(raw, len(raw) - 12)
         timestamp = low | high << 32
         stream = (raw[-13], system_id, component_id)
         newest = self._newest.get(stream)
         if newest is None:
-            if timestamp + OLDEST_NEW_STREAM_TICKS < self._clock.now():
+            if timestamp + MAX_NEW_STREAM_AGE_TICKS < self._clock.now():
                 return Refusal.TOO_OLD
             if len(self._newest) >= MAX_STREAMS:
                 return Refusal.TOO_MANY_STREAMS
@@ -193,5 +194,5 @@ SigningMode = Literal["required", "allowed"]
 
 
 def is_signed(raw: bytes) -> bool:
-    """Whether a whole frame carries a signature."""
+    """Whether a frame has a signature."""
     return raw[0] == STX_V2 and bool(raw[2] & SIGNED_FLAG)

@@ -1,4 +1,4 @@
-"""What the framing needs to know of every message, built from the dialect's classes once."""
+"""Layout tables of all messages, built once from the dialect's classes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gcs_server.mavlink.dialect import MAVLink_message, mavlink_map
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """One message on the wire."""
+    """Layout of one message."""
 
     msg_id: int
     name: str
@@ -23,7 +23,7 @@ class Layout:
     attributes: tuple[str, ...]
     """Attribute names in the dialect's message object, in wire order."""
     lengths: tuple[int, ...]
-    """Elements a field, in wire order; 1 for scalars and texts."""
+    """Elements per field, in wire order; 1 for scalars and texts."""
     unpacker: struct.Struct
     order: tuple[int, ...]
     """For each constructor argument its position in wire order."""
@@ -70,4 +70,4 @@ TARGET_SYSTEM_OFFSET: dict[int, int] = {
     for msg_id, layout in LAYOUTS.items()
     if (offset := _target_system_offset(layout)) is not None
 }
-"""Messages addressed to one system, and where in the payload its id stands."""
+"""Offset of the target system in the payload of each addressed message."""

@@ -1,8 +1,7 @@
-"""Records what links carry, in a thread of its own: a slow or full disk never delays the flight.
+"""Records the frames of links in a thread, so that a slow or full disk never delays the flight.
 
 A record is an 8-byte big-endian time (microseconds since 1970) and the raw frame, as other ground
-stations write it. Each write goes straight to the operating system, so a killed server loses at most
-what came since the last flush.
+stations write it. Writes are unbuffered, so a killed server loses at most the frames since the last flush.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ BACKLOG_LIMIT_FRAMES = 150_000
 """Most frames of a link that wait for a stalled disk (15 MB, half a minute of fifty vehicles); more stops the
 recording."""
 TRY_AGAIN_FLUSHES = 40
-"""A stopped recording is tried again after so many flushes."""
+"""A stopped recording is tried again after this many flushes."""
 
 _time = struct.Struct(">Q")
 
 
 def stamp(time_us: int) -> bytes:
-    """A record's time (since 1970), as `TlogChannel.append` wants it."""
+    """A record's time (since 1970) for `TlogChannel.append`."""
     return _time.pack(time_us)
 
 
@@ -44,33 +43,33 @@ class TlogChannel:
     def __init__(self, link: str) -> None:
         self.link = link
         self.problem = ""
-        """Why nothing is recorded, for people; empty while all is well."""
+        """Why nothing is recorded; empty while recording works."""
         self.path: Path | None = None
         self.closing = False
         self._waiting: deque[bytes] = deque()
-        """Records; many threads append and the recorder takes, which a deque allows without a lock."""
+        """Records; a deque lets many threads append and the recorder take without a lock."""
         self._file: int | None = None
         self._began_unix_s: float | None = None
         self._size = 0
         self._flushes_until_retry = 0
 
     def append(self, when: bytes, raw: bytes) -> None:
-        """One frame, heard or sent, with its `stamp`."""
+        """Adds a received or sent frame with its `stamp`."""
         if not self.problem and len(self._waiting) < BACKLOG_LIMIT_FRAMES:
             self._waiting.append(when + raw)
 
     def take(self) -> bytes:
-        """Everything that waits since the last time; for the recorder's thread alone."""
+        """Takes all waiting records; only for the recorder's thread."""
         waiting = self._waiting
         return b"".join([waiting.popleft() for _ in range(len(waiting))])
 
     @property
     def backlog_frames(self) -> int:
-        """Frames that wait to be written."""
+        """Number of waiting frames."""
         return len(self._waiting)
 
     def write(self, directory: Path, data: bytes, time_us: int, max_bytes: int) -> None:
-        """Called by the recorder's thread; raises OSError, having taken back a torn record."""
+        """Called by the recorder's thread; on OSError, removes an incomplete record first."""
         if self._file is not None and self._size and self._size + len(data) > max_bytes:
             self.end()
         if self._file is None:
@@ -106,20 +105,20 @@ class TlogChannel:
         return Recording(name, self._size, self._began_unix_s, self.problem or None)
 
     def end(self) -> None:
-        """Closes the file; the next write begins another."""
+        """Closes the file; the next write starts another."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
 
     def stop(self, problem: str) -> None:
-        """Gives up for a while."""
+        """Stops recording for a while."""
         self.problem = problem
         self._flushes_until_retry = TRY_AGAIN_FLUSHES
         self.take()
         self.end()
 
     def waited_long_enough(self) -> bool:
-        """Counts the flushes since it was stopped."""
+        """Counts the flushes since the stop; returns whether to try again."""
         self._flushes_until_retry -= 1
         return self._flushes_until_retry <= 0
 
@@ -128,8 +127,8 @@ class TlogRecorder:
     """The thread that writes all channels.
 
     Args:
-        directory: where the files go; made where missing.
-        max_bytes: a file's size at which the next is begun.
+        directory: folder of the files; created if missing.
+        max_bytes: size at which the next file begins.
         keep_free_bytes: recording stops while the disk has less.
     """
 
@@ -144,23 +143,23 @@ class TlogRecorder:
         self._faults = FaultLog("recordings")
 
     def start(self) -> None:
-        """Begins to write every `FLUSH_INTERVAL_S`."""
+        """Starts to write every `FLUSH_INTERVAL_S`."""
         self._thread = threading.Thread(target=self._run, name="tlog", daemon=True)
         self._thread.start()
 
     def channel(self, link: str) -> TlogChannel:
-        """A recording for a link; the file is made with its first frame."""
+        """A recording for a link; its file is created with the first frame."""
         channel = TlogChannel(link)
         with self._lock:
             self._channels.append(channel)
         return channel
 
     def problems(self) -> list[tuple[str, str]]:
-        """(link, why) of every recording that stands still."""
+        """(link, reason) of all stopped recordings."""
         return [(c.link, c.problem) for c in tuple(self._channels) if c.problem]
 
     def close(self) -> None:
-        """Writes what is left and ends all files."""
+        """Writes the rest and closes all files."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(timeout=5.0)
@@ -170,14 +169,14 @@ class TlogRecorder:
             channel.end()
 
     def flush(self) -> None:
-        """Writes what waits now (the thread's work; callable where no thread runs)."""
+        """Writes waiting records now (the thread's work; also callable without the thread)."""
         with self._lock:
             channels = tuple(self._channels)
         too_full = self._too_full()
         for channel in channels:
             if channel.problem:
                 if not too_full and channel.waited_long_enough():
-                    log.info("recording of %s goes on", channel.link)
+                    log.info("recording of %s continues", channel.link)
                     channel.problem = ""
                 continue
             if too_full and channel.backlog_frames:
@@ -209,12 +208,13 @@ class TlogRecorder:
         try:
             free = shutil.disk_usage(folder).free
         except OSError:
-            return ""  # writing will tell
+            return ""  # the next write shows it
         if free >= self._keep_free_bytes:
             return ""
         return (
             f"Only {free // 1_000_000} MB are free where recordings go ({self._directory}); "
-            f"{self._keep_free_bytes // 1_000_000} MB are kept free. Make room, and recording goes on."
+            f"{self._keep_free_bytes // 1_000_000} MB are kept free. Free some space, and recording "
+            f"continues."
         )
 
     def _stopped(self, channel: TlogChannel, why: str) -> None:
@@ -225,5 +225,5 @@ class TlogRecorder:
         while not self._stop.wait(FLUSH_INTERVAL_S):
             try:
                 self.flush()
-            except Exception as error:  # the thread goes on: one fault does not end all recordings
+            except Exception as error:  # the thread continues: one fault must not end all recordings
                 self._faults.add(error, "writing")

@@ -1,15 +1,16 @@
-"""Long work as a resource: started by a request, followed by all, cancelled by anybody who may.
+"""Operations: long-running work that a request starts, all clients can follow, and clients with the
+permission can cancel.
 
-One operation is an asyncio task with a status. It belongs to no connection: a page that reloads, or a client
-that goes, finds it again. What ends it:
+One operation is an asyncio task with a status. It does not depend on a connection: a reloaded page or a
+reconnected client finds it again. It ends when:
 
 - it returns: `succeeded`, with a small result; it raises: `failed`, with the error;
-- somebody cancels it: `cancelled`, once the work has cleaned up after itself;
+- a client cancels it: `cancelled`, once the work has cleaned up;
 - its vehicle's link is lost, or the vehicle is removed, and the work needs the vehicle: `failed`, by its own
-  error or after `LINK_GRACE_S` by ours (`disconnected`); other work goes on;
-- the server stops: `cancelled`. Nothing of an operation is kept across a restart.
+error, or after `LINK_GRACE_S` with `disconnected`; other work continues;
+- the server stops: `cancelled`. Operations are lost in a restart.
 
-`MOST_RUNNING` may run at once; of those that ended the newest `MOST_ENDED` are kept, the oldest go first.
+`MAX_RUNNING` may run at once; of those that ended the newest `MAX_ENDED` are kept, the oldest go first.
 """
 
 from __future__ import annotations
@@ -27,21 +28,21 @@ from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
 
-MOST_RUNNING = 20
+MAX_RUNNING = 20
 LINK_GRACE_S = 1.0
-"""Time in which work that waits for a lost vehicle may fail with its own error; then it is ended [s]."""
-LARGEST_RESULT = 16_384
-"""As JSON [characters]."""
-MOST_ENDED = 50
-LONGEST_TEXT = 300
+"""Time for work on a lost vehicle to fail with its own error; then it is stopped [s]."""
+MAX_RESULT = 16_384
+"""Size as JSON [characters]."""
+MAX_ENDED = 50
+MAX_TEXT_LENGTH = 300
 TELL_PERIOD_S = 0.2
-"""Between two events about one operation's progress; its end is told at once."""
+"""Shortest time between two progress events of an operation; its end is reported at once."""
 
 State = Literal["running", "succeeded", "failed", "cancelled"]
-Report = Callable[[str, float | None], None]
+ReportProgress = Callable[[str, float | None], None]
 """(what is happening, as a sentence; how much is done, 0 to 1, None: not known)."""
-Work = Callable[[Report], Coroutine[Any, Any, dict[str, object] | None]]
-"""Returns a small result: what is large stays with the resource that the work was about."""
+Work = Callable[[ReportProgress], Coroutine[Any, Any, dict[str, object] | None]]
+"""The work of an operation. It returns a small result; large results stay with their own resource."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,22 +54,22 @@ class Operation:
     kind: str
     """Kind of work: `parameters/read`, `recording/index`."""
     vehicle: str | None
-    """The vehicle's id; null: it concerns none."""
+    """The vehicle's id; null: no vehicle."""
     subject: str | None
     """The object it works on besides the vehicle, such as a recording's name."""
     client: str
     """The client that started it."""
     client_key: str
-    """Tells the client from others of its name."""
+    """Distinguishes clients of the same name."""
     state: State
     progress: float | None
     """Progress, 0 to 1; null: not known."""
     text: str
     """What it is doing, or how it ended."""
     started_unix_s: float
-    """When it began [s since 1970 UTC]."""
+    """Start time [s since 1970 UTC]."""
     ended_unix_s: float | None
-    """When it ended [s since 1970 UTC]; null while it runs."""
+    """End time [s since 1970 UTC]; null while it runs."""
     result: dict[str, object] | None
     """The result; null unless it succeeded."""
     error: GcsError | None
@@ -82,7 +83,7 @@ class _Running:
     needs_vehicle: bool
     told_s: float
     stop_error: GcsError | None = None
-    """Why it is being stopped, where that is a failure."""
+    """Why it is being stopped, if that is a failure."""
 
 
 class Operations:
@@ -94,10 +95,10 @@ class Operations:
         tell: called with each change; nothing of an operation is kept in a vehicle's history.
     """
 
-    def __init__(self, clock: Clock, supervisor: Supervisor, tell: Callable[[Operation], None]) -> None:
+    def __init__(self, clock: Clock, supervisor: Supervisor, on_change: Callable[[Operation], None]) -> None:
         self._clock = clock
         self._supervisor = supervisor
-        self._tell = tell
+        self._on_change = on_change
         self._count = 0
         self._known: dict[str, Operation] = {}
         """Operations in the order of their starts."""
@@ -105,20 +106,20 @@ class Operations:
         self._closed = False
 
     def all(self) -> list[Operation]:
-        """Those that run, and the last that ended; oldest first."""
+        """Running operations and the last ended ones; oldest first."""
         return list(self._known.values())
 
     def get(self, operation_id: str) -> Operation:
         """One operation.
 
         Raises:
-            UnknownOperation: there is none of that id, or it was forgotten.
+            UnknownOperation: there is no such operation, or it was dropped.
         """
         found = self._known.get(operation_id)
         if found is None:
             raise UnknownOperation(
                 f"There is no operation {operation_id!r}.",
-                remedy=f"GET /operations lists them; the last {MOST_ENDED} that ended are kept.",
+                remedy=f"GET /operations lists them; the last {MAX_ENDED} that ended are kept.",
             )
         return found
 
@@ -133,29 +134,30 @@ class Operations:
         by: tuple[str, str] = ("server", ""),
         needs_vehicle: bool = False,
     ) -> Operation:
-        """Begins work in the background. One of the same kind, vehicle and subject that runs is joined.
+        """Starts work in the background. If an operation of the same kind, vehicle and subject is running,
+        returns that one.
 
         Args:
-            kind: what it does.
-            work: is given a function to report progress with; cancelled by `asyncio.CancelledError`.
-            text: what is said until it reports.
-            vehicle: whose, where it concerns one.
-            subject: what it works on beside.
-            by: name and key of who asks.
+            kind: kind of the work.
+            work: gets a function to report progress; cancelled by `asyncio.CancelledError`.
+            text: text until the first progress report.
+            vehicle: id of the vehicle, if there is one.
+            subject: the object it works on besides the vehicle.
+            by: name and key of the client.
             needs_vehicle: whether it ends with the vehicle's link.
 
         Raises:
-            Refused: as many as possible run, or the server stops.
+            Refused: the limit of running operations is reached, or the server is shutting down.
         """
         for operation_id in self._running:
             known = self._known[operation_id]
             if (known.kind, known.vehicle, known.subject) == (kind, vehicle, subject):
                 return known
         if self._closed:
-            raise Refused("The server is stopping; it begins no more operations.")
-        if len(self._running) >= MOST_RUNNING:
+            raise Refused("The server is shutting down; it starts no more operations.")
+        if len(self._running) >= MAX_RUNNING:
             raise Refused(
-                f"{MOST_RUNNING} operations are running, and no more are begun.",
+                f"{MAX_RUNNING} operations are running, which is the limit.",
                 remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
             )
         self._count += 1
@@ -171,15 +173,15 @@ class Operations:
             task, asyncio.Event(), needs_vehicle, self._clock.monotonic_s()
         )
         task.add_done_callback(lambda _: self._never_ran(operation_id))
-        self._tell(operation)
+        self._on_change(operation)
         return operation
 
     async def wait(self, operation_id: str) -> Operation:
-        """Waits for its end; whoever waits may go without ending it.
+        """Waits for the end; cancelling the wait does not end the operation.
 
         Raises:
             UnknownOperation: there is none of that id.
-            GcsError: what it failed with.
+            GcsError: the error of the operation.
         """
         operation = self.get(operation_id)
         running = self._running.get(operation_id)
@@ -191,7 +193,7 @@ class Operations:
         return operation
 
     async def cancel(self, operation_id: str) -> Operation:
-        """Ends it, and answers once its work has cleaned up; nothing happens to one that has ended.
+        """Cancels an operation, and returns once its work has cleaned up; does nothing if it has ended.
 
         Raises:
             UnknownOperation: there is none of that id.
@@ -205,7 +207,7 @@ class Operations:
         return self._known.get(operation_id, operation)
 
     def vehicle_lost(self, vehicle_id: str, why: str) -> None:
-        """The vehicle's link is lost, or it was removed: what needs it fails."""
+        """The vehicle's link is lost, or it was removed: operations that need it fail."""
         concerned = [
             running
             for operation_id, running in self._running.items()
@@ -215,7 +217,7 @@ class Operations:
             self._supervisor.spawn("operations of a lost vehicle", self._fail(concerned, vehicle_id, why))
 
     async def close(self) -> None:
-        """Cancels all, and waits for them; begins no more."""
+        """Cancels all operations and waits for them; starts no more."""
         self._closed = True
         running = list(self._running.values())
         for each in running:
@@ -235,7 +237,7 @@ class Operations:
     async def _run(self, operation_id: str, work: Work) -> None:
         try:
             result = await work(lambda text, progress: self._report(operation_id, text, progress))
-            if len(json.dumps(result)) > LARGEST_RESULT:
+            if len(json.dumps(result)) > MAX_RESULT:
                 raise ValueError("the result is too large")
         except asyncio.CancelledError:
             error = self._running[operation_id].stop_error
@@ -266,12 +268,12 @@ class Operations:
         if running is None:
             return
         share = None if progress is None else min(1.0, max(0.0, progress))
-        changed = replace(self._known[operation_id], text=text[:LONGEST_TEXT], progress=share)
+        changed = replace(self._known[operation_id], text=text[:MAX_TEXT_LENGTH], progress=share)
         self._known[operation_id] = changed
         now_s = self._clock.monotonic_s()
         if now_s - running.told_s >= TELL_PERIOD_S:
             running.told_s = now_s
-            self._tell(changed)
+            self._on_change(changed)
 
     def _end(
         self,
@@ -286,16 +288,16 @@ class Operations:
         ended = replace(
             self._known.pop(operation_id),
             state=state,
-            text=text[:LONGEST_TEXT],
+            text=text[:MAX_TEXT_LENGTH],
             ended_unix_s=self._clock.unix_s(),
             result=result,
             error=error,
         )
         if state == "succeeded":
             ended = replace(ended, progress=1.0)
-        self._known[operation_id] = ended  # at the end: forgotten in the order of their ends
+        self._known[operation_id] = ended  # moved to the end: dropped in the order in which they ended
         done = [key for key in self._known if key not in self._running]
-        for key in done[: max(0, len(done) - MOST_ENDED)]:
+        for key in done[: max(0, len(done) - MAX_ENDED)]:
             del self._known[key]
         running.ended.set()
-        self._tell(ended)
+        self._on_change(ended)

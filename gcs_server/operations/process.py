@@ -1,8 +1,8 @@
-"""Work in a process of its own that reports progress and can be cancelled; both sides of it.
+"""Runs work in a process of its own, with progress and cancellation; has both sides.
 
-The process writes one JSON object a line: `{"text", "progress"}` as often as it likes, at last `{"result"}`
-or `{"problem"}`. It is asked to end by SIGTERM and killed `END_WITHIN_S` later; it also ends when its
-standard input does, so that it never outlives the server.
+The process writes one JSON object per line: any number of `{"text", "progress"}`, then `{"result"}` or
+`{"problem"}`. SIGTERM asks it to end, and it is killed `END_TIMEOUT_S` later. It also ends when its standard
+input closes, so that it never outlives the server.
 """
 
 from __future__ import annotations
@@ -19,32 +19,36 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from gcs_server.errors import GcsError
-from gcs_server.operations.operations import LARGEST_RESULT, Report
+from gcs_server.operations.operations import MAX_RESULT, ReportProgress
 
-END_WITHIN_S = 2.0
-LONGEST_LINE = 4 * LARGEST_RESULT
+END_TIMEOUT_S = 2.0
+MAX_LINE_LENGTH = 4 * MAX_RESULT
 NICENESS = 10
 
 
 class WorkerFailed(GcsError):
-    """The process says what went wrong, or ended without a result."""
+    """The process reported a problem, or ended without a result."""
 
     code = "worker_failed"
 
 
 async def run_process(
-    command: Sequence[str], report: Report, *, request: bytes = b"", longest_line: int = LONGEST_LINE
+    command: Sequence[str],
+    report: ReportProgress,
+    *,
+    request: bytes = b"",
+    longest_line: int = MAX_LINE_LENGTH,
 ) -> dict[str, object]:
     """Runs the command until it has written its result.
 
     Args:
         command: program and arguments.
-        report: told what the process reports.
-        request: what it works on, without a line feed; the process reads it by `read_request`.
-        longest_line: of what it writes [bytes].
+        report: receives the progress of the process.
+        request: its input, without a line feed; the process reads it with `read_request`.
+        longest_line: longest line that it may write [bytes].
 
     Raises:
-        WorkerFailed: it ended otherwise.
+        WorkerFailed: it ended without a result.
     """
     process = await asyncio.create_subprocess_exec(
         *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=longest_line
@@ -53,7 +57,7 @@ async def run_process(
     assert process.stdout is not None
     try:
         if request:
-            with contextlib.suppress(ConnectionError):  # it has ended: what it wrote says why
+            with contextlib.suppress(ConnectionError):  # it has ended: its output says why
                 process.stdin.write(request + b"\n")
                 await process.stdin.drain()
         while line := await process.stdout.readline():
@@ -61,7 +65,7 @@ async def run_process(
             if "result" in said and isinstance(said["result"], dict):
                 return cast(dict[str, object], said["result"])
             if "problem" in said:
-                raise WorkerFailed(str(said["problem"])[:LONGEST_LINE])
+                raise WorkerFailed(str(said["problem"])[:MAX_LINE_LENGTH])
             progress = said.get("progress")
             share = progress if isinstance(progress, int | float) and 0 <= progress <= 1 else None
             report(str(said.get("text", "")), share)
@@ -79,7 +83,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
     with contextlib.suppress(ProcessLookupError):
         process.terminate()
     try:
-        async with asyncio.timeout(END_WITHIN_S):
+        async with asyncio.timeout(END_TIMEOUT_S):
             await process.wait()
     except TimeoutError:
         with contextlib.suppress(ProcessLookupError):
@@ -90,7 +94,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
 def _object(line: bytes) -> dict[str, Any]:
     said = json.loads(line)
     if not isinstance(said, dict):
-        raise ValueError("a line is no object")
+        raise ValueError("a line is not an object")
     return cast(dict[str, Any], said)
 
 
@@ -98,26 +102,26 @@ def _object(line: bytes) -> dict[str, Any]:
 
 
 def read_request() -> bytes:
-    """What `run_process` was given to send; called once, before `serve`."""
+    """Reads the request of `run_process`; call once, before `serve`."""
     return sys.stdin.buffer.readline().rstrip(b"\n")
 
 
-def limit(*, memory_bytes: int, computing_s: int, within_s: int) -> None:
-    """Bounds this process, and lets everything else go first; called before `read_request`.
+def limit(*, memory_bytes: int, computing_s: int, timeout_s: int) -> None:
+    """Limits this process and lowers its priority; call before `read_request`.
 
     Args:
-        memory_bytes: of address space.
+        memory_bytes: limit of address space.
         computing_s: processor time.
-        within_s: wall time, on a busy machine.
+        timeout_s: total time, on a busy computer.
     """
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (computing_s, computing_s))
-    signal.alarm(within_s)
+    signal.alarm(timeout_s)
 
 
-def serve(work: Callable[[Report], dict[str, object]]) -> None:
-    """Runs `work` in this process for `run_process` of another; what it raises becomes the problem."""
+def serve(work: Callable[[ReportProgress], dict[str, object]]) -> None:
+    """Runs `work` in this process for `run_process` of the server; an exception becomes the problem."""
     threading.Thread(target=_end_with_the_server, daemon=True).start()
     try:
         _write({"result": work(lambda text, progress: _write({"text": text, "progress": progress}))})

@@ -1,1 +1,1 @@
-"""Plans of both kinds on the server: kept with versions, checked, imported, exported."""
+"""Plans of both kinds on the server: stored with versions, checked, imported, exported."""

@@ -1,25 +1,25 @@
 """`python -m gcs_server.plans.dry_run_worker`: one dry run, in a process with limits of its own.
 
-It flies simulated vehicles and has no link: nothing that happens here reaches a real one.
+It flies simulated vehicles only and has no links to real ones.
 """
 
 from __future__ import annotations
 
 import json
 
-from gcs_server.operations.operations import Report
+from gcs_server.operations.operations import ReportProgress
 from gcs_server.operations.process import limit, read_request, serve
 
 MEMORY_BYTES = 2_500_000_000
-"""NumPy and shapely alone reserve a fifth of it."""
+"""Limit of address space; NumPy and shapely alone reserve a fifth of it."""
 
 
 def main() -> None:
     """Reads the request of `missions.dry_run.task`, writes progress and its answer."""
-    limit(memory_bytes=MEMORY_BYTES, computing_s=1200, within_s=3600)
+    limit(memory_bytes=MEMORY_BYTES, computing_s=1200, timeout_s=3600)
     request = json.loads(read_request())
 
-    def work(report: Report) -> dict[str, object]:
+    def work(report: ReportProgress) -> dict[str, object]:
         from missions.dry_run import task
 
         return task.run(request, report)

@@ -1,4 +1,5 @@
-"""Plans flown in simulation, each in a process of its own; the newest results are kept in memory."""
+"""Dry runs: plans flown in simulation, each in a process of its own. The newest results are kept in
+memory."""
 
 from __future__ import annotations
 
@@ -9,18 +10,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from gcs_server.errors import Refused, UnknownDryRun
-from gcs_server.operations.operations import Report
+from gcs_server.operations.operations import ReportProgress
 from gcs_server.operations.process import WorkerFailed, run_process
 
 AT_ONCE = 2
-"""Processes; they are nice, but a small computer has two cores."""
-MOST_KEPT = 10
+"""Processes at a time; they have low priority, but a small computer has two cores."""
+MAX_KEPT = 10
 MAX_ANSWER_BYTES = 8 * 1024 * 1024
 COMMAND = (sys.executable, "-m", "gcs_server.plans.dry_run_worker")
 
 
 class DryRuns:
-    """The dry runs of one server; a restart forgets them."""
+    """The dry runs of one server; they are lost in a restart."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -28,29 +29,29 @@ class DryRuns:
         self._kept: OrderedDict[str, dict[str, Any]] = OrderedDict()
 
     def next_id(self) -> str:
-        """For one that is to begin.
+        """Id of the next dry run.
 
         Raises:
-            Refused: as many as possible run.
+        Refused: the limit of running dry runs is reached.
         """
         if self._running >= AT_ONCE:
             raise Refused(
-                f"{AT_ONCE} dry runs are under way, and no more are begun.",
+                f"{AT_ONCE} dry runs are already running, which is the limit.",
                 remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
             )
         self._count += 1
         return str(self._count)
 
     async def run(
-        self, dry_run_id: str, request: Mapping[str, Any], about: Mapping[str, Any], report: Report
+        self, dry_run_id: str, request: Mapping[str, Any], about: Mapping[str, Any], report: ReportProgress
     ) -> dict[str, object]:
-        """Flies, and keeps the result; whoever cancels it ends the process.
+        """Runs a dry run and stores the result; cancelling it ends the process.
 
         Args:
-            dry_run_id: its name.
-            request: as `missions.dry_run.task` takes it.
-            about: kept beside the result.
-            report: told how far it is.
+            dry_run_id: its id.
+            request: input of `missions.dry_run.task`.
+            about: stored with the result.
+            report: receives progress.
 
         Returns:
             A summary.
@@ -59,7 +60,7 @@ class DryRuns:
             Refused: the plan cannot be flown, takes too long, or too many run.
         """
         if self._running >= AT_ONCE:
-            raise Refused(f"{AT_ONCE} dry runs are under way.", remedy="Wait until one has ended.")
+            raise Refused(f"{AT_ONCE} dry runs are already running.", remedy="Wait until one has ended.")
         self._running += 1
         try:
             found = await run_process(
@@ -68,26 +69,27 @@ class DryRuns:
         except WorkerFailed as error:
             raise Refused(
                 f"The dry run has failed: {error}",
-                remedy="Correct the plan where it is named; else fly less often, or a shorter plan.",
+                remedy="Correct the plan if the error names it; otherwise use fewer flights or a shorter "
+                "plan.",
             ) from error
         finally:
             self._running -= 1
         self._kept[dry_run_id] = {"id": dry_run_id, **about, **found}
-        while len(self._kept) > MOST_KEPT:
+        while len(self._kept) > MAX_KEPT:
             self._kept.popitem(last=False)
         return {"dry_run": dry_run_id, **_summary(found)}
 
     def get(self, dry_run_id: str) -> dict[str, Any]:
-        """The result of one.
+        """The result of a dry run.
 
         Raises:
-            UnknownDryRun: there is none, it has not ended, or it was forgotten.
+        UnknownDryRun: there is none, it has not ended, or it was forgotten.
         """
         found = self._kept.get(dry_run_id)
         if found is None:
             raise UnknownDryRun(
                 f"There is no result of a dry run {dry_run_id!r}.",
-                remedy=f"Wait for its operation to succeed; the last {MOST_KEPT} results are kept.",
+                remedy=f"Wait for its operation to succeed; the last {MAX_KEPT} results are kept.",
             )
         return found
 

@@ -1,6 +1,7 @@
 """One folder for each plan, one file for each version: a line about the version, then the plan, both JSON.
 
-A version is written whole or not at all, and never changed afterwards. Nothing here is for the event loop.
+A version is written completely or not at all, and never changed afterwards. All functions block: do not call
+them in the event loop.
 """
 
 from __future__ import annotations
@@ -30,34 +31,34 @@ class PlanVersion:
     id: str
     """The plan's id; it stays when the plan is renamed."""
     name: str
-    """What people call it."""
+    """Name of the plan."""
     version: int
     """Counts from 1; every save adds 1."""
     changed_unix_s: float
-    """When it was saved [s since 1970 UTC]."""
+    """Time when it was saved [s since 1970 UTC]."""
     changed_by: str
-    """Who saved it."""
+    """Client that saved it."""
     item_count: int
     """Items of a waypoint plan as it is uploaded; steps of an offboard mission, nested ones included."""
     kind: Kind = "waypoint_plan"
-    """Flown by the vehicle, or by the server's setpoints."""
+    """Waypoint plan (flown by the vehicle) or offboard mission (flown by the server's setpoints)."""
 
 
 class PlanFiles:
     """The folder of all plans.
 
     Args:
-        folder: made when first written to.
+        folder: created when first written to.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def ids(self) -> list[str]:
-        """Of all plans.
+        """Ids of all plans.
 
         Raises:
-            OSError: the folder cannot be read.
+        OSError: the folder cannot be read.
         """
         try:
             return sorted(path.name for path in self.folder.iterdir() if _ID.fullmatch(path.name))
@@ -65,7 +66,7 @@ class PlanFiles:
             return []
 
     def versions(self, plan_id: str) -> list[int]:
-        """Numbers of the versions that are kept, oldest first.
+        """Numbers of the stored versions, oldest first.
 
         Raises:
             OSError: the plan's folder cannot be read.
@@ -74,15 +75,15 @@ class PlanFiles:
         return sorted(int(match[1]) for match in found if match)
 
     def size_bytes(self, plan_id: str) -> int:
-        """Of all its versions."""
+        """Total size of a plan's versions."""
         return sum(path.stat().st_size for path in (self.folder / plan_id).iterdir())
 
     def head(self, plan_id: str, version: int) -> PlanVersion:
-        """About one version.
+        """Description of one version.
 
         Raises:
-            OSError: it cannot be read.
-            ValueError: it is no version of a plan.
+        OSError: it cannot be read.
+        ValueError: it is not a version of a plan.
         """
         return self._read(plan_id, version, MAX_HEAD_BYTES)[0]
 
@@ -91,10 +92,10 @@ class PlanFiles:
         return self._read(plan_id, version, MAX_FILE_BYTES)
 
     def write(self, head: PlanVersion, plan: bytes) -> int:
-        """Adds a version, on the disk before it returns; gives its size in bytes.
+        """Adds a version and syncs it to disk; returns its size in bytes.
 
         Raises:
-            OSError: the disk refuses; nothing has changed.
+            OSError: writing failed; nothing has changed.
         """
         folder = self.folder / head.id
         folder.mkdir(parents=True, exist_ok=True)
@@ -114,7 +115,7 @@ class PlanFiles:
         return len(content)
 
     def remove_versions(self, plan_id: str, versions: list[int]) -> int:
-        """Removes old versions; gives the bytes that became free."""
+        """Removes old versions; returns the freed bytes."""
         freed = 0
         for version in versions:
             path = self._path(plan_id, version)
@@ -126,7 +127,7 @@ class PlanFiles:
         """Removes a plan with all its versions.
 
         Raises:
-            OSError: the disk refuses; the plan is still there.
+            OSError: removing failed; the plan still exists.
         """
         gone = self.folder / f".removed-{plan_id}"
         shutil.rmtree(gone, ignore_errors=True)
@@ -141,7 +142,7 @@ class PlanFiles:
         descriptor = os.open(self._path(plan_id, version), os.O_RDONLY | os.O_NONBLOCK)
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise ValueError("it is no file")
+                raise ValueError("it is not a file")
             line = file.readline(MAX_HEAD_BYTES)
             rest = b"" if limit_bytes == MAX_HEAD_BYTES else file.read(limit_bytes + 1)
         if len(rest) > limit_bytes:
@@ -154,11 +155,11 @@ class PlanFiles:
 
 def _head(said: Any) -> PlanVersion:
     if not isinstance(said, dict):
-        raise ValueError("its first line is no JSON object")
+        raise ValueError("its first line is not a JSON object")
     fields: dict[str, Any] = {
         "kind": "waypoint_plan",
         **cast(dict[str, Any], said),
-    }  # older files do not say it
+    }  # older files do not have it
     types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int, "kind": str}
     time = fields.get("changed_unix_s")
     if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):

@@ -1,7 +1,7 @@
-"""Plans in the data folder, with versions; a save names the version that it changes.
+"""Plans in the data folder, with versions; each save names the version that it is based on.
 
-Everything that touches the disk runs in one thread, one piece of work after the other: no two saves cross,
-and a caller that goes away leaves a save whole.
+All disk work runs in one thread, one task after the other: saves never interleave, and a cancelled caller
+does not interrupt a save.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from missions.documents import Document
 
 MAX_PLANS = 500
 MAX_VERSIONS = 50
-"""Of one plan; the oldest go first."""
+"""Versions per plan; the oldest are removed first."""
 MAX_TOTAL_BYTES = 500_000_000
-"""Of all versions of all plans."""
+"""Total size of all versions of all plans."""
 
 Action = Literal["created", "saved", "deleted"]
 T = TypeVar("T")
@@ -34,20 +34,20 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class PlanChange:
-    """What somebody did to a plan."""
+    """A change of a plan."""
 
     action: Action
     plan: PlanVersion
-    """After the change; the last version of a plan that was deleted."""
+    """The plan after the change; the last version of a deleted plan."""
     by: str
-    """Who did it."""
+    """Client that made the change."""
     by_key: str
-    """Tells callers of one name apart."""
+    """Distinguishes clients of the same name."""
 
 
 @dataclass(slots=True)
 class _Index:
-    """What the thread knows of the folder."""
+    """The thread's index of the folder."""
 
     newest: dict[str, PlanVersion] = field(default_factory=dict[str, PlanVersion])
     bytes_of: dict[str, int] = field(default_factory=dict[str, int])
@@ -58,26 +58,26 @@ class PlanStore:
     """All plans of one server.
 
     Args:
-        folder: made when first written to.
-        clock: for the times of changes.
+        folder: created when first written to.
+        clock: gives the times of changes.
         tell: called in the event loop with every change.
     """
 
     def __init__(
-        self, folder: Path, clock: Clock, tell: Callable[[PlanChange], None] = lambda _: None
+        self, folder: Path, clock: Clock, on_change: Callable[[PlanChange], None] = lambda _: None
     ) -> None:
         self._files = PlanFiles(folder)
         self._clock = clock
-        self._tell = tell
+        self._on_change = on_change
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="plans")
         self._index: _Index | None = None
 
     def warnings(self) -> list[str]:
-        """Plans in the folder that cannot be read; known once plans were asked for."""
+        """Warnings for unreadable plans; known after the first request for plans."""
         return [] if self._index is None else list(self._index.problems)
 
     def close(self) -> None:
-        """Waits for what is being written."""
+        """Waits for pending writes."""
         self._thread.shutdown()
 
     async def all(self) -> list[PlanVersion]:
@@ -90,7 +90,7 @@ class PlanStore:
         return sorted(found, key=lambda head: (head.name.casefold(), head.id))
 
     async def versions(self, plan_id: str) -> list[PlanVersion]:
-        """The versions that are kept, newest first; raises as `get`."""
+        """The stored versions, newest first; raises as `get`."""
 
         def work(index: _Index) -> list[PlanVersion]:
             self._newest(index, plan_id)
@@ -99,7 +99,7 @@ class PlanStore:
         return await self._run(work)
 
     async def get(self, plan_id: str, version: int | None = None) -> tuple[PlanVersion, bytes]:
-        """A version (the newest unless named) and its plan as JSON.
+        """A version (default: the newest) and its plan as JSON.
 
         Raises:
             UnknownPlan: there is no such plan or version.
@@ -119,19 +119,21 @@ class PlanStore:
         return await self._run(work)
 
     async def create(self, name: str, plan: Document, *, by: tuple[str, str]) -> PlanVersion:
-        """Keeps a new plan as version 1.
+        """Stores a new plan as version 1.
 
         Args:
-            by: name and key of who saves it.
+            by: name and key of the client.
 
         Raises:
-            Refused: as many or as large plans as possible are kept.
-            StorageError: the disk refuses.
+            Refused: the limit of plans, or of their total size, is reached.
+            StorageError: writing failed.
         """
 
         def work(index: _Index) -> PlanVersion:
             if len(index.newest) >= MAX_PLANS:
-                raise Refused(f"{MAX_PLANS} plans are kept, no more.", remedy="Delete one first.")
+                raise Refused(
+                    f"{MAX_PLANS} plans are stored, which is the limit.", remedy="Delete one first."
+                )
             plan_id, now_unix_s = secrets.token_hex(6), self._clock.unix_s()
             count, kind = documents.count(plan), documents.kind_of(plan)
             return self._write(index, PlanVersion(plan_id, name, 1, now_unix_s, by[0], count, kind), plan)
@@ -141,11 +143,11 @@ class PlanStore:
     async def save(
         self, plan_id: str, name: str, plan: Document, *, base_version: int, by: tuple[str, str]
     ) -> PlanVersion:
-        """Adds a version, where the newest is still the one that the caller changed.
+        """Adds a version, if the caller's base version is still the newest.
 
         Raises:
             UnknownPlan: there is no such plan.
-            PlanConflict: somebody else saved meanwhile; nothing is overwritten.
+            PlanConflict: another client saved meanwhile; nothing is overwritten.
             Refused, StorageError: as `create`.
         """
 
@@ -184,7 +186,7 @@ class PlanStore:
 
         def told(index: _Index) -> PlanVersion:
             head = work(index)
-            loop.call_soon_threadsafe(self._tell, PlanChange(action, head, *by))
+            loop.call_soon_threadsafe(self._on_change, PlanChange(action, head, *by))
             return head
 
         return await self._run(told)
@@ -244,13 +246,13 @@ class PlanStore:
         content = documents.write(documents.named(plan, head.name))
         if sum(index.bytes_of.values()) + len(content) > MAX_TOTAL_BYTES:
             raise Refused(
-                f"The plans that are kept take {MAX_TOTAL_BYTES // 1_000_000} MB, no more are kept.",
-                remedy="Delete plans that nobody needs.",
+                f"The plans would take more than {MAX_TOTAL_BYTES // 1_000_000} MB, which is the limit.",
+                remedy="Delete plans that are not needed any more.",
             )
         size = self._files.write(head, content)
         index.newest[head.id] = head
         index.bytes_of[head.id] = index.bytes_of.get(head.id, 0) + size
-        with suppress(OSError):  # the version is saved; old ones go with the next save
+        with suppress(OSError):  # the version is saved; old ones are removed with the next save
             old = self._files.versions(head.id)[:-MAX_VERSIONS]
             index.bytes_of[head.id] -= self._files.remove_versions(head.id, old)
         return head

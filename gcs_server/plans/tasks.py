@@ -1,6 +1,6 @@
-"""What is computed about plans: JSON values in, JSON values out, so that it runs in a thread or a process.
+"""Computations on plans, with JSON values as input and output, so that they can run in a thread or a process.
 
-A plan or a file that cannot be used is an answer as well: `{"fault": {"place", "reason", "fix"}}`.
+An unusable plan or file is reported as an answer: `{"fault": {"place", "reason", "fix"}}`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Values = dict[str, Any]
 
 
 def run(task: str, arguments: Mapping[str, Any]) -> Values:
-    """Runs one of `TASKS`; what is wrong with the plan or file is its answer."""
+    """Runs one of `TASKS`; a problem of the plan or file is part of the answer."""
     try:
         return TASKS[task](arguments)
     except PlanError as error:
@@ -69,7 +69,7 @@ def _finding(finding: Finding) -> Values:
 def _check_mission(
     mission: OffboardMission, arguments: Mapping[str, Any], power: PowerModel | None
 ) -> Values:
-    """An offboard mission, compiled for a start on the ground at home."""
+    """Checks an offboard mission, compiled for a start on the ground at home."""
     from missions.offboard import compiler, mission_checks, samples  # half a second to import
     from missions.offboard.places import Start
     from missions.offboard.state import MissionVehicle

@@ -1,4 +1,5 @@
-"""Runs tasks about plans off the event loop: small ones in a thread, large or foreign ones in a process."""
+"""Runs tasks on plans outside the event loop: small ones in a thread, large or untrusted ones in a
+process."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from gcs_server.operations.process import WorkerFailed, run_process
 from gcs_server.plans import tasks
 
 AT_ONCE = 2
-"""Processes; a small computer has two cores, and the vehicles need one."""
+"""Processes at a time; a small computer has two cores, and the vehicles need one."""
 MAX_WAITING = 16
 MAX_ANSWER_BYTES = 32 * 1024 * 1024
 COMMAND = (sys.executable, "-m", "gcs_server.plans.worker")
@@ -31,21 +32,21 @@ class PlanWork:
     async def run(
         self, task: str, arguments: Mapping[str, Any], *, small: bool, field: str = "plan"
     ) -> dict[str, Any]:
-        """Runs one task; a caller that goes away ends its process.
+        """Runs one task; if the caller is cancelled, its process ends.
 
         Args:
             task: one of `tasks.TASKS`.
-            arguments: what the task takes.
-            small: it takes some milliseconds whatever it holds: a thread does.
-            field: of the request, named where the plan or file cannot be used.
+            arguments: arguments of the task.
+            small: it takes milliseconds for any content, so it runs in a thread.
+            field: field of the request that errors name.
 
         Raises:
             InvalidRequest: the plan or file cannot be used; where, why, and what to do.
-            Refused: it takes too much memory or time, or too many wait.
+            Refused: it takes too much memory or time, or too many tasks wait.
         """
         if self._pending >= MAX_WAITING:
             raise Refused(
-                f"{MAX_WAITING} other pieces of work about plans are not done yet.",
+                f"{MAX_WAITING} other tasks on plans are still waiting.",
                 remedy="Try again in a moment.",
             )
         self._pending += 1
@@ -63,7 +64,7 @@ class PlanWork:
         return answer
 
     def close(self) -> None:
-        """Waits for what runs in the thread."""
+        """Waits for the thread."""
         self._thread.shutdown()
 
     async def _in_process(self, task: str, arguments: Mapping[str, Any]) -> dict[str, Any]:

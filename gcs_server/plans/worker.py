@@ -1,6 +1,6 @@
 """`python -m gcs_server.plans.worker`: one task about a plan, in a process with limits of its own.
 
-Files are foreign and plans may be large: what takes too much memory or time ends this process only.
+Files are untrusted and plans may be large: too much memory or time ends only this process.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import json
 from gcs_server.operations.process import limit, read_request, serve
 
 MEMORY_BYTES = 1_500_000_000
-"""NumPy and shapely alone reserve a third of it."""
+"""Limit of address space; NumPy and shapely alone reserve a third of it."""
 
 
 def main() -> None:
     """Reads `{"task", "arguments"}`, writes its answer."""
-    limit(memory_bytes=MEMORY_BYTES, computing_s=20, within_s=60)
+    limit(memory_bytes=MEMORY_BYTES, computing_s=20, timeout_s=60)
     request = json.loads(read_request())
 
     def work(_: object) -> dict[str, object]:

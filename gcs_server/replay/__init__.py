@@ -1,1 +1,1 @@
-"""Recorded flights: reading them, knowing what is where in them, and playing them."""
+"""Recorded flights: reads, indexes and plays them."""

@@ -1,4 +1,4 @@
-"""The recordings there are: what each is, read from its two ends only, however long it is."""
+"""Lists recordings; reads only the start and end of each file."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from gcs_server.replay.records import (
 )
 
 SUFFIXES = (".tlog", ".tlog.gz")
-LONGEST_NAME = 255
-"""In bytes, as file systems have it."""
+MAX_NAME_LENGTH = 255
+"""Longest file name [bytes]."""
 _ours = re.compile(r"\d{8}-\d{6}-(?P<link>.+?)(_\d{3})?\.tlog(\.gz)?")
 
 Stamp = tuple[int, int]
-"""(size, time of the last change [ns]): another file, or more of it, has another one."""
+"""(size, time of the last change [ns]): changes with the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,30 +35,30 @@ class RecordingInfo:
     """One file of the data folder's `recordings`."""
 
     name: str
-    """The file's name; how the API calls it."""
+    """Name of the file, also in the API."""
     bytes: int
     started_unix_s: float | None
-    """When its first record was written; null where nothing in it can be read."""
+    """Time of the first record; null if nothing can be read."""
     duration_s: float | None
     """Time from the first to the last record."""
     vehicles: tuple[int, ...]
-    """System ids of the vehicles heard near its begin, of all once it has been opened."""
+    """System ids of the vehicles near its start; of all vehicles once it has been opened."""
     link: str | None
-    """The link it was recorded from, as its name says; null for files of another origin."""
+    """Link from which it was recorded, from the file name; null for other files."""
     running: bool
-    """It is being written now."""
+    """Whether it is being written now."""
     problem: str | None
-    """Why it cannot be played in full, for people; null if it can."""
+    """Why it cannot be played completely; null if it can."""
 
 
 def _is_plain(name: str) -> bool:
-    """Whether it can be the name of a recording, which every client can be told."""
+    """Whether the name is valid for a recording."""
     try:
         length = len(name.encode())
-    except UnicodeEncodeError:  # bytes of another encoding on the disk, or half a character from a client
+    except UnicodeEncodeError:  # a file name in another encoding, or an incomplete character from a client
         return False
     is_in_folder = Path(name).name == name and "\0" not in name and not name.startswith(".")
-    return is_in_folder and length <= LONGEST_NAME and name.endswith(SUFFIXES)
+    return is_in_folder and length <= MAX_NAME_LENGTH and name.endswith(SUFFIXES)
 
 
 def stamp_of(path: Path) -> Stamp:
@@ -68,21 +68,21 @@ def stamp_of(path: Path) -> Stamp:
 
 
 class Catalogue:
-    """The recordings of a folder; all that reads is for a worker thread."""
+    """The recordings of a folder; call its reading functions in a worker thread."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._known: dict[str, tuple[Stamp, RecordingInfo]] = {}
 
     def path(self, name: str) -> Path:
-        """The file of that name.
+        """Path of a recording.
 
         Raises:
-            UnknownRecording: there is none in the folder itself.
+            UnknownRecording: there is none in the folder.
         """
         path = self._folder / name
         if not _is_plain(name) or path.is_symlink() or not path.is_file():
-            shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}…"
+            shown = name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}…"
             raise UnknownRecording(f"There is no recording {shown!r}.")
         return path
 
@@ -102,7 +102,7 @@ class Catalogue:
                 path = self.path(name)
                 stamp = stamp_of(path)
             except (UnknownRecording, OSError):
-                continue  # no file, or deleted since
+                continue  # not a file, or deleted since
             known = self._known.get(name)
             if known is None or known[0] != stamp:
                 known = self._known[name] = stamp, look(path, stamp[0])
@@ -143,7 +143,7 @@ def look(path: Path, size: int) -> RecordingInfo:
 
 
 def _ends(path: Path) -> tuple[bytes, bytes, int]:
-    """(first bytes, last bytes, where those begin; 0 where the first are all)."""
+    """(first bytes, last bytes, offset of the last bytes; 0 if the first are the whole file)."""
     if path.suffix == ".gz":
         head = tail = b""
         total = 0

@@ -1,7 +1,6 @@
-"""What is where in a recording: its bounds, places to start reading from, the frames that tell its story.
+"""The index of a recording: bounds, checkpoints to start reading from, and frames with events or changes.
 
-A recording may come from anybody. However it is made, its index stays within the bounds stated here; what an
-index leaves out is counted.
+A recording is untrusted. Its index always stays within these limits; what it leaves out is counted.
 """
 
 from __future__ import annotations
@@ -25,69 +24,70 @@ from gcs_server.replay.records import (
 HEARTBEAT, COMMAND_ACK, EXTENDED_SYS_STATE, STATUSTEXT, EVENT, CURRENT_MODE = 0, 77, 245, 253, 410, 436
 AUTOPILOT_INVALID = 8
 STATES = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, CURRENT_MODE})
-"""Told again and again; only what differs from the time before is part of the story."""
+"""Repeated messages: only changes are indexed."""
 STORY = STATES | {STATUSTEXT, EVENT, COMMAND_ACK}
 MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
-"""Whose acknowledgement tells who changed the mode; without the dialect, which takes a second to load."""
+"""Commands whose acknowledgement shows who changed the mode. Listed here because loading the dialect takes a
+second."""
 CHANGES_TOLD, TEXTS_TOLD = 2000, 500
-"""Told again after a jump, at most: what a feed of messages shows, and more."""
-KINDS_AT_MOST = 10_000
-"""Most combinations of (system, component, message) that are indexed: enough for a hundred vehicles."""
-STORY_AT_MOST = 50_000
-"""Changes of state, and as many texts: a day of one each second, and more."""
-CHECKPOINT_NUMBERS_AT_MOST = 2_000_000
-"""Most numbers in all checkpoints together (16 MB); beyond it, every second checkpoint is dropped."""
+"""Largest number of events restored after a jump."""
+MAX_KINDS = 10_000
+"""Largest number of (system, component, message) combinations: enough for a hundred vehicles."""
+MAX_STORY_RECORDS = 50_000
+"""Limit of state changes, and of texts: more than one per second for a day."""
+MAX_CHECKPOINT_NUMBERS = 2_000_000
+"""Limit of numbers in all checkpoints (16 MB); beyond it, every second checkpoint is dropped."""
 DAMAGED_FROM = 0.5
-"""Share of bytes that belong to no record from which a file is no telemetry log at all."""
+"""From this share of bytes outside records, a file is not a telemetry log."""
 
 
 class UnreadableRecording(ValueError):
-    """Why nothing can be played, for people."""
+    """A recording cannot be played; the text says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """A place to start reading, and what was newest there."""
+    """A position to start reading, with the newest records before it."""
 
     cursor: Cursor
     newest: array[int]
-    """(time, offset) of each message's newest record before, one after the other."""
+    """(time, offset) of the newest earlier record of each message, flattened."""
 
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """The index of one recording, as it was when it was read."""
+    """The index of one recording."""
 
     begin_us: int
     end_us: int
     records: int
     bytes_skipped: int
-    """Belonging to no record: damage."""
+    """Bytes outside records (damage)."""
     size_bytes: int
     systems: tuple[int, ...]
     """System ids of the autopilots in it."""
     checkpoints: tuple[Checkpoint, ...]
     changes: array[int]
-    """(time, offset) of each frame that tells another state than the one before."""
+    """(time, offset) of each frame with a changed state."""
     texts: array[int]
     """(time, offset) of each status text and event."""
     first_heartbeats: tuple[tuple[int, int], ...]
-    """(time, offset) of each autopilot's first; without it, the vehicle is not known."""
+    """(time, offset) of each autopilot's first heartbeat, which makes the vehicle known."""
     left_out: int
-    """Records beyond KINDS_AT_MOST or STORY_AT_MOST: a jump may miss what they tell."""
+    """Records beyond MAX_KINDS or MAX_STORY_RECORDS, which a jump may miss."""
 
     def checkpoint(self, time_us: int) -> Checkpoint:
-        """The last one at which nothing later than `time_us` had been read."""
+        """The last checkpoint before `time_us`."""
         at = bisect.bisect_right(self.checkpoints, time_us, key=lambda c: c.cursor.time_us)
         return self.checkpoints[max(0, at - 1)]
 
     def told(self, until_us: int) -> list[tuple[int, int]]:
-        """(time, offset) of what a feed of messages shows at that moment; the oldest may be left out."""
+        """(time, offset) of events to restore at a time; the oldest may be left out."""
         newest = (_until(self.changes, until_us, CHANGES_TOLD), _until(self.texts, until_us, TEXTS_TOLD))
         return [pair for pairs in newest for pair in pairs]
 
     def story(self) -> list[tuple[int, int]]:
-        """(time, offset) of all changes and texts, in their order."""
+        """(time, offset) of all changes and texts, in order."""
         flat = (self.changes, self.texts)
         return sorted(
             (pair for part in flat for pair in zip(part[::2], part[1::2], strict=True)), key=lambda p: p[1]
@@ -100,7 +100,7 @@ def _until(flat: array[int], until_us: int, at_most: int) -> list[tuple[int, int
 
 
 class _Story:
-    """Notices what is new; fed with every record in order."""
+    """Finds changes; fed with every record in order."""
 
     def __init__(self) -> None:
         self.changes: array[int] = array("q")
@@ -126,21 +126,21 @@ class _Story:
             self._states[key] = payload
             if (
                 kind != EXTENDED_SYS_STATE
-            ):  # both tell the mode: who says another than the last one did is news
+            ):  # both contain the mode: a value that differs from the last one is a change
                 sender, mode = key >> 24, payload[:4].ljust(4, b"\0")
                 is_new = is_new or self._modes.get(sender) != mode
                 self._modes[sender] = mode
             if not is_new:
                 return
         told = self.texts if kind in (STATUSTEXT, EVENT) else self.changes
-        if len(told) < 2 * STORY_AT_MOST:
+        if len(told) < 2 * MAX_STORY_RECORDS:
             told.extend((record.time_us, record.offset))
         else:
             self.left_out += 1
 
 
 class _Checkpoints:
-    """Places to start reading from: one each batch, and farther apart where they would grow too large."""
+    """Collects checkpoints: one per batch, fewer if they would become too large."""
 
     def __init__(self) -> None:
         self.kept: list[Checkpoint] = []
@@ -155,7 +155,7 @@ class _Checkpoints:
         flat = array("q", [number for pair in newest.values() for number in pair])
         self.kept.append(Checkpoint(cursor, flat))
         self._numbers += len(flat)
-        if self._numbers > CHECKPOINT_NUMBERS_AT_MOST:
+        if self._numbers > MAX_CHECKPOINT_NUMBERS:
             self.kept = self.kept[::2]
             self._numbers = sum(len(checkpoint.newest) for checkpoint in self.kept)
             self._every *= 2
@@ -165,7 +165,7 @@ def make_index(file: BinaryIO) -> Index:
     """Reads a whole log.
 
     Raises:
-        UnreadableRecording: it holds no records, or is no telemetry log.
+        UnreadableRecording: it has no records, or is not a telemetry log.
         OSError: the file cannot be read.
     """
     story, newest, checkpoints = _Story(), dict[int, tuple[int, int]](), _Checkpoints()
@@ -175,7 +175,7 @@ def make_index(file: BinaryIO) -> Index:
         checkpoints.add(batch.after, newest)
         batch = read_batch(file, batch.after)
         for record in batch.records:
-            if record.key not in newest and len(newest) >= KINDS_AT_MOST:
+            if record.key not in newest and len(newest) >= MAX_KINDS:
                 left_out += 1
                 continue
             newest[record.key] = (record.time_us, record.offset)
@@ -207,5 +207,5 @@ def make_index(file: BinaryIO) -> Index:
 
 
 def explain(path: Path, error: OSError) -> str:
-    """A file's error in words."""
+    """The error of a file as text."""
     return f"{path.name} cannot be read: {error.strerror or error}."

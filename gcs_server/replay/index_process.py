@@ -1,9 +1,8 @@
 """Makes an index in a process of its own (`python -m gcs_server.replay.index_process FILE`).
 
-Reading a long log takes seconds of Python, and those belong to the vehicles in the air. The process has
-limits of memory and computing time, so that no recording can take them from the server. Its answer is one
-line of JSON, then the arrays as bytes: parsing millions of numbers from text would hold up every thread of
-the server.
+Reading a long log takes seconds, which must not stall the server. The process has limits of memory and
+computing time, so that no recording can exhaust the server. Its answer is one line of JSON, then the arrays
+as bytes, because parsing millions of numbers from text would stall all threads of the server.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class IndexProcess:
         """Waits for the process.
 
         Raises:
-            UnreadableRecording: what is wrong with the file, in words.
+            UnreadableRecording: the text says what is wrong with the file.
         """
         command = [sys.executable, "-m", "gcs_server.replay.index_process", str(self.path)]
         with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as process:
@@ -81,10 +80,10 @@ def to_bytes(index: Index) -> bytes:
 
 
 def from_bytes(data: bytes) -> Index:
-    """What `to_bytes` made.
+    """Reads the output of `to_bytes`.
 
     Raises:
-        UnreadableRecording: the process says what is wrong with the file.
+        UnreadableRecording: the process reported a problem of the file.
     """
     line, _, rest = data.partition(b"\n")
     header = json.loads(line)
@@ -133,7 +132,7 @@ def _answer(path: Path) -> bytes:
 
 
 def main(arguments: list[str]) -> None:
-    """Prints the index of the file named, or what is wrong with it."""
+    """Prints the index of the given file, or its problem."""
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (COMPUTING_S, COMPUTING_S))

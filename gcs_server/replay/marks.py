@@ -1,4 +1,4 @@
-"""What a time bar marks: modes and armed spans, and what the vehicles said, told as in flight."""
+"""Marks of a time bar: modes, armed spans, and messages of the vehicles as in flight."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from gcs_server.mavlink.codec import FrameParser, full_payload
 from gcs_server.replay.index import EVENT, HEARTBEAT, STATUSTEXT, Index
 from gcs_server.replay.playback import ReplayClock
 from gcs_server.replay.records import open_log, read_at
+from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.modes import name_and_label
-from gcs_server.vehicle.narrator import Narrator
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
-from gcs_server.vehicle.reducers import REDUCERS, Facts
+from gcs_server.vehicle.reducers import REDUCERS, FlightState
 
-MESSAGES_AT_MOST = 1000
-"""A vehicle's; of more, the least severe are left out."""
+MAX_MESSAGES = 1000
+"""Limit per vehicle; the least severe messages are left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class ArmedSpan:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class MessageMark:
     """A status text or event."""
 
     unix_s: float
@@ -57,36 +57,36 @@ class VehicleMarks:
     system_id: int
     modes: tuple[ModeSpan, ...]
     armed: tuple[ArmedSpan, ...]
-    messages: tuple[Said, ...]
+    messages: tuple[MessageMark, ...]
     """Oldest first."""
     messages_left_out: int
 
 
 @dataclass(slots=True)
-class _Teller:
-    """One vehicle while the story is told."""
+class _VehicleLog:
+    """State of one vehicle while the recording is read."""
 
     component_id: int
     clock: ReplayClock
     feed: EventFeed = field(default_factory=lambda: EventFeed(length=100_000))
-    facts: Facts = field(default_factory=Facts)
-    changes: list[tuple[float, Facts]] = field(default_factory=list[tuple[float, Facts]])
+    flight_state: FlightState = field(default_factory=FlightState)
+    changes: list[tuple[float, FlightState]] = field(default_factory=list[tuple[float, FlightState]])
     in_report: bool = False
     """Between the two summaries that enclose the findings of its checks."""
 
     def __post_init__(self) -> None:
-        self.narrator = Narrator(self.feed, self.clock)
+        self.event_logger = EventLogger(self.feed, self.clock)
 
-    narrator: Narrator = field(init=False)
+    event_logger: EventLogger = field(init=False)
 
 
 def make_marks(path: Path, index: Index) -> tuple[VehicleMarks, ...]:
-    """Tells a recording's story once; for a worker thread.
+    """Reads a recording once; call in a worker thread.
 
     Raises:
         OSError: the file cannot be read.
     """
-    tellers: dict[int, _Teller] = {}
+    tellers: dict[int, _VehicleLog] = {}
     parser = FrameParser()
     clock = ReplayClock(index.begin_us, 0)
     with open_log(path) as file:
@@ -95,44 +95,44 @@ def make_marks(path: Path, index: Index) -> tuple[VehicleMarks, ...]:
             for frame in parser.feed(read_at(file, offset), clock.monotonic_s()):
                 teller = tellers.get(frame.system_id)
                 if teller is None and frame.msg_id == HEARTBEAT:
-                    teller = tellers[frame.system_id] = _Teller(frame.component_id, clock)
+                    teller = tellers[frame.system_id] = _VehicleLog(frame.component_id, clock)
                 if teller is not None and frame.component_id == teller.component_id:
                     _tell(teller, frame.msg_id, full_payload(frame), clock)
     clock.time_us = index.end_us
     for teller in tellers.values():
-        teller.narrator.tick()
+        teller.event_logger.tick()
     return tuple(
         _marks(system_id, teller, index.end_us / 1e6) for system_id, teller in sorted(tellers.items())
     )
 
 
-def _tell(teller: _Teller, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
+def _tell(teller: _VehicleLog, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
     if msg_id == STATUSTEXT:
-        teller.narrator.text(payload, teller)
+        teller.event_logger.text(payload, teller)
     elif msg_id == EVENT:
         event = decode_event(payload)
         in_report = event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID) or teller.in_report
         teller.in_report = event.id == ARMING_SUMMARY_ID or (in_report and event.id != HEALTH_SUMMARY_ID)
         if not in_report:
-            teller.narrator.event(event)
+            teller.event_logger.event(event)
     elif msg_id in REDUCERS:
-        teller.facts = REDUCERS[msg_id](teller.facts, payload, clock.monotonic_s())
-        teller.changes.append((clock.unix_s(), teller.facts))
+        teller.flight_state = REDUCERS[msg_id](teller.flight_state, payload, clock.monotonic_s())
+        teller.changes.append((clock.unix_s(), teller.flight_state))
 
 
-def _marks(system_id: int, teller: _Teller, end_unix_s: float) -> VehicleMarks:
-    said = [Said(e.unix_s, e.severity, e.text) for e in teller.feed.since() if e.text]
-    kept = sorted(said, key=lambda s: s.severity)[:MESSAGES_AT_MOST]
+def _marks(system_id: int, teller: _VehicleLog, end_unix_s: float) -> VehicleMarks:
+    said = [MessageMark(e.unix_s, e.severity, e.text) for e in teller.feed.since() if e.text]
+    kept = sorted(said, key=lambda s: s.severity)[:MAX_MESSAGES]
     return VehicleMarks(
         system_id,
         tuple(
-            ModeSpan(begin_s, end_s, *name_and_label(facts.custom_mode, facts.autopilot))
-            for begin_s, end_s, facts in _spans(teller.changes, end_unix_s, lambda f: f.custom_mode)
+            ModeSpan(begin_s, end_s, *name_and_label(flight_state.custom_mode, flight_state.autopilot))
+            for begin_s, end_s, flight_state in _spans(teller.changes, end_unix_s, lambda f: f.custom_mode)
         ),
         tuple(
             ArmedSpan(begin_s, end_s)
-            for begin_s, end_s, facts in _spans(teller.changes, end_unix_s, lambda f: f.armed)
-            if facts.armed
+            for begin_s, end_s, flight_state in _spans(teller.changes, end_unix_s, lambda f: f.armed)
+            if flight_state.armed
         ),
         tuple(sorted(kept, key=lambda s: s.unix_s)),
         len(said) - len(kept),
@@ -140,11 +140,11 @@ def _marks(system_id: int, teller: _Teller, end_unix_s: float) -> VehicleMarks:
 
 
 def _spans(
-    changes: list[tuple[float, Facts]], end_unix_s: float, what: Callable[[Facts], object]
-) -> list[tuple[float, float, Facts]]:
-    begins: list[tuple[float, Facts]] = []
-    for at_s, facts in changes:
-        if not begins or what(begins[-1][1]) != what(facts):
-            begins.append((at_s, facts))
+    changes: list[tuple[float, FlightState]], end_unix_s: float, what: Callable[[FlightState], object]
+) -> list[tuple[float, float, FlightState]]:
+    begins: list[tuple[float, FlightState]] = []
+    for at_s, flight_state in changes:
+        if not begins or what(begins[-1][1]) != what(flight_state):
+            begins.append((at_s, flight_state))
     ends = [at_s for at_s, _ in begins[1:]] + [end_unix_s]
-    return [(at_s, end_s, facts) for (at_s, facts), end_s in zip(begins, ends, strict=True)]
+    return [(at_s, end_s, flight_state) for (at_s, flight_state), end_s in zip(begins, ends, strict=True)]

@@ -1,4 +1,4 @@
-"""The pure parts of playing: which moment is due, what rebuilds a moment, and what may be left out."""
+"""Pure functions of playback: the time that is due, the records that restore a time, and records to drop."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from gcs_server.replay.records import Batch, Cursor, Record, read_at, read_batch
 
 SLOWEST, FASTEST = 0.25, 50.0
 TAKE_S = 1e6
-"""Between the monotonic times of two takes (a take begins with each jump), so that none is met twice."""
+"""Gap between the monotonic times of two takes (a take starts with each jump), so that no time occurs
+twice."""
 
 
 class ReplayClock(Clock):
-    """A recording's own time: it stands while the recording is paused, and runs as fast as it is played.
+    """The clock of a recording: it stops during a pause, and runs at playback speed.
 
     Args:
-        take: counts the jumps; a vehicle never sees its time run backwards, it is another one then.
+        take: number of jumps; after a jump there are new vehicles, so no vehicle sees its time run backwards.
     """
 
     def __init__(self, begin_us: int, take: int) -> None:
@@ -28,15 +29,15 @@ class ReplayClock(Clock):
         self.time_us = begin_us
 
     def monotonic_s(self) -> float:
-        """Seconds since the recording's begin."""
+        """Seconds since the start of the recording."""
         return self._offset_s + (self.time_us - self._begin_us) / 1e6
 
     def unix_s(self) -> float:
-        """What the recording machine's clock said."""
+        """Time of the recording computer's clock."""
         return self.time_us / 1e6
 
     async def sleep(self, seconds: float) -> None:
-        """Nothing of a recording waits.
+        """Not supported: nothing waits in a recording's time.
 
         Raises:
             RuntimeError: always.
@@ -45,7 +46,7 @@ class ReplayClock(Clock):
 
 
 class Timeline:
-    """Position, pace and whether it plays, as arithmetic on the time handed in."""
+    """Position, speed and play state, computed from the given time."""
 
     def __init__(self, begin_us: int, end_us: int, *, speed: float, playing: bool) -> None:
         self.begin_us, self.end_us = begin_us, end_us
@@ -56,15 +57,15 @@ class Timeline:
 
     @property
     def speed(self) -> float:
-        """Times the pace at which it was recorded."""
+        """Playback speed; 1 is real time."""
         return self._speed
 
     def playing(self, now_s: float) -> bool:
-        """False at the end, too."""
+        """Whether it plays; False at the end."""
         return self._playing and self.position_us(now_s) < self.end_us
 
     def position_us(self, now_s: float) -> int:
-        """Which moment is due."""
+        """The position that is due."""
         if not self._playing:
             return self._from_us
         if self._since_s is None:
@@ -73,7 +74,7 @@ class Timeline:
         return min(self.end_us, self._from_us + played_us)
 
     def play(self, now_s: float) -> None:
-        """Goes on."""
+        """Plays."""
         self._restart(now_s, self.position_us(now_s), True)
 
     def pause(self, now_s: float) -> None:
@@ -99,17 +100,16 @@ class Moment:
     """The records that restore the state at one time, and the position to read on from."""
 
     records: list[Record]
-    """In recorded order: the newest of each message until then, and the events so far."""
+    """In recorded order: the newest record of each message up to that time, and the events so far."""
     following: list[Record]
-    """Read already, but later."""
+    """Records already read that are later."""
     after: Cursor
     at_end: bool
 
 
 def condense(records: Iterable[Record]) -> list[Record]:
-    """The newest of each message and all that tell the story, in their order.
-
-    A vehicle's state is made of each message's newest frame and of the story, so it comes out the same.
+    """The newest record of each message and all records with events or changes, in order. They restore the
+    same state as all records.
     """
     all_of_them = list(records)
     newest = {record.key: record.offset for record in all_of_them}
@@ -117,7 +117,7 @@ def condense(records: Iterable[Record]) -> list[Record]:
 
 
 def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
-    """What a log's readers know at `time_us`; reads a bounded piece of the file however long the log is.
+    """The records that restore the state at `time_us`; reads a bounded piece of the file.
 
     Raises:
         OSError: the file cannot be read.
@@ -142,7 +142,7 @@ def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
 
 
 def _newest_told(records: list[Record]) -> list[Record]:
-    """Without the oldest of the story, where that tells more than a feed of messages shows."""
+    """Drops the oldest events if there are more than a feed shows."""
     story = [record.offset for record in records if record.key & 0xFFFFFF in STORY]
     if len(story) <= CHANGES_TOLD + TEXTS_TOLD:
         return records

@@ -1,8 +1,8 @@
 """Records of a telemetry log: an 8-byte big-endian time (microseconds since 1970) and a raw MAVLink frame.
 
-A log may be damaged anywhere, so each record is judged: its frame must begin with a MAVLink mark and its
-time must fit its neighbours. What belongs to no record is skipped and counted. The times given out never run
-backwards and never jump by days, whatever the recording machine's clock did.
+A log may be damaged anywhere, so each record is checked: its frame must start with a MAVLink marker, and its
+time must fit its neighbours. Bytes outside records are skipped and counted. Returned times never run
+backwards and never jump by days, even if the recording computer's clock did.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from typing import BinaryIO, NamedTuple, cast
 
 STX_V1, STX_V2 = 0xFE, 0xFD
 TIME_BYTES = 8
-SMALLEST_FRAME = 8
+MIN_FRAME_BYTES = 8
 BATCH_BYTES = 1 << 18
 PLAUSIBLE_US = (10**14, 10**16)
-"""1973 to 2286: what a record's time must be, so that damage is noticed."""
+"""Valid times, 1973 to 2286, to detect damage."""
 SAME_CLOCK_US = 86_400_000_000
-"""Neighbours farther apart than a day: one of them is damage, or the clock was set in between."""
+"""If neighbours are more than a day apart, one is damaged, or the clock was set in between."""
 JITTER_US = 2_000_000
-"""Times step back a little where two threads write; more is a clock that was set."""
+"""Times may step back a little because two threads write; a larger step means that the clock was set."""
 MAX_UNPACKED_BYTES = 4_000_000_000
 KEEP_FREE_BYTES = 500_000_000
 """Disk space that unpacking leaves free, because a flight may be recorded at the same time."""
@@ -36,12 +36,12 @@ _time = struct.Struct(">Q")
 
 
 class Record(NamedTuple):
-    """One frame and where it stands."""
+    """One frame and its position."""
 
     time_us: int
     offset: int
     key: int
-    """Whose message of which kind: system, component and message id in one number."""
+    """System, component and message id in one number."""
     raw: bytes
 
 
@@ -77,7 +77,7 @@ def system_id(key: int) -> int:
 
 
 def open_log(path: Path) -> BinaryIO:
-    """The log for reading anywhere in it; a `.gz` is unpacked into a temporary file that has no name.
+    """Opens a log for random access; unpacks a `.gz` into an unnamed temporary file.
 
     Raises:
         OSError: it cannot be read, or is not what its name says.
@@ -98,10 +98,10 @@ def open_log(path: Path) -> BinaryIO:
 
 
 def unpack(path: Path) -> Iterator[bytes]:
-    """A gzip file's content, as far as it goes: the rest of one that was cut off is missing.
+    """Unpacks a gzip file as far as possible; the rest of an incomplete one is missing.
 
     Raises:
-        OSError: not readable, no gzip file, or one that unpacks to more than MAX_UNPACKED_BYTES.
+        OSError: not readable, not a gzip file, or larger than MAX_UNPACKED_BYTES when unpacked.
     """
     unpacked_bytes = 0
     with gzip.open(path, "rb") as file:
@@ -119,7 +119,7 @@ def unpack(path: Path) -> Iterator[bytes]:
 
 
 def read_batch(file: BinaryIO, cursor: Cursor) -> Batch:
-    """The next records; reads at the cursor and leaves the file's own position alone.
+    """Reads the next records at the cursor, without changing the file's position.
 
     Raises:
         OSError: the file cannot be read.
@@ -143,17 +143,17 @@ def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def read_at(file: BinaryIO, offset: int) -> bytes:
-    """The raw frame of the record that begins at `offset`."""
+    """The raw frame of the record at `offset`."""
     data = os.pread(file.fileno(), TIME_BYTES + 10 + 255 + 2 + 13, offset)
     return data[TIME_BYTES : TIME_BYTES + _frame_length(data, TIME_BYTES)]
 
 
 def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
-    """The whole records of `data`, which stands at the cursor's place in the log. Pure."""
+    """The complete records of `data`, which was read at the cursor. Pure."""
     records: list[Record] = []
     position, skipped, size = 0, 0, len(data)
     time_us, shift_us = cursor.time_us, cursor.shift_us
-    while size - position >= TIME_BYTES + SMALLEST_FRAME:
+    while size - position >= TIME_BYTES + MIN_FRAME_BYTES:
         at = position + TIME_BYTES
         length = _frame_length(data, at)
         stamp_us = _time.unpack_from(data, position)[0]
@@ -165,11 +165,11 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
         if fits and time_us:
             is_neighbour = -JITTER_US <= stamp_us + shift_us - time_us < SAME_CLOCK_US
         else:
-            is_neighbour = cursor.offset + position == 0  # a log begins with a record
+            is_neighbour = cursor.offset + position == 0  # a log starts with a record
         if fits and not is_neighbour:
             following = at + length
-            if position and not is_last and size - following < TIME_BYTES + SMALLEST_FRAME:
-                break  # the next piece will tell
+            if position and not is_last and size - following < TIME_BYTES + MIN_FRAME_BYTES:
+                break  # decided with the next piece
             fits = _follows(data, following, stamp_us)
         if not fits:
             step = _next_start(data, position + TIME_BYTES + 1, size) - TIME_BYTES - position
@@ -192,8 +192,8 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
 
 
 def _follows(data: bytes, position: int, stamp_us: int) -> bool:
-    """Whether a record of about the same time stands there."""
-    if len(data) - position < TIME_BYTES + SMALLEST_FRAME:
+    """Whether a record of about the same time follows there."""
+    if len(data) - position < TIME_BYTES + MIN_FRAME_BYTES:
         return False
     near = abs(_time.unpack_from(data, position)[0] - stamp_us) < SAME_CLOCK_US
     return near and _frame_length(data, position + TIME_BYTES) > 0

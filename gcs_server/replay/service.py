@@ -1,4 +1,4 @@
-"""Recordings opened and steered: what the API's routes and the page's time bar work on."""
+"""Opens and controls recordings, for the API's routes."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from gcs_server.replay.marks import VehicleMarks, make_marks
 from gcs_server.vehicle.fleet import Fleet
 
 KEPT = 4
-"""Indexes in memory; a long flight's takes a few megabytes, the largest that can be made 20."""
+"""Indexes in memory; that of a long flight takes a few megabytes, the largest possible 20."""
 READ_AT_ONCE = 2
-REPLAYS_AT_MOST = 8
+MAX_REPLAYS = 8
 
 T = TypeVar("T")
 FileKey = tuple[Path, Stamp]
@@ -32,23 +32,23 @@ FileKey = tuple[Path, Stamp]
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A recording that is being played."""
+    """An open replay."""
 
     name: str
-    """Its name in the API: that of its link."""
+    """Name in the API, equal to its link's name."""
     recording: str
-    """The file's name."""
+    """Name of the file."""
     vehicles: tuple[str, ...]
-    """Ids of the vehicles it shows now."""
+    """Ids of its current vehicles."""
     state: str
-    """connecting (it is being read), open, ended (at its end, or it cannot be played: see `detail`)."""
+    """connecting (reading the file), open, ended (at its end, or it cannot be played: see `detail`)."""
     detail: str
-    """For people; empty while all is well."""
+    """Text of a problem; empty if there is none."""
     playing: bool
     speed: float
-    """Times the pace at which it was recorded; 0 is as fast as it goes."""
+    """Playback speed; 1 is real time, 0 is as fast as possible."""
     position_unix_s: float | None
-    """Which moment is shown, by the recording machine's clock; null while the recording is being read."""
+    """Current time in the recording, by the recording computer's clock; null while the file is being read."""
     begin_unix_s: float | None
     end_unix_s: float | None
 
@@ -62,17 +62,17 @@ class RecordingIndex:
     end_unix_s: float
     records: int
     bytes_skipped: int
-    """Damaged bytes, which belong to no record."""
+    """Damaged bytes outside records."""
     left_out: int
-    """Records that the index leaves out: it has more senders, changes or messages than are kept."""
+    """Records left out of the index, because there are too many senders, changes or messages."""
     vehicles: tuple[VehicleMarks, ...]
 
 
 class Replays:
-    """All recordings of a server and those that are played.
+    """All recordings and open replays of a server.
 
     Args:
-        folder: where the recordings lie.
+        folder: folder of the recordings.
     """
 
     def __init__(self, router: Router, fleet: Fleet, folder: Path) -> None:
@@ -85,13 +85,13 @@ class Replays:
         self._marks: OrderedDict[FileKey, asyncio.Future[tuple[VehicleMarks, ...]]] = OrderedDict()
 
     async def recordings(self) -> list[RecordingInfo]:
-        """Those in the folder, newest first."""
+        """All recordings in the folder, newest first."""
         running = {
             info.recording.file
             for info in self._router.links()
             if info.recording is not None and info.recording.file and info.recording.stopped is None
         }
-        async with self._listing:  # of two that ask, the second one finds everything looked at already
+        async with self._listing:  # the second of two concurrent callers uses the first one's result
             found = await asyncio.to_thread(self._catalogue.all, running)
         indexes = {
             (path.name, stamp[0]): future.result()
@@ -101,14 +101,14 @@ class Replays:
         return [_with_index(info, indexes.get((info.name, info.bytes))) for info in found]
 
     def path(self, name: str) -> Path:
-        """A recording's file. Raises UnknownRecording."""
+        """Path of a recording's file. An open replay. Raises UnknownRecording."""
         return self._catalogue.path(name)
 
     async def index_of_recording(self, name: str) -> RecordingIndex:
-        """Its bounds and marks; made once, beside the event loop.
+        """Bounds and marks of a recording; computed once, outside the event loop.
 
         Raises:
-            UnknownRecording: there is none of that name.
+            UnknownRecording: there is no such recording.
             RecordingUnusable: nothing in it can be read.
         """
         path = self.path(name)
@@ -123,7 +123,7 @@ class Replays:
         return False
 
     def stop_reading(self, name: str) -> None:
-        """Ends the making of this recording's index; who else waits for it is told so."""
+        """Cancels the indexing of this recording; other waiting callers get an error."""
         for process in tuple(self._processes):
             if process.path.name == name:
                 process.stop()
@@ -131,7 +131,7 @@ class Replays:
                     del self._indexes[key]
 
     async def index_of_replay(self, name: str) -> RecordingIndex:
-        """As `index_of_recording`, of one that is played. Raises UnknownRecording, RecordingUnusable."""
+        """Like `index_of_recording`, for an open replay. Raises UnknownRecording, RecordingUnusable."""
         link = self._link(name)
         await link.opened()
         if link.index is None:
@@ -139,18 +139,18 @@ class Replays:
         return await self._view(link.path, link.index)
 
     async def open(self, name: str, *, speed: float, playing: bool) -> Replay:
-        """Plays a recording from its begin; one that is open already goes on as it is.
+        """Opens a replay from the start; an open one is not changed.
 
         Raises:
-            UnknownRecording: there is none of that name.
+            UnknownRecording: there is no such recording.
             RecordingUnusable: nothing in it can be read.
-            Refused: REPLAYS_AT_MOST are open.
+            Refused: MAX_REPLAYS are open.
         """
         path = self.path(name)
         link_name = f"replay-{path.name}"
         index = await self._index(path)
         is_open = {link.name for link in self._links()}
-        if link_name not in is_open and len(is_open) >= REPLAYS_AT_MOST:
+        if link_name not in is_open and len(is_open) >= MAX_REPLAYS:
             raise Refused(f"{len(is_open)} recordings are open already.", remedy="Close one of them first.")
         if link_name not in is_open:
             url = f"tlog:{quote(str(path))}"
@@ -162,7 +162,7 @@ class Replays:
         return self.get(link_name)
 
     def all(self) -> list[Replay]:
-        """Those that are open."""
+        """All open replays."""
         return [self._replay(link) for link in self._links()]
 
     def get(self, name: str) -> Replay:
@@ -172,7 +172,8 @@ class Replays:
     async def change(
         self, name: str, *, playing: bool | None, speed: float | None, position_unix_s: float | None
     ) -> Replay:
-        """Pace, moment, and whether it plays, in this order; answers once the vehicles are as they were.
+        """Sets speed, position and play state, in this order; returns once the vehicles have their state of
+        that time.
 
         Raises:
             UnknownRecording: no such replay.
@@ -194,11 +195,11 @@ class Replays:
         return self._replay(link)
 
     async def close(self, name: str) -> None:
-        """Its vehicles go with it. Raises UnknownRecording."""
+        """Closes a replay and removes its vehicles. Raises UnknownRecording."""
         await self._router.remove_link(self._link(name).name)
 
     def stop(self) -> None:
-        """Ends what is being read."""
+        """Stops all running indexing."""
         for process in tuple(self._processes):
             process.stop()
         self._readers.shutdown(wait=False, cancel_futures=True)
@@ -261,7 +262,7 @@ class Replays:
         path: Path,
         make: Callable[[], T],
     ) -> T:
-        """The result already made from the same file, or being made."""
+        """Returns the result of an equal earlier or running call."""
         key = None
         try:
             key = path, stamp_of(path)
@@ -276,7 +277,7 @@ class Replays:
             raise RecordingUnusable(f"{path.name}: {error}") from None
         except OSError as error:
             if key is not None:
-                kept.pop(key, None)  # a full disk may have room again
+                kept.pop(key, None)  # a full disk may have space again
             raise RecordingUnusable(explain(path, error)) from None
 
 

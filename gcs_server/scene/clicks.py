@@ -1,7 +1,7 @@
-"""A click into the 3D view as a place on earth: the ray through it, cut with the ground.
+"""Converts a click in the 3D view to a global position: intersects its ray with the ground.
 
 The ray comes from the browser, in the world's ENU as it is drawn there at that moment: `chase` moves the
-world under the camera thirty times a second, and the server would cut with where it has moved to since.
+world under the camera thirty times a second, and the server would use a later position of the world.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from pydantic import BaseModel, ConfigDict, Field
 from missions.frames import Vector3
 
 REACH_M = 5_000.0
-"""Farther off a pixel is hundreds of metres, and the flat ground is wrong: nothing is meant there."""
+"""Clicks farther away are ignored: there a pixel is hundreds of metres, and the ground is not flat."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
 
 
 class ClickRequest(BaseModel):
-    """What the view's own script tells of a click."""
+    """A click, as the view's script sends it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     eye_enu_m: tuple[Finite, Finite, Finite]
     ray_enu: tuple[Finite, Finite, Finite] = Field(description="From the eye to what was clicked.")
-    view_x: Share = Field(description="Where in the view, from its left edge: 0 to 1.")
-    view_y: Share = Field(description="Where in the view, from its upper edge: 0 to 1.")
+    view_x: Share = Field(description="Position in the view from its left edge, 0 to 1.")
+    view_y: Share = Field(description="Position in the view from its upper edge, 0 to 1.")
 
 
 @dataclass(frozen=True, slots=True)
 class SceneClick:
-    """A point of the ground that somebody pointed at, on the level of a vehicle's home."""
+    """A clicked point of the ground, at the altitude of a vehicle's home."""
 
     view: str
     """The token of the view that was clicked into."""
@@ -47,7 +47,8 @@ class SceneClick:
 
 
 def ground_point(eye_enu_m: Vector3, ray_enu: Vector3, ground_z_m: float) -> Vector3 | None:
-    """Where the ray meets the level ground; None: in the sky, from below, or farther than `REACH_M`."""
+    """Intersection of the ray with the level ground; None: in the sky, from below, or farther than
+    `REACH_M`."""
     fall = -ray_enu[2]
     height_m = eye_enu_m[2] - ground_z_m
     if fall <= 0.0 or height_m <= 0.0:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd
-from gcs_server.scene.labels import height_words
+from gcs_server.scene.labels import height_text
 from gcs_server.scene.model import Mesh, Points
 from gcs_server.scene.pose import VehiclePose
 from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, q_from_euler
 
-MOST_POINTS = 600
+MAX_POINTS = 600
 """Of the path that is drawn."""
 LEVEL_M = 0.01
 """Places nearer to each other over the ground than this give no direction."""
@@ -83,7 +83,7 @@ def path_of(found: Mapping[str, Any]) -> DryRunPath | None:
 
 def way(path: DryRunPath) -> Points:
     """(K, 2, 3): the flown path as line segments, thinned."""
-    every = max(1, len(path.t_s) // MOST_POINTS)
+    every = max(1, len(path.t_s) // MAX_POINTS)
     line = np.concatenate([path.position_enu_m[::every], path.position_enu_m[-1:]]).astype(np.float32)
     return np.stack([line[:-1], line[1:]], axis=1)
 
@@ -128,7 +128,7 @@ def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
         motors=None,
         target=None,
         lost=False,
-        label=f"dry run · {height_words(up_m)}",
+        label=f"dry run · {height_text(up_m)}",
         note=f"{int(t_s) // 60:02d}:{int(t_s) % 60:02d}",
     )
 

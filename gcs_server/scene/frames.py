@@ -1,4 +1,4 @@
-"""The only place where the server speaks ENU and FLU: everything else is NED and FRD.
+"""Conversions to ENU and FLU, which only the scene uses; everything else is NED and FRD.
 
 Vectors are `(x, y, z)` tuples [m], quaternions `(w, x, y, z)` tuples. A quaternion's name says what it
 does: `q_enu_flu` takes FLU vectors to ENU. Plain floats, because one pose is cheaper that way than in NumPy.
@@ -25,7 +25,7 @@ def enu_from_ned(v_ned: Vector3) -> Vector3:
 
 
 def q_enu_flu_from_q_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
-    """An attitude as the scene wants it: FLU → FRD → NED → ENU."""
+    """An attitude for the scene: FLU → FRD → NED → ENU."""
     return multiply(multiply(Q_ENU_NED, q_ned_frd), Q_FRD_FLU)
 
 
@@ -35,10 +35,10 @@ def yaw_enu_from_ned(yaw_ned_rad: float) -> float:
 
 
 def q_ned_camera(q: Quaternion, *, yaw_in_earth_frame: bool, vehicle_yaw_ned_rad: float) -> Quaternion:
-    """A gimbal's attitude against the earth.
+    """A gimbal's attitude relative to the earth.
 
-    MAVLink gives roll and pitch against the horizon always; the yaw either against north or against the
-    vehicle's heading (GIMBAL_DEVICE_ATTITUDE_STATUS): only then the heading is added.
+    In MAVLink roll and pitch are always relative to the horizon; yaw is relative to north or to the vehicle's
+    heading (GIMBAL_DEVICE_ATTITUDE_STATUS). Only in the second case the heading is added.
     """
     return q if yaw_in_earth_frame else multiply(q_from_yaw(vehicle_yaw_ned_rad), q)
 

@@ -16,7 +16,7 @@ import viser
 from pydantic import BaseModel, ConfigDict, Field
 
 from gcs_server.scene.frames import enu_from_ned, yaw_enu_from_ned
-from gcs_server.scene.labels import Label, height_words
+from gcs_server.scene.labels import Label, height_text
 from gcs_server.scene.model import q_along
 from gcs_server.scene.palette import Palette, lit
 from gcs_server.scene.shapes import Shapes
@@ -127,11 +127,11 @@ def dragged(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: 
     return Preview((north, east, -up), yaw_ned_rad, preview.handles, preview.serial)
 
 
-def words(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
+def drag_label(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
     """Distance, height above home and yaw."""
     parts = [
         f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m",
-        f"height {height_words(position_enu_m[2] - ground_z_m)}",
+        f"height {height_text(position_enu_m[2] - ground_z_m)}",
     ]
     if preview.yaw_ned_rad is not None:
         parts.append(f"{round(math.degrees(preview.yaw_ned_rad)) % 360:03d}°")
@@ -178,7 +178,7 @@ class PreviewNode:
         q = q_from_yaw(yaw_enu_from_ned(yaw)) if yaw is not None else IDENTITY
         self._ghost.position, self._ghost.wxyz = at, q
         self.label.move((at[0], at[1], at[2] - LABEL_BELOW_M))
-        self.label.note = words(preview, at, vehicle_enu_m, ground_z_m)
+        self.label.note = drag_label(preview, at, vehicle_enu_m, ground_z_m)
         self._stretch(vehicle_enu_m, at)
         if not (handles and preview.handles):
             self._remove_handles()

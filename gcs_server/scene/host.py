@@ -1,9 +1,8 @@
-"""Runs viser where nobody but our proxy can reach it: on a Unix socket in a folder of our own.
+"""Runs viser so that only this server's proxy can reach it: on a Unix socket in a private folder.
 
-viser checks neither origin nor identity of who connects, and offers every browser to open a public
-tunnel. So it gets no TCP port at all (a web page cannot open a Unix socket, and the folder is closed to
-other users), whoever connects must also know a secret made for this run, and what opens the tunnel is
-taken out. Its banner is kept off the terminal.
+viser checks neither origin nor identity of clients, and every browser could open a public tunnel. So it has
+no TCP port (a web page cannot open a Unix socket, and other users cannot access the folder), clients must
+know a secret of this run, and the tunnel is disabled. Its banner is suppressed.
 
 viser has no setting for any of this; the seam is the `websockets` name inside `viser.infra._infra`,
 replaced only while the server starts (hence the pinned minor version; `tests/` hold it).
@@ -56,17 +55,17 @@ class SceneError(GcsError):
 
 
 class _PrivateViser(viser.ViserServer):
-    """viser without its way out of the machine."""
+    """viser without its public tunnel."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Never: the view of an aircraft is not put on the internet by a click."""
+        """Always refused: no click may publish the view of an aircraft on the internet."""
         del verbose
         log.warning("a public tunnel to the 3D view was asked for and refused")
         return None
 
 
 class ViserHost:
-    """One viser server and the key to it."""
+    """One viser server and its secret."""
 
     def __init__(self) -> None:
         self.secret = secrets.token_urlsafe(32)
@@ -75,16 +74,16 @@ class ViserHost:
 
     @property
     def socket_path(self) -> Path:
-        """Where viser listens. Raises SceneError before `start`."""
+        """Path of viser's socket. Raises SceneError before `start`."""
         if self._folder is None:
             raise SceneError("The 3D view is not running.", remedy="Flying is not affected; try again.")
         return self._folder / "s"
 
     async def start(self) -> None:
-        """Raises SceneError, saying why."""
+        """Starts viser; raises SceneError with the reason."""
         try:
             self._folder = await asyncio.to_thread(_own_folder)
-            # Bound here, where a failure is an exception: viser would try for ever and hang.
+            # Bound here, so that a failure is an exception: viser would retry forever.
             listener = _bound(self.socket_path)
             async with asyncio.timeout(START_DEADLINE_S):
                 self._server = await asyncio.to_thread(self._build, listener)
@@ -108,11 +107,11 @@ class ViserHost:
         return self._server is not None
 
     def clients(self) -> dict[int, viser.ClientHandle]:
-        """The browsers that look on now, by viser's own number."""
+        """Connected browsers by viser's client id."""
         return self._server.get_clients() if self._server is not None else {}
 
     def query_of(self, client_id: int) -> dict[str, str]:
-        """What the proxy handed on with this client's connection."""
+        """Query that the proxy passed with this client's connection."""
         if self._server is None:
             return {}
         connection = self._server._websock_server._live_connections.get(client_id)  # pyright: ignore[reportPrivateUsage]
@@ -173,7 +172,7 @@ def _bound(path: Path) -> socket.socket:
 
 
 def _own_folder() -> Path:
-    """A new one, closed to other users (mode 0700), with a path short enough for a socket."""
+    """Creates a private folder (mode 0700) with a path short enough for a socket."""
     folder = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX))
     if len(str(folder)) > MAX_SOCKET_PATH:
         folder.rmdir()
@@ -183,12 +182,12 @@ def _own_folder() -> Path:
 
 
 def _sweep(ours: Path) -> None:
-    """Removes what servers left that were killed: folders like ours with a socket nobody listens on."""
+    """Removes folders of killed servers: those with a socket that no process listens on."""
     for folder in ours.parent.glob(f"{FOLDER_PREFIX}*"):
         if folder == ours:
             continue
         try:
-            # A server that starts just now has bound its socket, and listens a moment later.
+            # A server that is just starting has bound its socket, but listens a moment later.
             if ours.stat().st_mtime - folder.stat().st_mtime < STARTING_S:
                 continue
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
@@ -197,4 +196,4 @@ def _sweep(ours: Path) -> None:
         except (ConnectionRefusedError, FileNotFoundError):
             shutil.rmtree(folder, ignore_errors=True)
         except OSError:
-            continue  # another user's, or busy: not ours to judge
+            continue  # another user's, or in use

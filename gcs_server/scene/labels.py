@@ -17,11 +17,11 @@ from missions.frames import Vector3
 Side = Literal["above", "below", "sign"]
 
 EVERY_S = 0.2
-"""Figures that change faster than this cannot be read."""
+"""Numbers that change faster cannot be read."""
 
 
-def height_words(height_m: float) -> str:
-    """As the page writes it: a minus sign, and no "-0.0", which is half a decimetre of estimator noise."""
+def height_text(height_m: float) -> str:
+    """Height as text, without "-0.0", which would show estimator noise."""
     return f"{height_m if abs(height_m) >= 0.05 else 0.0:.1f} m".replace("-", "\N{MINUS SIGN}")
 
 
@@ -42,11 +42,11 @@ class Label:
         self.shown = True
 
     def move(self, position_m: Vector3) -> None:
-        """Puts it elsewhere."""
+        """Moves the tag."""
         self._node.position = position_m
 
     def html(self) -> str:
-        """For the script that draws it; empty while there is nothing to show."""
+        """HTML for the script that draws it; empty if there is nothing to show."""
         if not self.shown or not self.text:
             return ""
         return (
@@ -57,7 +57,7 @@ class Label:
 
 
 class Board:
-    """All tags of one browser, sent as one."""
+    """All tags of one browser, sent in one element."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._html = client.gui.add_html("")
@@ -81,5 +81,5 @@ class Board:
             self._html.content = text
 
     def remove(self) -> None:
-        """Takes it down."""
+        """Removes all tags."""
         self._html.remove()

@@ -136,7 +136,7 @@ def dark_parts() -> Mesh:
 
 
 def front_mark() -> Mesh:
-    """Which way is forward: an arrow on the lid and a collar on each front arm, in the identity colour."""
+    """Marks of the front: an arrow on the lid and a collar on each front arm, in the identity colour."""
     z = 0.0845
     arrow = Mesh(
         np.asarray([(0.165, 0, z), (0.02, 0.075, z), (0.055, 0, z), (0.02, -0.075, z)], np.float32),
@@ -180,13 +180,13 @@ def camera_ball() -> Mesh:
 
 
 def camera_lens_ring() -> Points:
-    """The bright edge of the lens: one sees where the camera looks."""
+    """The bright edge of the lens, which shows where the camera points."""
     ring = ring_segments(0.037, sides=24)
     return np.stack([ring[..., 2] + 0.080, ring[..., 0], ring[..., 1]], axis=-1).astype(np.float32)
 
 
 def frustum() -> tuple[Mesh, Points]:
-    """What the camera sees, one metre deep: its four sides with the far face, and its edges."""
+    """The camera's field of view, one metre deep: its four sides with the far face, and its edges."""
     w, h = FRUSTUM_HALF_WIDTH, FRUSTUM_HALF_HEIGHT
     corners = [(1.0, w, h), (1.0, -w, h), (1.0, -w, -h), (1.0, w, -h)]
     apex = (0.0, 0.0, 0.0)
@@ -197,7 +197,7 @@ def frustum() -> tuple[Mesh, Points]:
 
 
 def ghost() -> Points:
-    """The outline of a vehicle, for where it is asked to be."""
+    """Outline of a vehicle, drawn at its target."""
     hub = [((0.0, 0.0, 0.02), at) for at in ROTORS_FLU_M]
     nose = [
         ((0.30, 0.0, 0.02), (0.14, 0.10, 0.02)),

@@ -1,4 +1,4 @@
-"""One common ENU frame for vehicles whose local frames each start somewhere else.
+"""One common ENU frame for vehicles with different local origins.
 
 The world's origin is the first home (or, before one is known, the first global position): there the
 grid's zero and the ground lie. A vehicle's local origin is put into it from its home, which it gives in
@@ -18,28 +18,28 @@ from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition, Stat
 from missions.frames import Vector3
 
 STANDING_HEIGHT_M = 0.225
-"""From the body to the skids as drawn."""
+"""Height of the drawn body above its skids."""
 LANDED_WITHIN_M = 3.0
-"""A vehicle that says it is on the ground is drawn standing on it, if it believes to be this near; an
-estimate drifts by a metre in a flight. Farther off it has landed on a hill or a roof."""
+"""A landed vehicle is drawn on the ground if its estimate is this near, because estimates drift by a metre in
+a flight. Farther off it has landed on a hill or a roof."""
 RELATCH_M = 5.0
-"""Global and local position disagree this much: the local origin has moved (an estimator reset)."""
+"""If global and local position differ by more, the local origin has moved (an estimator reset)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Where a vehicle is, in the world's ENU [m]."""
+class VehiclePlace:
+    """Position of a vehicle in the world's ENU [m]."""
 
     position_enu_m: Vector3
     local_origin_enu_m: Vector3 | None
-    """Where the vehicle's own local frame starts; None while it has none (targets cannot be placed)."""
+    """Origin of the vehicle's local frame; None if it has none (targets cannot be placed)."""
     ground_z_m: float
-    """Height of its home: what its altitude is counted from."""
+    """Height of its home, the reference of its altitude."""
     home_enu_m: Vector3 | None
     height_m: float
-    """Above its home, as the vehicle believes; on the ground it may be some way off zero."""
+    """Estimated height above its home; on the ground it may differ from zero."""
     known: bool
-    """False: it has told no position; it is drawn at the origin to show its attitude."""
+    """False: no position is known; it is drawn at the origin to show its attitude."""
 
 
 class Placement:
@@ -50,16 +50,16 @@ class Placement:
         self._local_origins_enu_m: dict[str, Vector3] = {}
 
     def forget(self, vehicle_id: str) -> None:
-        """A vehicle has gone; with the last one the world's origin goes too."""
+        """A vehicle was removed; with the last one the world's origin is dropped."""
         self._local_origins_enu_m.pop(vehicle_id, None)
 
     def reset(self) -> None:
-        """Nobody is left: the next vehicle gives the origin."""
+        """No vehicle is left: the next one sets the origin."""
         self._world_origin_deg_m = None
         self._local_origins_enu_m.clear()
 
-    def place(self, vehicle: SceneVehicle) -> Place:
-        """Where to draw it now."""
+    def place(self, vehicle: SceneVehicle) -> VehiclePlace:
+        """Where to draw the vehicle now."""
         home = value_of(vehicle, "home", Home)
         global_position = value_of(vehicle, "global_position", GlobalPosition)
         local = value_of(vehicle, "local_position", LocalPosition)
@@ -86,7 +86,7 @@ class Placement:
             position_drawn = (x, y, ground[2] + STANDING_HEIGHT_M)
         else:
             position_drawn = position or ground
-        return Place(
+        return VehiclePlace(
             position_enu_m=position_drawn,
             local_origin_enu_m=origin,
             ground_z_m=ground[2],
@@ -95,8 +95,8 @@ class Placement:
             known=position is not None,
         )
 
-    def past(self, vehicle: SceneVehicle, place: Place, since_unix_s: float) -> Iterator[Vector3]:
-        """Where it has been, in the frame in which it is now; oldest first.
+    def past(self, vehicle: SceneVehicle, place: VehiclePlace, since_unix_s: float) -> Iterator[Vector3]:
+        """Earlier positions in the current frame; oldest first.
 
         Args:
             place: where it is now.
@@ -113,12 +113,14 @@ class Placement:
                     yield at
 
     def geodetic(self, point_enu_m: Vector3) -> tuple[float, float, float] | None:
-        """(lat_deg, lon_deg, alt_amsl_m) of a point of the world; None while nobody knows where that is."""
+        """(lat_deg, lon_deg, alt_amsl_m) of a point of the world; None if the world's origin has no global
+        position."""
         origin = self._world_origin_deg_m
         return None if origin is None else geodetic_from_enu(point_enu_m, origin_deg_m=origin)
 
     def enu(self, place_deg_m: tuple[float, float, float]) -> Vector3 | None:
-        """Where (lat_deg, lon_deg, alt_amsl_m) is in the world; None while nobody knows where that is."""
+        """Where (lat_deg, lon_deg, alt_amsl_m) is in the world; None if the world's origin has no global
+        position."""
         origin = self._world_origin_deg_m
         return None if origin is None else enu_from_geodetic(*place_deg_m, origin_deg_m=origin)
 

@@ -12,7 +12,7 @@ from missions.frames import Vector3
 T = TypeVar("T")
 
 
-class IdentityFacts(Protocol):
+class SceneIdentity(Protocol):
     """The identity fields that must be shown wherever the vehicle is drawn."""
 
     @property
@@ -29,7 +29,7 @@ class SceneVehicle(Protocol):
     """The clock of its samples; a replayed vehicle has the recording's clock."""
 
     @property
-    def identity(self) -> IdentityFacts: ...
+    def identity(self) -> SceneIdentity: ...
     def topic(self, name: str) -> Sample | None: ...
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]: ...
 

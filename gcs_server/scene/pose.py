@@ -1,4 +1,4 @@
-"""From a vehicle's topics to what is drawn of it: pure, one frozen value a look."""
+"""Converts a vehicle's topics to its drawn pose: pure, one frozen value per update."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd, q_ned_camera, yaw_enu_from_ned
-from gcs_server.scene.labels import height_words
-from gcs_server.scene.placement import Place
+from gcs_server.scene.labels import height_text
+from gcs_server.scene.placement import VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
 from gcs_server.scene.returns import returns_of
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
@@ -18,17 +18,17 @@ PWM_FULL_US = 2000
 TARGET_FRESH_S = 1.5
 """PX4 sends POSITION_TARGET_LOCAL_NED at 10 Hz while something is followed."""
 VELOCITY_ARROW_S = 1.0
-"""A velocity asked for is shown where it would lead in this time."""
+"""A velocity setpoint is drawn as the position that it reaches in this time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What is asked for, in the world's ENU."""
+    """The current target, in the world's ENU."""
 
     position_enu_m: Vector3
     yaw_enu_rad: float | None
     is_velocity: bool
-    """The place is where the velocity leads, not one that was asked for."""
+    """Whether the position is extrapolated from a velocity setpoint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class VehiclePose:
 
 
 def pose_of(
-    vehicle: SceneVehicle, place: Place, offboard: OffboardTarget | None, now_monotonic_s: float
+    vehicle: SceneVehicle, place: VehiclePlace, offboard: OffboardTarget | None, now_monotonic_s: float
 ) -> VehiclePose:
     """Looks at a vehicle's newest samples."""
     attitude = value_of(vehicle, "attitude", Attitude)
@@ -99,7 +99,7 @@ def motor_efforts(motors: Motors | None, *, armed: bool) -> tuple[float, float, 
 
 
 def _target(
-    vehicle: SceneVehicle, place: Place, offboard: OffboardTarget | None, now_monotonic_s: float
+    vehicle: SceneVehicle, place: VehiclePlace, offboard: OffboardTarget | None, now_monotonic_s: float
 ) -> Target | None:
     origin = place.local_origin_enu_m
     if origin is None:
@@ -136,13 +136,13 @@ def _whole(v: tuple[float | None, float | None, float | None]) -> Vector3 | None
     return (a, b, c)
 
 
-def _label(vehicle_id: str, place: Place) -> str:
+def _label(vehicle_id: str, place: VehiclePlace) -> str:
     if not place.known:
         return vehicle_id
-    return f"{vehicle_id} · {height_words(place.height_m)}"
+    return f"{vehicle_id} · {height_text(place.height_m)}"
 
 
-def _note(vehicle: SceneVehicle, place: Place, lost: bool) -> str:
+def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
     facts = (
         (lost, "lost"),
         (not place.known, "no position"),

@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 PERIOD_S = 1.0 / 30.0
 IDLE_PERIOD_S = 0.25
 """With nobody looking on: asks only whether somebody does."""
-LONGEST_STEP_S = 0.25
+MAX_STEP_S = 0.25
 MAX_VIEWS = 64
 """Choices of views kept for pages that may come back."""
 
@@ -99,7 +99,7 @@ class Scene:
         last_s = self._clock.monotonic_s()
         while True:
             now_s = self._clock.monotonic_s()
-            self._step(now_s, min(LONGEST_STEP_S, now_s - last_s))
+            self._step(now_s, min(MAX_STEP_S, now_s - last_s))
             last_s = now_s
             spent_s = self._clock.monotonic_s() - now_s
             period_s = PERIOD_S if self._stages else IDLE_PERIOD_S

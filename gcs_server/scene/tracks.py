@@ -15,7 +15,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.isolation import Isolation
 from gcs_server.scene.clicks import ground_point
-from gcs_server.scene.placement import Place, Placement
+from gcs_server.scene.placement import Placement, VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet, SceneVehicle
 from gcs_server.scene.pose import pose_of
 from gcs_server.scene.smoothing import Smoother
@@ -44,7 +44,7 @@ class Track:
     """When it was looked at, by the clock of its samples."""
     owed_since_s: float | None
     """Since then, by the same clock, its trail is yet to be made up; None: it is whole."""
-    place: Place | None = None
+    place: VehiclePlace | None = None
     """Where it was when last looked at; None where it could not be placed."""
     waits_s: float = 0.0
     """Since it was last looked at."""
@@ -82,7 +82,7 @@ class Tracks:
         self._forget_gone(vehicles)
         away, self._looked_s = now_s - self._looked_s > AWAY_AFTER_S, now_s
         self._turn = (self._turn + 1) % TURNS
-        places: dict[str, Place] = {}
+        places: dict[str, VehiclePlace] = {}
         for index, vehicle in enumerate(vehicles):
             track = self._track(vehicle, away=away)
             track.waits_s += dt_s
@@ -100,7 +100,7 @@ class Tracks:
             self.isolation.run(what, self._make_up, vehicle, places[vehicle.id])
         return {vehicle_id: self._tracks[vehicle_id] for vehicle_id in places}
 
-    def _look_at(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> Place:
+    def _look_at(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> VehiclePlace:
         place = self._placement.place(vehicle)
         track.local_origin_enu_m = place.local_origin_enu_m
         if place.known and track.owed_since_s is None:
@@ -166,7 +166,7 @@ class Tracks:
         track.looked_s = now_s
         return track
 
-    def _make_up(self, vehicle: SceneVehicle, place: Place) -> None:
+    def _make_up(self, vehicle: SceneVehicle, place: VehiclePlace) -> None:
         track = self._tracks[vehicle.id]
         since_s, track.owed_since_s = track.owed_since_s, None
         if since_s is not None and place.known:

@@ -20,13 +20,13 @@ Mode = Literal["chase", "free", "gimbal", "top"]
 
 HANDLES_FROM_M = 6.0
 """So far off handles come into sight: they have the same size on the screen from anywhere."""
-NEAREST_HANDLES_M = 4.5
+MIN_HANDLES_M = 4.5
 """Nearer they are looked at from farther off; a chase camera always is, wherever it was just now."""
 HANDLES_WITHIN_RAD = 0.1
 """Farther from the middle than this a handle may lie under a panel of the page or out of sight."""
 HANDLES_FROM_ABOVE_RAD = 0.55
 """Where they come into sight; lower down their square along the ground is a line."""
-LOWEST_RAD = 0.3
+MIN_ELEVATION_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ def framed(
 def _in_hand(ahead: Vector3, to_handles: Vector3) -> bool:
     """Whether handles are well in sight: near the middle, from above, not too near."""
     away_m = math.hypot(*to_handles)
-    if away_m < NEAREST_HANDLES_M or -to_handles[2] < math.sin(LOWEST_RAD) * away_m:
+    if away_m < MIN_HANDLES_M or -to_handles[2] < math.sin(MIN_ELEVATION_RAD) * away_m:
         return False
     along_m = sum(a * b for a, b in zip(ahead, to_handles, strict=True)) / math.hypot(*ahead)
     return along_m > math.cos(HANDLES_WITHIN_RAD) * away_m

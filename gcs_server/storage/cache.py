@@ -1,4 +1,4 @@
-"""What can be had again from a vehicle, kept so that it need not be: bounded, and never a reason to fail."""
+"""Caches data that vehicles would send again. Its size is bounded, and its failures are never errors."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from pathlib import Path
 
 log = logging.getLogger(__name__)
 
-MOST_FILES = 200
-MOST_BYTES = 8_000_000
-"""A larger piece is not kept, nor read."""
-MOST_BYTES_IN_ALL = 100_000_000
+MAX_FILES = 200
+MAX_BYTES = 8_000_000
+"""Larger files are neither stored nor read."""
+MAX_TOTAL_BYTES = 100_000_000
 _name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,120}")
 
 
 class Cache:
-    """Small files by name in one folder; the one that was written longest ago goes first.
+    """Small files by name in one folder; the oldest is removed first.
 
     Args:
-        folder: made when first written to.
+        folder: created when first written to.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def read(self, name: str) -> bytes | None:
-        """None where there is none, or it cannot be read."""
+        """Content of a file; None if it is missing or unreadable."""
         path = self._path(name)
         try:
-            return path.read_bytes() if path.stat().st_size <= MOST_BYTES else None
+            return path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
         except OSError:
             return None
 
     def write(self, name: str, content: bytes) -> None:
-        """Whole or not at all; a full disk is logged and no more."""
-        if len(content) > MOST_BYTES:
+        """Writes a file completely or not at all; a full disk is only logged."""
+        if len(content) > MAX_BYTES:
             return
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -49,7 +49,7 @@ class Cache:
             log.warning("cache %s: %s", self._folder, error)
 
     def forget(self, name: str) -> None:
-        """It was of no use."""
+        """Removes an unusable file."""
         with contextlib.suppress(OSError):
             self._path(name).unlink()
 
@@ -57,7 +57,7 @@ class Cache:
         files = sorted(((p, p.stat()) for p in self._folder.iterdir()), key=lambda f: f[1].st_mtime)
         count, size = len(files), sum(status.st_size for _, status in files)
         for path, status in files:
-            if count <= MOST_FILES and size <= MOST_BYTES_IN_ALL:
+            if count <= MAX_FILES and size <= MAX_TOTAL_BYTES:
                 break
             path.unlink(missing_ok=True)
             count, size = count - 1, size - status.st_size

@@ -1,4 +1,4 @@
-"""Where the server keeps what it must remember: one folder, made when needed."""
+"""The server's data folder."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ def default_folder(environment: dict[str, str] | None = None) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class DataFolder:
-    """The folder and what lies where in it."""
+    """The folder and the paths in it."""
 
     path: Path
 
     @property
     def journal(self) -> Path:
-        """One JSON object a line and command."""
+        """File of the journal: one JSON object per command."""
         return self.path / "journal.jsonl"
 
     @property
     def recordings(self) -> Path:
-        """The tlogs."""
+        """Folder of the tlogs."""
         return self.path / "recordings"
 
     @property
@@ -49,12 +49,12 @@ class DataFolder:
 
     @property
     def signing(self) -> Path:
-        """MAVLink signing: a file for each key, and the timestamps used; its owner's alone to read."""
+        """Folder of MAVLink signing keys and timestamps; readable by its owner only."""
         return self.path / "signing"
 
     @property
     def maps(self) -> Path:
-        """The operator's own PMTiles and MBTiles."""
+        """Folder of the operator's PMTiles and MBTiles."""
         return self.path / "maps"
 
     @property
@@ -64,17 +64,17 @@ class DataFolder:
 
     @property
     def limits(self) -> Path:
-        """The operator's limits and fences, a file a vehicle."""
+        """Folder of the operator's limits and fences, one file per vehicle."""
         return self.path / "limits"
 
     @property
     def plans(self) -> Path:
-        """Waypoint plans, a folder for each, a file for each version."""
+        """Folder of plans: one folder per plan, one file per version."""
         return self.path / "plans"
 
     @property
     def simulator_log(self) -> Path:
-        """The simulator's log; the one of the run before ends in `.1`."""
+        """The simulator's log; the log of the previous run ends in `.1`."""
         return self.path / "simulator.log"
 
     @property
@@ -83,10 +83,10 @@ class DataFolder:
         return self.path / "simulator.json"
 
     def prepare(self) -> None:
-        """Makes the folders.
+        """Creates the folders.
 
         Raises:
-            StorageError: not possible; says where and why.
+            StorageError: a folder cannot be created.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -94,6 +94,6 @@ class DataFolder:
             self.maps.mkdir(exist_ok=True)
         except OSError as error:
             raise StorageError(
-                f"The data folder {self.path} cannot be made: {error.strerror or error}.",
+                f"The data folder {self.path} cannot be created: {error.strerror or error}.",
                 remedy="Choose another with --data FOLDER or GCS_DATA.",
             ) from error

@@ -1,4 +1,4 @@
-"""A file of lines, appended to whole lines at a time and turned over when it is full. All of it blocks."""
+"""A file of lines with atomic appends and rotation. All functions block."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 
 
 class LineLog:
-    """One file and the one before it (`name.1.suffix`); what is older is gone.
+    """A file and its predecessor (`name.1.suffix`); older lines are deleted.
 
     Args:
         path: the file.
-        max_bytes: a file of this size becomes the one before.
+        max_bytes: a file of this size is rotated.
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:
@@ -21,10 +21,10 @@ class LineLog:
         self._before = path.with_suffix(f".1{path.suffix}")
 
     def append(self, lines: bytes) -> None:
-        """On the disk (fsync) when it returns; whole, or not at all.
+        """Appends lines and syncs them to disk, completely or not at all.
 
         Raises:
-            OSError: the disk refuses; the file is as it was.
+            OSError: writing failed; the file is unchanged.
         """
         with suppress(FileNotFoundError):
             if self.path.stat().st_size >= self._max_bytes:
@@ -34,7 +34,7 @@ class LineLog:
             size = _repaired(descriptor)
             try:
                 written = os.write(descriptor, lines)
-                if written != len(lines):  # a disk that is just full takes a part
+                if written != len(lines):  # a nearly full disk writes only a part
                     raise OSError(28, "No space left on device")
                 os.fsync(descriptor)
             except OSError:
@@ -45,19 +45,19 @@ class LineLog:
             os.close(descriptor)
 
     def tail(self, most_bytes: int) -> list[bytes]:
-        """The newest whole lines, oldest first, from at most so many bytes of each file."""
+        """The newest complete lines, oldest first, from at most this many bytes of each file."""
         lines: list[bytes] = []
         for path in (self._before, self.path):
             with suppress(OSError), path.open("rb") as file:
                 size = file.seek(0, os.SEEK_END)
                 file.seek(max(0, size - most_bytes))
                 found = file.read(most_bytes).split(b"\n")
-                lines += found[1 if size > most_bytes else 0 : -1]  # neither a cut one nor a torn one
+                lines += found[1 if size > most_bytes else 0 : -1]  # without incomplete lines
         return lines
 
 
 def _repaired(descriptor: int) -> int:
-    """Cuts a line off that a crash or a full disk left torn; the size then."""
+    """Removes an incomplete last line, left by a crash or a full disk; returns the size."""
     size = os.fstat(descriptor).st_size
     end = size
     while end > 0:

@@ -23,7 +23,7 @@ PMTILES_HEADER = struct.Struct("<7sB11Q6B4iB2i")
 GZIP = 2
 NO_COMPRESSION = 1
 VECTOR = 1
-MOST_METADATA_BYTES = 8_000_000
+MAX_METADATA_BYTES = 8_000_000
 NAME = re.compile(r"[^/\\\x00]{1,200}\.(pmtiles|mbtiles)")
 IMAGE_TYPES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 VECTOR_TYPE = "application/vnd.mapbox-vector-tile"
@@ -133,7 +133,7 @@ def _pmtiles(path: Path) -> MapInfo:
         if magic != b"PMTiles" or version != 3:
             raise ValueError("it is no PMTiles file of version 3")
         offset, length = numbers[2], numbers[3]
-        if length > MOST_METADATA_BYTES:
+        if length > MAX_METADATA_BYTES:
             raise ValueError("its metadata is too large")
         file.seek(offset)
         raw = file.read(length)

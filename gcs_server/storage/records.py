@@ -1,4 +1,4 @@
-"""Small JSON objects by name in one folder: read once at the start, written whole or not at all."""
+"""Small JSON objects by name in one folder: read once at the start, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-MOST_RECORDS = 2000
-MOST_BYTES = 64_000
+MAX_RECORDS = 2000
+MAX_BYTES = 64_000
 """Most bytes of one record; a longer file is not read."""
 _SUFFIX = ".json"
 _name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 
 
 class Unreadable(str):
-    """Why a record that is there cannot be read, in words."""
+    """A record that cannot be read; the text says why."""
 
 
 class Records:
-    """One file a record.
-
-    Writes run one after the other in a thread of their own: the caller gets a future and waits for no disk.
+    """One file per record. A thread writes them one after the other: the caller gets a future and does not
+    wait for the disk.
 
     Args:
-        folder: made when first written to.
+        folder: created when first written to.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -36,10 +35,10 @@ class Records:
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="records")
 
     def read_all(self) -> dict[str, dict[str, object] | Unreadable]:
-        """Every record by its name; not for the event loop.
+        """All records by name; blocks.
 
         Raises:
-            OSError: the folder cannot be read, or holds more than `MOST_RECORDS`.
+            OSError: the folder cannot be read, or holds more than `MAX_RECORDS`.
         """
         found: dict[str, dict[str, object] | Unreadable] = {}
         try:
@@ -50,8 +49,8 @@ class Records:
             stem = name.removesuffix(_SUFFIX)
             if not name.endswith(_SUFFIX) or not _name.fullmatch(stem):
                 continue
-            if len(found) >= MOST_RECORDS:
-                raise OSError(f"it holds more than {MOST_RECORDS} files")
+            if len(found) >= MAX_RECORDS:
+                raise OSError(f"it holds more than {MAX_RECORDS} files")
             try:
                 found[stem] = _read(self.folder / name)
             except OSError as error:
@@ -61,9 +60,8 @@ class Records:
         return found
 
     def write(self, name: str, record: Mapping[str, object] | None) -> Future[None]:
-        """Replaces a record, on the disk before the future is done; None removes it.
-
-        The future raises OSError where the disk refuses; the record is then as it was.
+        """Replaces a record, or removes it (None); the future is done when it is on disk. It raises OSError
+        if writing failed; then the record is unchanged.
         """
         path = self.folder / f"{_checked(name)}{_SUFFIX}"
         if record is None:
@@ -72,7 +70,7 @@ class Records:
         return self._writer.submit(self._replace, path, content)
 
     def close(self) -> None:
-        """Waits for what is being written."""
+        """Waits for pending writes."""
         self._writer.shutdown()
 
     def _replace(self, path: Path, content: bytes) -> None:
@@ -103,16 +101,16 @@ class Records:
 
 
 def _read(path: Path) -> dict[str, object]:
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a named pipe must not hold the start up
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a named pipe must not block the start
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise ValueError("it is no file")
-        content = file.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        raise ValueError(f"it is longer than {MOST_BYTES} bytes")
+            raise ValueError("it is not a file")
+        content = file.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
+        raise ValueError(f"it is longer than {MAX_BYTES} bytes")
     record = json.loads(content)
     if not isinstance(record, dict):
-        raise ValueError("it is no JSON object")
+        raise ValueError("it is not a JSON object")
     return record  # pyright: ignore[reportUnknownVariableType] json's keys are text
 
 

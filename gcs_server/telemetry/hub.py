@@ -1,13 +1,13 @@
 """Telemetry to WebSocket clients: the newest value per (vehicle, topic), each client at its own rate.
 
-A sample is encoded once, when the first client wants it; the same bytes go to all. A client that cannot
-take more skips frames and then gets the newest; events are queued for it, and when that queue is full the
-client is closed, so that nobody believes to have seen every event who has not. A topic that cannot be made or
-encoded is left out; all others are sent.
+A sample is encoded once, when the first client needs it; the same bytes go to all. A slow client skips frames
+and then gets the newest values. Events are queued per client; when the queue is full the client is closed, so
+that no client misses events without knowing. A topic that cannot be decoded or encoded is left out; all
+others are sent.
 
-A topic of the vehicle's is sent with each message that it is made of, changed or not: the time of the newest
-says how old the value is. A topic of the server's own (`PERIODS_S`, readiness) is sent after a subscription
-and whenever it changes, and holds until then.
+A vehicle's topic is sent with each of its messages, changed or not, because the time of the newest message
+shows the age of the value. A topic of the server (`PERIODS_S`, readiness) is sent after a subscription and
+when it changes, and is valid until then.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ log = logging.getLogger(__name__)
 
 EVENT_QUEUE_LENGTH = 500
 EVENT_QUEUE_CHARACTERS = 1 << 20
-"""Most characters of the events that wait for one client."""
+"""Largest size of the events that wait for one client [characters]."""
 ERRORS_KEPT = 10
-"""Answers to bad requests that wait for one client; more are left out."""
+"""Answers to invalid requests that wait for one client; further ones are dropped."""
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
@@ -51,13 +51,13 @@ PERIODS_S = {
     "identity": IDENTITY_PERIOD_S,
     "control": CONTROL_PERIOD_S,
 }
-"""Topics of the server's own: how often each is looked at. It is a new sample only where it has changed."""
+"""Topics of the server: how often each is checked for a change. Only a change makes a new sample."""
 ALL_TOPICS = frozenset(TOPICS) | frozenset(PERIODS_S) | {"readiness"}
 CLOSE_TOO_SLOW = 1013
 
 
 class Socket(Protocol):
-    """The part of a WebSocket that a client needs."""
+    """The used part of a WebSocket."""
 
     async def send_text(self, data: str) -> None: ...
     async def receive_text(self) -> str: ...
@@ -65,24 +65,24 @@ class Socket(Protocol):
 
 
 class Encoded:
-    """Each sample's bytes, made once."""
+    """Encoded samples, each encoded once."""
 
     def __init__(self, clock: Clock, fleet: Fleet) -> None:
         self._clock = clock
         self._fleet = fleet
         self._bytes: dict[tuple[str, str], tuple[float, bytes]] = {}
         self._looked: dict[tuple[str, str], tuple[float, object]] = {}
-        """The server's own topics: the time of the last reading, and its value."""
+        """The server's topics: time of the last check, and value."""
         self.replays: Callable[[], Sequence[object]] = tuple
         """Returns the open replays; set by the replay service."""
 
     def replays_text(self) -> str | None:
-        """A frame that says what is played; None while nothing is."""
+        """A frame with the open replays; None if there are none."""
         replays = self.replays()
         return replays_frame(replays) if replays else None
 
     def vehicles(self) -> list[Vehicle]:
-        """Those there are."""
+        """All vehicles."""
         return self._fleet.all()
 
     def forget(self, vehicle_id: str) -> None:
@@ -92,7 +92,7 @@ class Encoded:
                 del held[key]
 
     def newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
-        """(a mark that grows with each new sample, JSON); None before the first, and where it fails."""
+        """(a number that grows with each new sample, JSON); None before the first, and on failure."""
         return vehicle.isolation.run(f"telemetry of {topic}", self._newest, vehicle, topic)
 
     def _newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
@@ -140,8 +140,8 @@ class Encoded:
         return None if vehicle.offboard is None else vehicle.offboard.status()
 
 
-class Client:
-    """One socket: what it wants, what it has, and the events that wait for it."""
+class Subscriber:
+    """One telemetry client: its subscription, what it has received, and its waiting events."""
 
     def __init__(self, clock: Clock, socket: Socket, encoded: Encoded) -> None:
         self._clock = clock
@@ -158,7 +158,7 @@ class Client:
         self.overflown = False
 
     def offer_event(self, event: Event, text: str) -> None:
-        """Queues an event; too many close the client."""
+        """Queues an event; a full queue closes the client."""
         wants = self._wants
         chosen = wants.vehicles if wants is not None and isinstance(wants.vehicles, list) else None
         if chosen is None or event.vehicle is None or event.vehicle in chosen:
@@ -174,13 +174,13 @@ class Client:
         self._wake.set()
 
     def offer_error(self, detail: str) -> None:
-        """Answers a bad request; a client that leaves the answers unread gets no more of them."""
+        """Answers an invalid request, unless too many such answers are unread."""
         if self._errors < ERRORS_KEPT:
             self._errors += 1
             self.offer_text(error_frame(detail))
 
     def subscribe(self, request: Subscribe) -> None:
-        """Takes effect at once; everything wanted is sent anew."""
+        """Applies a subscription at once; all its values are sent again."""
         self._wants = request
         self._topics = tuple(sorted(ALL_TOPICS if isinstance(request.topics, str) else set(request.topics)))
         self._seen.clear()
@@ -188,7 +188,7 @@ class Client:
         self._wake.set()
 
     async def send_for_ever(self) -> None:
-        """Until the socket is gone or too many events wait; one frame is under way at a time."""
+        """Sends until the socket closes or too many events wait; one frame at a time."""
         await self._socket.send_text(hello(self._clock.unix_s()))
         next_s = self._clock.monotonic_s()
         while not self.overflown:
@@ -204,7 +204,7 @@ class Client:
                 if replays != self._seen_replays:
                     self._seen_replays = replays
                     await self._socket.send_text(replays or replays_frame([]))
-                    if self._events:  # a vehicle that was replaced meanwhile: that is told before its samples
+                    if self._events:  # events come first: a replaced vehicle is announced before its samples
                         continue
                 news = self._news(wants)
                 if news:
@@ -245,14 +245,14 @@ class Hub:
     def __init__(self, clock: Clock, fleet: Fleet) -> None:
         self._clock = clock
         self._encoded = Encoded(clock, fleet)
-        self._clients: set[Client] = set()
-        self._end: Callable[[], None] = fleet.subscribe(self.tell)
+        self._clients: set[Subscriber] = set()
+        self._end: Callable[[], None] = fleet.subscribe(self.publish)
 
     def watch_replays(self, replays: Callable[[], Sequence[object]]) -> None:
         """Sets the function that returns the open replays."""
         self._encoded.replays = replays
 
-    def tell(self, event: Event) -> None:
+    def publish(self, event: Event) -> None:
         """Passes an event on to all clients, encoded once."""
         if event.kind == "vehicle_removed" and event.vehicle is not None:
             self._encoded.forget(event.vehicle)
@@ -268,7 +268,7 @@ class Hub:
 
     async def serve(self, socket: Socket) -> None:
         """Serves one accepted socket until it closes."""
-        client = Client(self._clock, socket, self._encoded)
+        client = Subscriber(self._clock, socket, self._encoded)
         self._clients.add(client)
         try:
             async with asyncio.TaskGroup() as group:
@@ -281,10 +281,10 @@ class Hub:
             self._clients.discard(client)
 
     def close(self) -> None:
-        """Takes no more events."""
+        """Stops receiving events."""
         self._end()
 
-    async def _receive(self, socket: Socket, client: Client) -> None:
+    async def _receive(self, socket: Socket, client: Subscriber) -> None:
         while True:
             text = await socket.receive_text()
             try:

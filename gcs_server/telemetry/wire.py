@@ -1,4 +1,4 @@
-"""Samples and events as JSON text: encoded once, whoever gets them; NaN and infinity become null."""
+"""Encodes samples and events as JSON text, once for all clients; NaN and infinity become null."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import msgspec
 from gcs_server.vehicle.events import Event
 
 SCHEMA_VERSION = 1
-LONGEST_REQUEST = 65_536
-MOST_NAMES = 256
-LONGEST_ERROR = 500
+MAX_REQUEST_LENGTH = 65_536
+MAX_NAMES = 256
+MAX_ERROR_LENGTH = 500
 
-# msgspec writes NaN and infinities as null, and dataclasses and tuples without help.
+# msgspec writes NaN and infinity as null, and supports dataclasses and tuples.
 _encoder = msgspec.json.Encoder(enc_hook=lambda value: str(value))
 
 
@@ -51,17 +51,17 @@ def plain(value: object) -> Any:
 
 
 def hello(unix_s: float) -> str:
-    """The first frame."""
+    """The first frame of a connection."""
     return encode({"type": "hello", "schema_version": SCHEMA_VERSION, "server_time_unix_s": unix_s}).decode()
 
 
 def samples_frame(encoded: list[bytes]) -> str:
-    """A frame of samples that are encoded already."""
+    """A frame of already encoded samples."""
     return (b'{"type":"samples","samples":[' + b",".join(encoded) + b"]}").decode()
 
 
 def event_frame(event: Event) -> str:
-    """One event; its data stand beside the fields that every event has."""
+    """A frame with one event; its data are merged with the common fields."""
     body = {
         **event.data,
         "kind": event.kind,
@@ -75,13 +75,13 @@ def event_frame(event: Event) -> str:
 
 
 def replays_frame(replays: object) -> str:
-    """All replays as they are now."""
+    """A frame with all open replays."""
     return encode({"type": "replays", "replays": replays}).decode()
 
 
 def error_frame(text: str) -> str:
     """An error message to a client; the socket stays open."""
-    short = text if len(text) <= LONGEST_ERROR else f"{text[:LONGEST_ERROR]}…"
+    short = text if len(text) <= MAX_ERROR_LENGTH else f"{text[:MAX_ERROR_LENGTH]}…"
     return encode({"type": "error", "detail": short}).decode()
 
 
@@ -89,17 +89,17 @@ def parse_subscribe(text: str | bytes, known_topics: frozenset[str]) -> Subscrib
     """Checks a client's request.
 
     Raises:
-        ValueError: in words, naming the field.
+        ValueError: names the field.
     """
-    if len(text) > LONGEST_REQUEST:
-        raise ValueError(f"Not a subscription: longer than {LONGEST_REQUEST} characters.")
+    if len(text) > MAX_REQUEST_LENGTH:
+        raise ValueError(f"Not a subscription: longer than {MAX_REQUEST_LENGTH} characters.")
     try:
         request = _subscribe.decode(text)
     except (msgspec.MsgspecError, RecursionError) as error:
         raise ValueError(f"Not a subscription: {error}.") from error
     for name in ("vehicles", "topics"):
-        if len(getattr(request, name)) > MOST_NAMES:
-            raise ValueError(f"{name}: at most {MOST_NAMES}.")
+        if len(getattr(request, name)) > MAX_NAMES:
+            raise ValueError(f"{name}: at most {MAX_NAMES}.")
     if isinstance(request.vehicles, str) and request.vehicles != "*":
         raise ValueError('vehicles: a list of ids, or "*".')
     if isinstance(request.topics, str):

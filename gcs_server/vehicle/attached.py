@@ -13,7 +13,7 @@ class StreamStatus(Protocol):
 
     @property
     def streaming(self) -> bool:
-        """Whether setpoints go out to the vehicle now."""
+        """Whether setpoints are being sent to the vehicle."""
         ...
 
 
@@ -25,7 +25,7 @@ class AttachedStream(Protocol):
         ...
 
     def asks_for(self) -> str | None:
-        """The mode that an ending stream asks the vehicle for just now; None while it asks for none."""
+        """The mode that an ending stream requests now; None if it requests none."""
         ...
 
 
@@ -33,7 +33,7 @@ class AttachedMission(Protocol):
     """A vehicle's `offboard_mission`."""
 
     def status(self) -> object | None:
-        """Now; None before its first mission."""
+        """Status of the newest mission; None before the first."""
         ...
 
 
@@ -47,7 +47,7 @@ class HolderStatus(Protocol):
 
     @property
     def holder_key(self) -> str | None:
-        """Tells clients of one name apart."""
+        """Distinguishes clients of the same name."""
         ...
 
 

@@ -1,7 +1,7 @@
-"""Our own words for PX4's arming checks: what is wrong, and what to do about it.
+"""This server's texts for PX4's arming checks: what is wrong, and what to do about it.
 
-Ids and names are PX4 v1.16's (the namespace of component 1 is in the id's top byte). They are used where the
-vehicle's own metadata is not at hand, and for the remedy where that metadata gives none.
+Ids and names are PX4 v1.16's (the namespace of component 1 is in the id's top byte). They are used if the
+vehicle's own metadata is missing or has no remedy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SKY = "Wait at a place with a clear view of the sky."
 CALIBRATE_RC = "Calibrate the transmitter again."
 CALIBRATE = "Calibrate it."
 WIRING = "Check that it is connected, and restart the vehicle."
-CHARGE = "Put in a charged battery."
+CHARGE = "Insert a charged battery."
 BACK_INSIDE = "Bring the vehicle back inside of the fence, or change the fence."
 
 MANUAL_CONTROL_ID = 17231145
@@ -36,13 +36,13 @@ MODE_NEEDS: dict[int, Check] = {
     ),
     17154777: Check("check_modes_mission", "there is no mission to fly", "Upload a mission."),
     19865031: Check(
-        "check_modes_offboard_signal", "no offboard setpoints are coming in",
-        "Start an offboard stream here: it sends setpoints before it asks for the mode.",
+        "check_modes_offboard_signal", "no offboard setpoints arrive",
+        "Start an offboard stream here: it sends setpoints before it requests the mode.",
     ),
     30612409: Check("check_modes_local_pos", "no valid position estimate", SKY),
     26788467: Check("check_modes_global_pos", "no valid global position", SKY),
     29467116: Check(
-        "check_modes_local_alt", "no valid altitude estimate", "Wait; look at the barometer."
+        "check_modes_local_alt", "no valid altitude estimate", "Wait; check the barometer."
     ),
     16856624: Check("check_modes_home_position", "there is no home position", SKY),
     27227279: Check("check_modes_attitude", "no valid attitude estimate", STILL),
@@ -54,7 +54,7 @@ MODE_NEEDS: dict[int, Check] = {
         "check_external_modes_unresponsive", "the external mode's program is silent", "Restart its program."
     ),
 }  # fmt: skip
-"""Checks that modes need to run at all; the others only prevent arming."""
+"""Checks that a mode needs in order to run; the others only prevent arming."""
 
 CHECKS: dict[int, Check] = MODE_NEEDS | {
     18648929: Check(
@@ -116,8 +116,9 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     32490591: Check(
         "check_estimator_mag_interference", "the magnetic field here is disturbed", "Move away from metal."
     ),
-    20380425: Check("check_estimator_mag_fault", "the compass is not used any more", "Calibrate it again."),
-    26743035: Check("check_estimator_gnss_fault", "the heading by GPS is not reliable", SKY),
+    20380425: Check("check_estimator_mag_fault", ("the estimator stopped using the "
+        "compass"), "Calibrate it again."),
+    26743035: Check("check_estimator_gnss_fault", "the GPS heading is not reliable", SKY),
     22720449: Check(
         "check_mag_sys_has_mag_missing", "too few compasses were found", "Connect them, or lower SYS_HAS_MAG."
     ),
@@ -141,8 +142,8 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     25569984: Check("check_optical_sensor_missing", "the optical flow sensor is missing", WIRING),
     27903148: Check("check_optical_flow_sensor_invalid", "the optical flow sensor gives no data", WIRING),
     31343262: Check("check_escs_offline", "a motor controller does not answer", WIRING),
-    25968665: Check("check_escs_telem_missing", "motor controllers report nothing", WIRING),
-    23725705: Check("check_escs_fault", "a motor controller reports a fault", "Look at the motor."),
+    25968665: Check("check_escs_telem_missing", "no reports from the motor controllers", WIRING),
+    23725705: Check("check_escs_fault", "a motor controller reports a fault", "Check the motor."),
     24685549: Check("check_avionics_power_missing", "the power module is not connected", WIRING),
     18447583: Check("check_avionics_power_low", "the supply voltage is too low", CHARGE),
     32067059: Check("check_avionics_power_high", "the supply voltage is too high", "Check the power module."),
@@ -176,11 +177,11 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     ),
     28190816: Check("check_wind_too_high", "the wind is above the limit", "Wait, or land."),
     31421834: Check("check_flight_time_limit", "the maximum flight time has been reached", "Land."),
-    27773549: Check("check_missing_fmu_sdcard", "there is no SD card", "Put one in."),
+    27773549: Check("check_missing_fmu_sdcard", "there is no SD card", "Insert one."),
     21225307: Check(
-        "check_hardfault_present", "the SD card holds a crash log of the flight software", "Read it out."
+        "check_hardfault_present", "the SD card holds a crash log of the flight software", "Download it."
     ),
-    17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Switch off extras."),
+    17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Close unused functions."),
     31198698: Check("check_ram_usage_too_high", "the flight computer's memory is nearly full"),
     23756917: Check("check_rc_min_too_small", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
     24624528: Check("check_rc_max_too_high", "a transmitter channel's calibration is wrong", CALIBRATE_RC),

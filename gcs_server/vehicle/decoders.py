@@ -1,9 +1,9 @@
-"""Payloads to samples: pure functions, straight from the bytes, each for one message.
+"""Decodes payloads into samples: pure functions, one for each message.
 
-Every decoder gets the full payloads (zeros filled up; several of one message: `instances.py`) and returns the
-value and, where the message carries it, the vehicle's boot time. What it returns is finite and of a size that
-can be (`numbers.py`): a field that is not becomes None, and where the sample means nothing without it, the
-decoder raises Unusable. Formats are those of the dialect, which a test compares.
+Every decoder gets full payloads (padded with zeros; several instances of a message: `instances.py`) and
+returns the value and, if the message has it, the vehicle's boot time. Returned numbers are finite and
+plausible (`numbers.py`): other values become None; if the sample is useless without them, the decoder raises
+Unusable. Formats are those of the dialect, which a test compares.
 """
 
 from __future__ import annotations
@@ -60,10 +60,10 @@ FORMATS: dict[int, struct.Struct] = {
     **ranging_decoder.FORMATS,
 }
 
-HIGHEST_CELL_MV = 6000
-"""No cell in use has more."""
+MAX_CELL_MV = 6000
+"""Larger values mark unused cells."""
 UNKNOWN_CURRENTS = (-1, -100)
-"""[cA] MAVLink's -1, and what PX4 makes of its own -1 A."""
+"""[cA] MAVLink's -1, and PX4's -1 A."""
 IGNORE_AXES = (
     (
         d.POSITION_TARGET_TYPEMASK_X_IGNORE,
@@ -90,7 +90,7 @@ def attitude_quaternion(payloads: Payloads) -> Decoded:
     )
     q_ned_frd = rotation((w, x, y, z))
     if q_ned_frd is None:
-        raise Unusable("ATTITUDE_QUATERNION: its quaternion is no rotation")
+        raise Unusable("ATTITUDE_QUATERNION: its quaternion is not a rotation")
     roll, pitch, yaw = euler_from_q(q_ned_frd)
     return samples.Attitude(roll, pitch, yaw, q_ned_frd, vector((p, q, r))), time_ms / 1e3
 
@@ -165,7 +165,7 @@ def battery(payloads: Payloads) -> Decoded:
 def _one_battery(battery_id: int, payload: bytes) -> samples.BatteryReading:
     values = _battery.unpack_from(payload)
     consumed_mah, current_ca, remaining, time_s = values[0], values[13], values[17], values[18]
-    # Cells 11 to 14 stand at the end: 0 is unknown there, since older senders leave them out.
+    # Cells 11 to 14 are at the end of the message: 0 means unknown, because older senders omit them.
     cells = [mv for mv in values[3:13] if mv != 0xFFFF] + [
         mv for mv in values[20:24] if mv not in (0, 0xFFFF)
     ]
@@ -181,8 +181,8 @@ def _one_battery(battery_id: int, payload: bytes) -> samples.BatteryReading:
 
 
 def _of_cells(millivolts: list[int]) -> tuple[float, ...] | None:
-    """One value is the sum; so are several where a sum above 65.5 V was spread over them."""
-    if len(millivolts) < 2 or max(millivolts) > HIGHEST_CELL_MV:
+    """One value is the sum; several values are also a sum if it is above 65.5 V and was split."""
+    if len(millivolts) < 2 or max(millivolts) > MAX_CELL_MV:
         return None
     return tuple(mv / 1e3 for mv in millivolts)
 
@@ -206,7 +206,7 @@ def home(payloads: Payloads) -> Decoded:
 
 
 def motors(payloads: Payloads) -> Decoded:
-    """SERVO_OUTPUT_RAW: outputs up to the last one that is in use."""
+    """SERVO_OUTPUT_RAW: outputs up to the last used one."""
     unpacked = [(instance_of(key), _servo.unpack_from(payload)) for key, payload in sorted(payloads.items())]
     groups = tuple(samples.OutputGroup(port, _in_use(values[1:9])) for port, values in unpacked)
     boot_s = unpacked[0][1][0] / 1e6
@@ -219,7 +219,7 @@ def _in_use(outputs: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def target_local(payloads: Payloads) -> Decoded:
-    """POSITION_TARGET_LOCAL_NED: what is ignored, or not a number, is not controlled."""
+    """POSITION_TARGET_LOCAL_NED: ignored fields and NaN are not controlled."""
     values = _target_local.unpack_from(payloads[d.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED])
     mask = values[12]
 
@@ -240,7 +240,7 @@ def target_local(payloads: Payloads) -> Decoded:
 
 
 def target_attitude(payloads: Payloads) -> Decoded | None:
-    """ATTITUDE_TARGET; nothing while the vehicle has none (not a number)."""
+    """ATTITUDE_TARGET; None while the vehicle sends NaN."""
     time_ms, w, x, y, z, p, q, r, thrust = _target_attitude.unpack_from(
         payloads[d.MAVLINK_MSG_ID_ATTITUDE_TARGET]
     )
@@ -258,7 +258,7 @@ def hud(payloads: Payloads) -> Decoded:
 
 
 def health(payloads: Payloads) -> Decoded:
-    """SYS_STATUS. PX4 reports its pre-arm check as healthy only, never as present."""
+    """SYS_STATUS. PX4 sets its pre-arm check only in the healthy mask, never in the present mask."""
     present, enabled, healthy, load, *_ = _sys_status.unpack_from(payloads[d.MAVLINK_MSG_ID_SYS_STATUS])
     prearm = d.MAV_SYS_STATUS_PREARM_CHECK
     return (
@@ -287,7 +287,7 @@ def wind(payloads: Payloads) -> Decoded:
 
 
 def mission(payloads: Payloads) -> Decoded | None:
-    """MISSION_CURRENT with the newest MISSION_ITEM_REACHED; nothing before the first MISSION_CURRENT."""
+    """MISSION_CURRENT with the newest MISSION_ITEM_REACHED; None before the first MISSION_CURRENT."""
     payload = payloads.get(d.MAVLINK_MSG_ID_MISSION_CURRENT)
     if payload is None:
         return None
@@ -298,7 +298,7 @@ def mission(payloads: Payloads) -> Decoded | None:
 
 
 def item_count(total: int) -> int | None:
-    """MISSION_CURRENT.total: 65535 is no mission, 0 not told."""
+    """MISSION_CURRENT.total: 65535 means no mission, 0 unknown."""
     return 0 if total == 0xFFFF else total or None
 
 
@@ -323,4 +323,5 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "distance_sensors": ((d.MAVLINK_MSG_ID_DISTANCE_SENSOR,), ranging_decoder.distance_sensors),
     "obstacle_distance": ((d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,), ranging_decoder.obstacle_distance),
 }
-"""Topic → messages it is made of, and how. Attitude is chosen by `vehicle/state.py`: the newer of two."""
+"""By topic: its messages and its decoder. For attitude `vehicle/state.py` chooses the newer of two
+messages."""

@@ -1,16 +1,16 @@
-"""Where a system is heard, and whether two such places are one vehicle.
+"""Decides whether two endpoints (link, peer, system id) are one vehicle.
 
-A system id is set by hand and often twice the same, so an endpoint (link, peer, system id) is joined to
-a vehicle only for a reason:
+System ids are set by hand, and duplicates are common. So an endpoint joins a vehicle only by one of these
+rules:
 
-1. Both autopilots have a uid of their own: equal is one vehicle, else two.
-2. On one link, two peers that both talk are two vehicles (a vehicle has one address there). A peer that
-   talks after the other fell silent is the same vehicle with a new port.
-3. On two links, one autopilot has one boot clock: streams whose boot time agrees are one vehicle. This
-   tells simulators apart, too, whose uid is the same constant.
+1. Both autopilots have a unique uid: equal uids are one vehicle, different ones two.
+2. On one link, two peers that both send are two vehicles (a vehicle has one address there). A peer that sends
+after the other has fallen silent is the same vehicle with a new port. 3. On two links, one autopilot has one
+boot clock: streams whose boot time agrees are one vehicle. This also separates simulators, which all have the
+same uid.
 
-Until that is known, at most `DECIDE_WITHIN_S`, what the endpoint sends is no vehicle's. Where nothing
-tells, two are shown: never mixed. A uid that comes late corrects either way.
+Until this is decided, at most `DECISION_TIMEOUT_S`, the endpoint's messages belong to no vehicle. If no rule
+applies, two vehicles are shown and never mixed. A uid that arrives late corrects the decision.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from gcs_server.vehicle.identity import Version
 if TYPE_CHECKING:
     from gcs_server.vehicle.vehicle import Vehicle
 
-DECIDE_WITHIN_S = 3.0
+DECISION_TIMEOUT_S = 3.0
 UID_PATIENCE_S = 2.0
-"""How long a uid is waited for before the other reasons decide."""
+"""How long to wait for a uid before the other rules decide."""
 SILENT_AFTER_S = 3.5
 SAME_BOOT_S = 1.5
-"""Radio delays included."""
+"""Tolerance of boot times, radio delays included."""
 BOOT_TIME_EVERY_S = 0.5
 ASK_EVERY_S = 1.0
 ASK_TIMES = 5
 ASK_RARELY_S = 30.0
-"""Between requests for the version after the first `ASK_TIMES`."""
+"""Period of requests for the version after the first `ASK_TIMES`."""
 BOOT_TIME_IDS = frozenset(
     {
         d.MAVLINK_MSG_ID_ATTITUDE,
@@ -51,8 +51,8 @@ BOOT_TIME_IDS = frozenset(
 _boot_ms = struct.Struct("<I")
 
 
-class Same(enum.Enum):
-    """Whether an endpoint is a vehicle's."""
+class SameVehicle(enum.Enum):
+    """Whether an endpoint belongs to a vehicle."""
 
     YES = enum.auto()
     NO = enum.auto()
@@ -61,7 +61,7 @@ class Same(enum.Enum):
 
 @dataclass(slots=True, eq=False)
 class Endpoint:
-    """One place where one system id is heard."""
+    """One link and peer on which a system id is heard."""
 
     connection: Connection
     peer: Peer
@@ -112,24 +112,24 @@ class Endpoint:
         return self.version.uid if self.version is not None and self.version.unique else None
 
 
-def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> Same:
+def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:
     """Judges by the rules above; pure."""
     known = [e for e in vehicle.endpoints if e is not new]
     uid = next((e.unique_uid for e in known if e.unique_uid), None)
     if uid and new.unique_uid:
-        return Same.YES if uid == new.unique_uid else Same.NO
+        return SameVehicle.YES if uid == new.unique_uid else SameVehicle.NO
     waited_s = now_s - new.first_heard_s
     if new.version is None and waited_s < UID_PATIENCE_S:
-        return Same.NOT_KNOWN
+        return SameVehicle.NOT_KNOWN
     talking = [e for e in known if now_s - e.heard_s < SILENT_AFTER_S]
     if not talking:
-        return Same.YES
+        return SameVehicle.YES
     if any(e.connection is new.connection and e.heard_s > new.first_heard_s for e in talking):
-        return Same.NO
+        return SameVehicle.NO
     elsewhere = [e for e in talking if e.connection is not new.connection]
     boots = [e.boot_at_s for e in elsewhere if e.boot_at_s is not None]
     if boots and new.boot_at_s is not None:
-        return Same.YES if min(abs(b - new.boot_at_s) for b in boots) < SAME_BOOT_S else Same.NO
-    if elsewhere and waited_s > DECIDE_WITHIN_S:
-        return Same.NO
-    return Same.NOT_KNOWN
+        return SameVehicle.YES if min(abs(b - new.boot_at_s) for b in boots) < SAME_BOOT_S else SameVehicle.NO
+    if elsewhere and waited_s > DECISION_TIMEOUT_S:
+        return SameVehicle.NO
+    return SameVehicle.NOT_KNOWN

@@ -13,7 +13,7 @@ from gcs_server.vehicle.foreign import Document, cut
 
 UNITS = {"m": " m", "m_v": " m", "m^2": " m²", "m/s": " m/s", "C": " °C"}
 CHECK_GROUPS = ("arming_check", "health")
-LONGEST_TEXT, LONGEST_VALUE = 1_000, 200
+MAX_TEXT_LENGTH, MAX_VALUE_LENGTH = 1_000, 200
 """Characters of a message that is filled in, and of one value in it."""
 
 
@@ -38,7 +38,7 @@ class Template:
     def filled(self, values: list[tuple[Argument, int | float]]) -> str:
         """The message with an event's values."""
         words = (piece if isinstance(piece, str) else _value_at(piece, values) for piece in self.pieces)
-        return cut("".join(words).strip(), LONGEST_TEXT)
+        return cut("".join(words).strip(), MAX_TEXT_LENGTH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _value_at(slot: Slot, values: list[tuple[Argument, int | float]]) -> str:
     if not 0 <= slot.index < len(values):
         return "–"
     argument, value = values[slot.index]
-    return cut(_spoken(argument, value, slot.decimals), LONGEST_VALUE) + UNITS.get(slot.unit or "", "")
+    return cut(_spoken(argument, value, slot.decimals), MAX_VALUE_LENGTH) + UNITS.get(slot.unit or "", "")
 
 
 def _spoken(argument: Argument, value: float, decimals: int | None) -> str:

@@ -19,15 +19,15 @@ TYPES: dict[str, str] = {
     "uint8_t": "B", "int8_t": "b", "uint16_t": "H", "int16_t": "h", "uint32_t": "I", "int32_t": "i",
     "uint64_t": "Q", "int64_t": "q", "float": "f",
 }  # fmt: skip
-MOST_COMPONENTS, MOST_EVENTS, MOST_ENUMS, MOST_ENUM_ENTRIES = 16, 5_000, 1_000, 256
+MAX_COMPONENTS, MAX_EVENTS, MAX_ENUMS, MAX_ENUM_ENTRIES = 16, 5_000, 1_000, 256
 """PX4 v1.16 has 2, 370, 16 and 31."""
-MOST_ARGUMENTS = 40
+MAX_ARGUMENTS = 40
 """An event carries 40 bytes."""
-MOST_SLOTS = 40
-LONGEST_MESSAGE, LONGEST_DESCRIPTION, LONGEST_LABEL, LONGEST_NAME = 500, 2_000, 120, 80
+MAX_SLOTS = 40
+MAX_MESSAGE_LENGTH, MAX_DESCRIPTION_LENGTH, MAX_LABEL_LENGTH, MAX_NAME_LENGTH = 500, 2_000, 120, 80
 """Characters; PX4's longest are 117, 372, 60 and 50."""
-LARGEST_ID = 0xFFFFFF
-MOST_DECIMALS = 9
+MAX_ID = 0xFFFFFF
+MAX_DECIMALS = 9
 
 _token = re.compile(
     r"\\(?P<literal>.)"
@@ -45,7 +45,7 @@ class _Label(msgspec.Struct):
 
 class _Enum(msgspec.Struct):
     type: str
-    entries: Annotated[dict[str, _Label], msgspec.Meta(max_length=MOST_ENUM_ENTRIES)]
+    entries: Annotated[dict[str, _Label], msgspec.Meta(max_length=MAX_ENUM_ENTRIES)]
     is_bitfield: bool = False
 
 
@@ -58,7 +58,7 @@ class _Event(msgspec.Struct):
     name: str
     message: str | None = None
     description: str | None = None
-    arguments: Annotated[list[_Argument], msgspec.Meta(max_length=MOST_ARGUMENTS)] = []
+    arguments: Annotated[list[_Argument], msgspec.Meta(max_length=MAX_ARGUMENTS)] = []
 
 
 class _Group(msgspec.Struct):
@@ -111,27 +111,27 @@ class _Reader:
 
     def read(self, document: _Document) -> Document[int, Definition]:
         components: list[tuple[int, _Component]] = []
-        for number, raw in list(document.components.items())[:MOST_COMPONENTS]:
+        for number, raw in list(document.components.items())[:MAX_COMPONENTS]:
             try:
                 components.append((_number(number, 255), _component.decode(raw)))
             except (ValueError, RecursionError) as error:
                 self._left_out.add(f"component {number}", error)
-        self._count_rest(len(document.components) - MOST_COMPONENTS, "components")
+        self._count_rest(len(document.components) - MAX_COMPONENTS, "components")
         for _, component in components:
             self._read_enums(component)
         for number, component in components:
             self._read_groups(number, component)
-        return Document(self._found, self._left_out.words())
+        return Document(self._found, self._left_out.text())
 
     def _read_enums(self, component: _Component) -> None:
         for name, raw in component.enums.items():
-            if len(self._enums) >= MOST_ENUMS:
+            if len(self._enums) >= MAX_ENUMS:
                 self._count_rest(1, "enums")
                 continue
             try:
                 enum = _enum.decode(raw)
                 labels = {
-                    _number(v, 2**63): cut(e.description or e.name, LONGEST_LABEL)
+                    _number(v, 2**63): cut(e.description or e.name, MAX_LABEL_LENGTH)
                     for v, e in enum.entries.items()
                 }
                 table = _Table(TYPES[enum.type], dict(sorted(labels.items())), enum.is_bitfield)
@@ -148,11 +148,11 @@ class _Reader:
                 self._left_out.add(f"group {name}", error)
                 continue
             for event_id, event in group.events.items():
-                if len(self._found) >= MOST_EVENTS:
+                if len(self._found) >= MAX_EVENTS:
                     self._count_rest(1, "events")
                     continue
                 try:
-                    self._found[number << 24 | _number(event_id, LARGEST_ID)] = self._definition(
+                    self._found[number << 24 | _number(event_id, MAX_ID)] = self._definition(
                         event, name, component.namespace
                     )
                 except (ValueError, RecursionError) as error:
@@ -166,17 +166,17 @@ class _Reader:
             if argument is None:  # a type that we do not know hides where those after it lie
                 break
             arguments.append(argument)
-        name = cut(event.name, LONGEST_NAME)
+        name = cut(event.name, MAX_NAME_LENGTH)
         return Definition(
             name=name,
-            group=cut(group, LONGEST_NAME),
-            message=template(name if event.message is None else event.message, LONGEST_MESSAGE),
-            description=template(event.description, LONGEST_DESCRIPTION) if event.description else None,
+            group=cut(group, MAX_NAME_LENGTH),
+            message=template(name if event.message is None else event.message, MAX_MESSAGE_LENGTH),
+            description=template(event.description, MAX_DESCRIPTION_LENGTH) if event.description else None,
             arguments=tuple(arguments),
         )
 
     def _argument(self, argument: _Argument, space: str) -> Argument | None:
-        kind, name = argument.type, cut(argument.name, LONGEST_NAME)
+        kind, name = argument.type, cut(argument.name, MAX_NAME_LENGTH)
         if kind in TYPES:
             return Argument(name, TYPES[kind])
         for full_name in (kind, f"{space}::{kind}", f"common::{kind}"):
@@ -205,9 +205,9 @@ def template(text: str, most: int) -> Template:
         at = match.end()
         if match["literal"] is not None:
             _add(pieces, "\n" if match["literal"] == "n" else match["literal"])
-        elif match["number"] is not None and slots < MOST_SLOTS:
+        elif match["number"] is not None and slots < MAX_SLOTS:
             slots += 1
-            decimals = None if match["decimals"] is None else min(int(match["decimals"]), MOST_DECIMALS)
+            decimals = None if match["decimals"] is None else min(int(match["decimals"]), MAX_DECIMALS)
             pieces.append(Slot(int(match["number"]) - 1, decimals, match["unit"]))
     _add(pieces, text[at:])
     return Template(tuple(_one_line(p) if isinstance(p, str) else p for p in pieces))

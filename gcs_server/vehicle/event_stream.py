@@ -12,8 +12,8 @@ from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
-LONGEST_GAP = 64
-"""A larger gap means that the vehicle restarted or the link was lost: the events in it cannot be had any
+MAX_GAP = 64
+"""A larger gap means that the vehicle restarted or the link was lost: its events are not available any
 more."""
 ASK_EVERY_S = 0.25
 ASK_TIMES = 12
@@ -26,12 +26,12 @@ class EventStream(Generic[Item]):
     """Takes events as they arrive and returns them in order."""
 
     expected: int | None = None
-    """The next number; None before the first."""
+    """Sequence number of the next event; None before the first."""
     lost: int = 0
     """Number of events that were never received."""
     _held: dict[int, Item] = field(default_factory=dict[int, Item])
     _newest: int = 0
-    """The last number that is known to have been used."""
+    """Newest sequence number known."""
     _asked: int = 0
     _next_ask_s: float = float("-inf")
 
@@ -41,10 +41,10 @@ class EventStream(Generic[Item]):
         if self.expected is None:
             self.expected, self._newest = sequence, (sequence - 1) & 0xFFFF
         ahead = _ahead(sequence, self.expected)
-        if ahead > LONGEST_GAP:
+        if ahead > MAX_GAP:
             self._jump(sequence)
         elif ahead < 0:
-            if ahead < -LONGEST_GAP:
+            if ahead < -MAX_GAP:
                 self._jump(sequence)  # it has restarted
             else:
                 return []
@@ -59,7 +59,7 @@ class EventStream(Generic[Item]):
             self.expected, self._newest = (sequence + 1) & 0xFFFF, sequence
             return
         ahead = _ahead(sequence, self.expected)
-        if abs(ahead) > LONGEST_GAP:
+        if abs(ahead) > MAX_GAP:
             self._jump((sequence + 1) & 0xFFFF)
         elif ahead >= 0:
             self._note(sequence)
@@ -68,7 +68,7 @@ class EventStream(Generic[Item]):
         """RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest is `oldest`."""
         if self.expected is None or _ahead(sequence, self.expected) != 0:
             return []
-        return self._skip_to(oldest if 0 < _ahead(oldest, self.expected) <= LONGEST_GAP else sequence + 1)
+        return self._skip_to(oldest if 0 < _ahead(oldest, self.expected) <= MAX_GAP else sequence + 1)
 
     def awaits(self, sequence: int) -> bool:
         """Whether this one is missing while later ones have come, or are known to exist."""
@@ -79,7 +79,7 @@ class EventStream(Generic[Item]):
         )
 
     def wanted(self, now_s: float) -> tuple[int, int] | None:
-        """(first, last) to ask for now; None while nothing is missing or the last request is fresh."""
+        """(first, last) to request now; None if nothing is missing or the last request is recent."""
         missing = self.missing
         if missing is None or now_s < self._next_ask_s or self._asked >= ASK_TIMES:
             return None
@@ -142,5 +142,5 @@ class EventStream(Generic[Item]):
 
 
 def _ahead(sequence: int, of: int) -> int:
-    """By how many numbers one is after another, with the wrap; -32768 to 32767."""
+    """Difference of two sequence numbers with wrap-around; -32768 to 32767."""
     return ((sequence - of + 0x8000) & 0xFFFF) - 0x8000

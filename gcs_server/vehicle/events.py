@@ -1,4 +1,4 @@
-"""What a vehicle said or did, in order: texts, events, acknowledgements, changes of mode."""
+"""Event feed of a vehicle: texts, events, acknowledgements and mode changes, in order."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FEED_LENGTH = 1000
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One line of the feed; never conflated."""
+    """One line of the feed; events are never conflated."""
 
     index: int
     """Counts up within its feed."""
@@ -49,9 +49,8 @@ class EventFeed:
         vehicle: str | None = None,
         kept: bool = True,
     ) -> Event:
-        """Appends and tells the subscribers; `vehicle` where it is not the feed's own.
-
-        What is not `kept` is told to those who listen now and forgotten: it crowds nothing out.
+        """Appends an event and calls the subscribers. `vehicle`: if not the feed's own. If not `kept`, the
+        event goes to current subscribers only and is not stored.
         """
         event = Event(self._next_index, kind, vehicle or self._vehicle, unix_s, severity, text, data or {})
         self._next_index += 1
@@ -60,20 +59,20 @@ class EventFeed:
         for callback in tuple(self._subscribers):
             try:
                 callback(event)
-            except Exception:  # who listens must not stop the vehicle's frames, nor the others who listen
+            except Exception:  # a failing listener must not affect the vehicle's frames or other listeners
                 log.exception("a listener failed at event %r", kind)
         return event
 
     @property
     def last_index(self) -> int:
-        """Of the newest event; 0 before the first."""
+        """Index of the newest event; 0 before the first."""
         return self._next_index - 1
 
     def since(self, index: int = 0, *, unix_s: float | None = None) -> list[Event]:
-        """Events after `index` and, where given, not older than `unix_s`; oldest first."""
+        """Events after `index` and, if given, not older than `unix_s`; oldest first."""
         return [e for e in self._events if e.index > index and (unix_s is None or e.unix_s >= unix_s)]
 
     def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
-        """Calls `callback` for each further event; returns what ends that."""
+        """Calls `callback` for each further event; returns a function that unsubscribes."""
         self._subscribers.append(callback)
         return lambda: self._subscribers.remove(callback) if callback in self._subscribers else None

@@ -1,4 +1,4 @@
-"""All vehicles, and who has joined or gone."""
+"""All vehicles; assigns frames to them, adds and removes them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.router import FrameSink, Router
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.endpoint import SILENT_AFTER_S, Endpoint, Same, same_vehicle
+from gcs_server.vehicle.endpoint import SILENT_AFTER_S, Endpoint, SameVehicle, same_vehicle
 from gcs_server.vehicle.events import Event, EventFeed
 from gcs_server.vehicle.identity import Identity, read_version
 from gcs_server.vehicle.population import (
@@ -34,7 +34,7 @@ VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One line of `GET /warnings`: stands until its cause has gone."""
+    """One line of `GET /warnings`, shown until its cause is gone."""
 
     kind: str
     """link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
@@ -45,10 +45,10 @@ class Notice:
 
 
 class Fleet(FrameSink):
-    """Sorts frames to vehicles.
+    """Assigns frames to vehicles.
 
     Args:
-        router: whose frames to take; the fleet hooks itself in.
+        router: source of frames; the fleet registers itself there.
     """
 
     def __init__(self, clock: Clock, supervisor: Supervisor, router: Router) -> None:
@@ -60,7 +60,7 @@ class Fleet(FrameSink):
         self._own_ids = (router.settings.system_id, router.settings.component_id)
         self._vehicles: dict[str, Vehicle] = {}
         self._full_until_s: dict[str, float] = {}
-        """By link: time until which new vehicles are ignored because there is no room for them."""
+        """By link: time until which new vehicles are ignored because there is no room."""
         self._ordered: list[Vehicle] | None = None
         """Cached result of `all`, until a vehicle is added or removed."""
         self._endpoints: dict[tuple[Connection, str, int], Endpoint] = {}
@@ -74,7 +74,7 @@ class Fleet(FrameSink):
         router.on_change(self._link_changed)
 
     def start(self) -> None:
-        """Begins the regular work: heartbeat ages, history, identities asked for."""
+        """Starts the periodic work: heartbeat ages, history, identity requests."""
         self._supervisor.start("fleet", self._run)
 
     def get(self, vehicle_id: str) -> Vehicle:
@@ -91,32 +91,32 @@ class Fleet(FrameSink):
         return list(self._ordered)
 
     def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
-        """Events of all vehicles and of the fleet; returns what ends that."""
+        """Subscribes to events of all vehicles and of the fleet; returns a function that unsubscribes."""
         self._subscribers.append(callback)
         return lambda: self._subscribers.remove(callback) if callback in self._subscribers else None
 
     def on_vehicle_added(self, callback: Callable[[Vehicle], None]) -> None:
-        """Calls back for each vehicle known and to come (to attach the offboard control)."""
+        """Calls back for each known and each future vehicle."""
         self._on_added.append(callback)
         for vehicle in self.all():
             callback(vehicle)
 
     def on_vehicle_removed(self, callback: Callable[[Vehicle], None]) -> None:
-        """Calls back for each vehicle that goes, so that nobody keeps it."""
+        """Calls back for each removed vehicle, so that references to it are dropped."""
         self._on_removed.append(callback)
 
     def remove(self, vehicle_id: str, by: str) -> None:
-        """Forgets a vehicle that is not heard; heard again it is a new one.
+        """Removes a silent vehicle; if it is heard again, it is added again.
 
         Raises:
             UnknownVehicle: there is none of that id.
-            Refused: it is heard, streamed to, or a recording's.
+            Refused: it is heard, has a setpoint stream, or belongs to a recording.
         """
         vehicle = self.get(vehicle_id)
         if vehicle.identity.replayed:
             raise Refused(
-                f"Vehicle {vehicle_id} is of a recording.",
-                remedy="Close its replay; the vehicle goes with it.",
+                f"Vehicle {vehicle_id} belongs to a recording.",
+                remedy="Close its replay; this removes the vehicle.",
             )
         if self._clock.monotonic_s() - last_heard_s(vehicle) <= SILENT_AFTER_S:
             raise Refused(
@@ -131,7 +131,7 @@ class Fleet(FrameSink):
         self._drop(vehicle, f"{by} removed it")
 
     def warnings(self) -> list[Notice]:
-        """What stands now."""
+        """Current warnings."""
         notices = [Notice(kind, text, link=link) for kind, link, text in self._router.warnings()]
         refusals = self._refusals.standing(self._clock.monotonic_s())
         notices += [Notice("too_many", text, link=link) for link, text in refusals]
@@ -154,7 +154,7 @@ class Fleet(FrameSink):
     # --- from the router ------------------------------------------------------------------------
 
     def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
-        """Gives a frame to the vehicle whose endpoint sent it; to nobody before that is known."""
+        """Passes a frame to the vehicle of its endpoint; drops it before that is known."""
         endpoint = self._endpoints.get((connection, peer.name, frame.system_id))
         if endpoint is None:
             endpoint = self._discover(frame, connection, peer)
@@ -180,7 +180,7 @@ class Fleet(FrameSink):
                 if vehicle is not None:
                     vehicle.detach(endpoint)
                     if vehicle.identity.replayed and not vehicle.endpoints:
-                        self._remove(vehicle, "its recording was closed or went to another moment")
+                        self._remove(vehicle, "its recording was closed or jumped to another time")
 
     def tick(self) -> None:
         """Four times a second."""
@@ -212,7 +212,7 @@ class Fleet(FrameSink):
         return endpoint
 
     def _may_have_endpoint(self, connection: Connection, now_s: float) -> bool:
-        """Whether a link has room for one more; who is no vehicle and fell silent makes room."""
+        """Whether a link has room for one more endpoint; silent endpoints without a vehicle are dropped."""
         if now_s < self._full_until_s.get(connection.name, float("-inf")):
             return False
         here = [e for e in self._endpoints.values() if e.connection is connection]
@@ -226,7 +226,7 @@ class Fleet(FrameSink):
         return bool(silent)
 
     def _has_room(self, endpoint: Endpoint) -> bool:
-        """Whether it may be one more vehicle; one that has long been silent may have to go for it."""
+        """Whether there is room for one more vehicle; a long-silent vehicle may be removed for it."""
         now_s = self._clock.monotonic_s()
         found = no_room(endpoint, self.all())
         if found is None:
@@ -253,14 +253,14 @@ class Fleet(FrameSink):
         undecided = False
         for rival in rivals:
             verdict = same_vehicle(endpoint, rival, now_s)
-            if verdict is Same.YES:
-                for old in rival.endpoints:  # one that fell silent is judged anew should it speak again
+            if verdict is SameVehicle.YES:
+                for old in rival.endpoints:  # a silent endpoint is decided again when it sends again
                     if now_s - old.heard_s > SILENT_AFTER_S:
                         self._forget(old)
                         rival.detach(old)
                 rival.attach(endpoint)
                 return
-            undecided = undecided or verdict is Same.NOT_KNOWN
+            undecided = undecided or verdict is SameVehicle.NOT_KNOWN
         if not undecided and self._has_room(endpoint):
             self._add(endpoint)
 
@@ -311,7 +311,7 @@ class Fleet(FrameSink):
             others = [f"{v.id} on {', '.join(v.links)}" for v in twins if v is not vehicle]
             if others:
                 vehicle.warn(
-                    f"Another vehicle uses system id {system_id}, too: {'; '.join(others)}. "
+                    f"Several vehicles use system id {system_id}: {'; '.join(others)}. "
                     "They are kept apart; give one of them another id (PX4: MAV_SYS_ID)."
                 )
             else:
@@ -324,7 +324,7 @@ class Fleet(FrameSink):
             return
         uid = endpoint.unique_uid
         if uid is not None and any(e.unique_uid not in (None, uid) for e in vehicle.endpoints):
-            vehicle.detach(endpoint)  # joined in error: it is placed anew, by its uid
+            vehicle.detach(endpoint)  # wrongly joined: assigned again, by its uid
             return
         vehicle.set_version(endpoint.version)
         for other in self.all():
@@ -356,14 +356,14 @@ class Fleet(FrameSink):
         vehicle.disconnected(why)
         for callback in self._on_removed:
             callback(vehicle)
-        self._tell("vehicle_removed", f"Vehicle {vehicle.id} is gone: {why}", vehicle.id)
+        self._announce("vehicle_removed", f"Vehicle {vehicle.id} was removed: {why}", vehicle.id)
 
     def _forget(self, endpoint: Endpoint) -> None:
         self._endpoints.pop((endpoint.connection, endpoint.peer.name, endpoint.system_id), None)
 
-    # --- telling --------------------------------------------------------------------------------
+    # --- events ---------------------------------------------------------------------------------
 
-    def _tell(self, kind: str, text: str, vehicle_id: str | None = None) -> None:
+    def _announce(self, kind: str, text: str, vehicle_id: str | None = None) -> None:
         self.events.add(kind, self._clock.unix_s(), text, vehicle=vehicle_id)
 
     def _publish(self, event: Event) -> None:

@@ -1,4 +1,4 @@
-"""Limits for what a vehicle says of itself: texts are cut, numbers checked, what is left out is counted."""
+"""Limits for a vehicle's own metadata: texts are cut, numbers are checked, dropped entries are counted."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import TypeVar
 Key = TypeVar("Key")
 Entry = TypeVar("Entry")
 
-MOST_REASONS = 3
-LONGEST_REASON = 160
+MAX_REASONS = 3
+MAX_REASON_LENGTH = 160
 
 
 def cut(text: str, most: int) -> str:
-    """The text, at most so many characters of it; an ellipsis says that there was more."""
+    """The text, cut to this many characters with an ellipsis."""
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
 class LeftOut:
-    """Counts what does not keep to the limits and remembers the first reasons.
+    """Counts entries beyond the limits and keeps the first reasons.
 
     Args:
-        one: what one of them is called ("parameter").
-        several: what several are called.
+        one: singular name of an entry ("parameter").
+        several: plural name.
     """
 
     def __init__(self, one: str, several: str) -> None:
@@ -32,14 +32,14 @@ class LeftOut:
         self.count = 0
 
     def add(self, name: str, reason: object, count: int = 1) -> None:
-        """One more, or several for one reason."""
+        """Adds one dropped entry, or several for one reason."""
         self.count += count
         self._given += 1
-        if len(self._reasons) < MOST_REASONS:
-            self._reasons.append(cut(f"{cut(name, 40)} ({reason})", LONGEST_REASON))
+        if len(self._reasons) < MAX_REASONS:
+            self._reasons.append(cut(f"{cut(name, 40)} ({reason})", MAX_REASON_LENGTH))
 
-    def words(self) -> str | None:
-        """A sentence; None where nothing was left out."""
+    def text(self) -> str | None:
+        """A sentence; None if nothing was dropped."""
         if not self.count:
             return None
         more = ", …" if self._given > len(self._reasons) else ""
@@ -48,12 +48,12 @@ class LeftOut:
 
 
 class Document(Mapping[Key, Entry]):
-    """What a vehicle describes, by name or id.
+    """A vehicle's metadata, by name or id.
 
     Args:
-        entries: those that keep to the limits.
-        left_out: what was left out and why; None where nothing was.
-        size_bytes: of the encoded entries, as a measure of the memory that they take.
+        entries: entries within the limits.
+        left_out: what was dropped and why; None if nothing was.
+        size_bytes: size of the encoded entries, as a measure of their memory.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The gimbal's sample, joined from its manager's and its device's messages.
+"""The gimbal's sample, combined from its manager's and its device's messages.
 
 Frames, as PX4 v1.16 sends them: the device's quaternion (285) and MOUNT_ORIENTATION's yaw (265, ten
 times as often) are both relative to north while yaw is locked, else to the nose. 265's `yaw_absolute`
@@ -12,7 +12,7 @@ import struct
 from collections.abc import Mapping
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.numbers import LARGEST, Unusable, number, rotation
+from gcs_server.vehicle.numbers import MAX_MAGNITUDE, Unusable, number, rotation
 from gcs_server.vehicle.samples import Gimbal
 from missions.frames import euler_from_q, q_from_euler, wrap_pi
 
@@ -38,18 +38,17 @@ IDS: tuple[int, ...] = (
 VEHICLE_FRAME = d.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
 EARTH_FRAME = d.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
 YAW_LOCK = d.GIMBAL_DEVICE_FLAGS_YAW_LOCK
-LARGEST_ANGLE_RAD = math.radians(720.0)
-SMALLEST_RANGE_RAD = math.radians(0.1)
+MAX_ANGLE_RAD = math.radians(720.0)
+MIN_RANGE_RAD = math.radians(0.1)
 
 
 def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
-    """The sample; nothing before an attitude came (285 or 265).
+    """The sample; None before the first attitude (285 or 265).
 
     Raises:
-        Unusable: what came is no attitude.
+        Unusable: the received attitude is not a rotation.
 
-    Besides the gimbal's messages the vehicle's own attitude (31 or 30) is looked at, to turn yaw from
-    one frame into the other.
+    The vehicle's attitude (31 or 30) is used as well, to convert yaw between the two frames.
     """
     device = payloads.get(d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS)
     mount = payloads.get(d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
@@ -69,13 +68,15 @@ def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
             roll, pitch, yaw = euler_from_q(q)
     if mount is not None:
         mount_ms, roll_deg, pitch_deg, yaw_deg = _mount.unpack_from(mount)
-        if mount_ms > time_ms and all(-LARGEST <= v <= LARGEST for v in (roll_deg, pitch_deg, yaw_deg)):
+        if mount_ms > time_ms and all(
+            -MAX_MAGNITUDE <= v <= MAX_MAGNITUDE for v in (roll_deg, pitch_deg, yaw_deg)
+        ):
             time_ms = mount_ms
             roll, pitch, yaw = (math.radians(v) for v in (roll_deg, pitch_deg, yaw_deg))
             q = q_from_euler(roll, pitch, yaw)
     if q is None:
         raise Unusable(
-            "the gimbal's attitude (GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION) is no rotation"
+            "the gimbal's attitude (GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION) is not a rotation"
         )
     in_earth_frame = yaw_in_earth_frame(flags)
     heading = _heading(payloads)
@@ -103,14 +104,14 @@ def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
 
 
 def yaw_in_earth_frame(flags: int) -> bool:
-    """Which frame a device's yaw is in: flag 32 or 64 says so, else the yaw lock does."""
+    """Whether a device's yaw is relative to north: by flag 32 or 64, else by the yaw lock."""
     if flags & EARTH_FRAME:
         return True
     return False if flags & VEHICLE_FRAME else bool(flags & YAW_LOCK)
 
 
 def control_of(status: bytes) -> tuple[int, int] | None:
-    """Who is in primary control, from GIMBAL_MANAGER_STATUS."""
+    """The primary controller, from GIMBAL_MANAGER_STATUS."""
     return _manager(status)[2]
 
 
@@ -139,7 +140,7 @@ def _limits(information: bytes | None) -> tuple[float | None, float | None, floa
     if any(number(v) is None for v in values[4:8]):
         return None, None, None, None
     pitch_min, pitch_max, yaw_min, yaw_max = values[4:8]
-    if max(abs(v) for v in values[4:8]) > 2 * math.pi + 0.01:  # PX4: degrees, against the definition
+    if max(abs(v) for v in values[4:8]) > 2 * math.pi + 0.01:  # PX4 sends degrees
         pitch_min, pitch_max, yaw_min, yaw_max = (math.radians(v) for v in values[4:8])
     pitch = _range(pitch_min, pitch_max)
     yaw = _range(yaw_min, yaw_max)
@@ -147,5 +148,5 @@ def _limits(information: bytes | None) -> tuple[float | None, float | None, floa
 
 
 def _range(low: float, high: float) -> tuple[float | None, float | None]:
-    sane = high - low > SMALLEST_RANGE_RAD
-    return (low, high) if sane and max(-low, high) <= LARGEST_ANGLE_RAD else (None, None)
+    sane = high - low > MIN_RANGE_RAD
+    return (low, high) if sane and max(-low, high) <= MAX_ANGLE_RAD else (None, None)

@@ -1,8 +1,7 @@
-"""The last minutes of a vehicle, kept as the raw frames they came in: nothing is decoded until asked for.
+"""The last minutes of a vehicle as raw frames, decoded only on request.
 
-What is kept are plain tuples of numbers and bytes, which Python's garbage collector stops to look at. As
-objects, fifty vehicles' minutes would make each full collection halt the whole process, and with it the
-offboard stream, the longer the more is kept.
+Frames are stored as plain tuples of numbers and bytes, which Python's garbage collector does not track. As
+objects, the history of fifty vehicles would make each full collection stall the whole process.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ _Kept = tuple[float, int, float, int, int, int, bytes]
 
 
 class History:
-    """Keeps, for each message, the frame that was newest at each `keep` call.
+    """Stores the newest frame of each message at each `keep` call.
 
     Args:
-        msg_ids: what to keep.
+        msg_ids: the messages to store.
     """
 
     def __init__(self, msg_ids: Iterable[int]) -> None:
@@ -34,10 +33,10 @@ class History:
         self._last: dict[int, Frame] = {}
 
     def keep(self, latest: dict[int, Frame], now_s: float) -> None:
-        """Keeps what is new among the newest frames, and drops what is older than `HISTORY_S`.
+        """Stores new frames, and drops frames older than `HISTORY_S`.
 
-        One older frame of each message stays: it is what held when the remembered time began. A message
-        that has fallen silent keeps its past until it comes again.
+        One older frame of each message stays, because it was valid when the stored time began. A message that
+        has fallen silent keeps its history until it is sent again.
         """
         before_s, kept, last = now_s - HISTORY_S, self._kept, self._last
         for key, frame in latest.items():
@@ -60,7 +59,7 @@ class History:
                 past.popleft()
 
     def frames(self, keys: tuple[int, ...]) -> Iterator[tuple[float, tuple[Frame | None, ...]]]:
-        """(when kept [s], the newest frame of each key then), whenever one of them was new; oldest first."""
+        """(time [s], newest frame of each key at that time) for each time with a new frame; oldest first."""
         newest: dict[int, Frame] = {}
         kept = heapq.merge(*(self._kept.get(key, ()) for key in dict.fromkeys(keys)))
         for kept_s, together in itertools.groupby(kept, key=lambda item: item[0]):

@@ -1,7 +1,7 @@
-"""Who a vehicle is, and whether we may command it.
+"""Identity of a vehicle, and whether this server may command it.
 
-PX4 takes its uid from the processor; every PX4 built for Linux (its simulator among them) reports one
-and the same constant instead, so that this uid says "simulator" and tells no two vehicles apart.
+PX4 takes its uid from the processor; every PX4 built for Linux (its simulator among them) reports the same
+constant instead. So this uid means "simulator" and does not distinguish vehicles.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _version = struct.Struct("<QQIIIIHH24s18s")
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Data of a vehicle that do not change in flight, as far as known."""
+    """Data of a vehicle that do not change in flight, as far as they are known."""
 
     system_id: int
     component_id: int
@@ -40,16 +40,16 @@ class Identity:
     vehicle_type: int
     """MAV_TYPE: 2 is a quadrotor."""
     uid: str | None
-    """Hexadecimal, from AUTOPILOT_VERSION (uid2, else uid); None until it came or where there is none."""
+    """Hexadecimal, from AUTOPILOT_VERSION (uid2, else uid); None until received, and if there is none."""
     simulated: bool | None
-    """None until the autopilot has said who it is, and where nothing tells (other autopilots than PX4)."""
+    """None until AUTOPILOT_VERSION is received, and for other autopilots than PX4."""
     replayed: bool
     firmware: str | None
     """`1.16.0` or None."""
     capabilities: int | None
     """MAV_PROTOCOL_CAPABILITY."""
     warnings: tuple[str, ...] = ()
-    """What the operator should know about this identity, as sentences."""
+    """Warnings about this identity, as sentences."""
 
     @property
     def autopilot_name(self) -> str:
@@ -58,13 +58,13 @@ class Identity:
 
     @property
     def commandable(self) -> bool:
-        """A multicopter that flies PX4: what we have verified."""
+        """Whether it is a multicopter with PX4, for which commands are verified."""
         return self.autopilot == d.MAV_AUTOPILOT_PX4 and self.vehicle_type in COMMANDABLE_TYPES
 
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """AUTOPILOT_VERSION, as far as we use it."""
+    """The used fields of AUTOPILOT_VERSION."""
 
     uid: str | None
     unique: bool
@@ -89,7 +89,7 @@ def read_version(payload: bytes) -> Version:
 
 
 def with_version(identity: Identity, version: Version) -> Identity:
-    """The identity with what the autopilot said of itself."""
+    """The identity completed by AUTOPILOT_VERSION."""
     return replace(
         identity,
         uid=version.uid,

@@ -1,8 +1,8 @@
-"""Which of several alike a message is about: battery 0 or 1, main or auxiliary outputs, this gimbal or that.
+"""Message instances: battery 0 or 1, main or auxiliary outputs, one gimbal or another.
 
 A message whose dialect has an instance field is kept by (message, instance), so that two batteries never
 overwrite each other. A key is the message's id, with the instance in its highest byte: that of instance 0 is
-the id itself. Only the autopilot's messages are kept, and those of gimbals: of these, one sender's.
+the id itself. Only messages of the autopilot and of one gimbal are stored.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ INSTANCE_AT = {
 DEVICE_AT = {d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 48, d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: 8}
 """Offset of gimbal_device_id."""
 ANY_COMPONENT = frozenset(gimbal_decoder.IDS)
-"""Messages that a gimbal of its own may send in the vehicle's stead."""
-MOST_INSTANCES = 8
+"""Messages that a separate gimbal may send instead of the autopilot."""
+MAX_INSTANCES = 8
 """Most instances of one message; PX4 has four batteries at most. More are not kept."""
 SILENT_AFTER_S = 10.0
-"""An instance not heard for so long, while another is, has gone."""
+"""An instance silent for this long is dropped while another instance is heard."""
 OTHER_GIMBAL_AFTER_S = 3.0
-"""A second gimbal is shown once the first has been silent for so long."""
+"""A second gimbal is shown after the first has been silent for this long."""
 ID_MASK = 0xFFFFFF
 
 
@@ -38,7 +38,7 @@ def message_of(key: int) -> int:
 
 
 def instance_of(key: int) -> int:
-    """0 for what has no instances."""
+    """Instance of a message; 0 if it has no instances."""
     return key >> 24
 
 
@@ -50,24 +50,24 @@ class Instances:
         self._gimbals: dict[int, tuple[tuple[int, int], float]] = {}
 
     def key_of(self, frame: Frame) -> int | None:
-        """Under which a frame is kept; None where there are too many already."""
+        """Key of a frame; None if there are too many instances."""
         at = INSTANCE_AT.get(frame.msg_id)
         if at is None:
             return frame.msg_id
         key = frame.msg_id | full_payload(frame)[at] << 24
         known = self._keys.get(frame.msg_id, ())
         if key not in known:
-            if len(known) >= MOST_INSTANCES:
+            if len(known) >= MAX_INSTANCES:
                 return None
             self._keys[frame.msg_id] = tuple(sorted((*known, key)))
         return key
 
     def keys(self, msg_ids: Iterable[int]) -> tuple[int, ...]:
-        """All under which these messages are kept, the lowest instance of each first."""
+        """All keys of these messages, the lowest instance of each first."""
         return tuple(k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,)))
 
     def is_shown(self, frame: Frame) -> bool:
-        """Whether it is of the gimbal that is shown: the lowest component and device that is heard."""
+        """Whether a frame is from the shown gimbal: the lowest component and device that is heard."""
         at = DEVICE_AT.get(frame.msg_id)
         who = (frame.component_id, 0 if at is None else full_payload(frame)[at])
         now_s = frame.received_monotonic_s
@@ -79,7 +79,7 @@ class Instances:
 
 
 def heard(frames: Iterable[tuple[int, Frame]]) -> dict[int, Frame]:
-    """By key, without instances that have fallen silent while another of their message is heard."""
+    """Frames by key, without silent instances of which another instance is heard."""
     kept = dict(frames)
     newest: dict[int, float] = {}
     for key, frame in kept.items():

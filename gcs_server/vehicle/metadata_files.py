@@ -1,6 +1,5 @@
-"""A metadata file of a vehicle: unpacked within limits, checked, read; and its way between two processes.
-
-Everything here is done in a process of its own (`metadata_process.py`), but for the small general file.
+"""Unpacks, checks and reads a vehicle's metadata files within limits. All of it runs in a process of its own
+(`metadata_process.py`), except for the small general file.
 """
 
 from __future__ import annotations
@@ -16,26 +15,27 @@ import msgspec
 from gcs_server.vehicle import event_document, param_document
 from gcs_server.vehicle.event_definitions import Definition
 from gcs_server.vehicle.foreign import Document, LeftOut, cut
-from gcs_server.vehicle.param_facts import ParamFacts
+from gcs_server.vehicle.param_metadata import ParamMetadata
 
 PARAMETERS, EVENTS = 1, 4
 """COMP_METADATA_TYPE."""
-MOST_PACKED_BYTES, MOST_BYTES = 2_000_000, 8_000_000
-"""PX4's largest has 60 kB, unpacked 0.8 MB."""
-MOST_GENERAL_PACKED_BYTES, MOST_GENERAL_BYTES = 16_000, 64_000
-MOST_GENERAL_ENTRIES, LONGEST_URI = 32, 200
-MOST_ANSWER_BYTES = 3_000_000
-"""Encoded; takes about three times as much memory in the server. PX4's largest has 0.6 MB."""
+MAX_PACKED_BYTES, MAX_BYTES = 2_000_000, 8_000_000
+"""Limits of a file; PX4's largest has 60 kB, unpacked 0.8 MB."""
+MAX_GENERAL_PACKED_BYTES, MAX_GENERAL_BYTES = 16_000, 64_000
+MAX_GENERAL_ENTRIES, MAX_URI_LENGTH = 32, 200
+MAX_ANSWER_BYTES = 3_000_000
+"""Size of the encoded answer; it takes about three times as much memory in the server. PX4's largest has 0.6
+MB."""
 BATCH = 50
-"""Entries that are decoded at once: the event loop waits for the interpreter meanwhile."""
-LONGEST_PROBLEM = 200
+"""Entries decoded at a time: the event loop waits meanwhile."""
+MAX_PROBLEM_LENGTH = 200
 DICTIONARY_BYTES = 100_000_000
-"""What xz -9 asks for is 65 MB; only what the content has is used of it."""
+"""xz -9 requests 65 MB; only as much as the content needs is used."""
 XZ_MAGIC = b"\xfd7zXZ\0"
 
 
 class Damaged(ValueError):
-    """The file is not the one that was announced: it may have been damaged on its way."""
+    """The file differs from the announced one: it may have been damaged in transfer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class FileEntry:
     """COMP_METADATA_TYPE."""
     uri: str
     crc: int
-    """0: none is told."""
+    """0: no checksum."""
 
 
 class _General(msgspec.Struct, rename="camel"):
@@ -60,7 +60,7 @@ class _FileEntry(msgspec.Struct, rename="camel"):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """What the process answers."""
+    """Answer of the process."""
 
     problem: str | None = None
     """Why the file cannot be used."""
@@ -77,26 +77,26 @@ _parsers: dict[int, Callable[[bytes], Document[Any, Any]]] = {
     EVENTS: event_document.parse,
 }
 _decoders: dict[int, msgspec.msgpack.Decoder[Any]] = {
-    PARAMETERS: msgspec.msgpack.Decoder(list[tuple[str, ParamFacts]]),
+    PARAMETERS: msgspec.msgpack.Decoder(list[tuple[str, ParamMetadata]]),
     EVENTS: msgspec.msgpack.Decoder(list[tuple[int, Definition]]),
 }
 
 
 def crc32(data: bytes) -> int:
-    """As MAVLink wants it: start value and final XOR zero."""
+    """MAVLink's CRC32: start value and final XOR are zero."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def unpacked(packed: bytes, crc: int, most_bytes: int = MOST_BYTES) -> bytes:
-    """The content of a file, packed or not.
+def unpacked(packed: bytes, crc: int, most_bytes: int = MAX_BYTES) -> bytes:
+    """Unpacks a file, if it is packed.
 
     Args:
         packed: the file.
-        crc: of the file or, as for PX4's general one, of its content; 0: none is told.
-        most_bytes: a content of more is refused before it is all unpacked.
+        crc: of the file or, as for PX4's general one, of its content; 0: no checksum.
+        most_bytes: larger content is refused before it is completely unpacked.
 
     Raises:
-        Damaged: the checksum is another, or the file cannot be unpacked.
+        Damaged: the checksum differs, or the file cannot be unpacked.
         ValueError: it is too large.
     """
     content = packed
@@ -107,7 +107,7 @@ def unpacked(packed: bytes, crc: int, most_bytes: int = MOST_BYTES) -> bytes:
         except lzma.LZMAError as error:
             raise Damaged(f"it cannot be unpacked ({error})") from error
         if len(content) <= most_bytes and not unpacker.eof:
-            raise Damaged("it is cut short")
+            raise Damaged("it is incomplete")
     if len(content) > most_bytes:
         raise ValueError(f"unpacked it has more than {most_bytes:,} bytes")
     if crc and crc not in (crc32(packed), crc32(content)):
@@ -116,37 +116,37 @@ def unpacked(packed: bytes, crc: int, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 def read_general(packed: bytes, crc: int) -> list[FileEntry]:
-    """The general file: which other files there are. Small enough for any thread.
+    """Reads the general file, which lists the other files. It is small enough for any thread.
 
     Raises:
         Damaged: see `unpacked`.
-        ValueError: it is not such a file.
+        ValueError: it is not a general file.
     """
-    content = unpacked(packed, crc, MOST_GENERAL_BYTES)
+    content = unpacked(packed, crc, MAX_GENERAL_BYTES)
     found: list[FileEntry] = []
-    for raw in msgspec.json.decode(content, type=_General).metadata_types[:MOST_GENERAL_ENTRIES]:
+    for raw in msgspec.json.decode(content, type=_General).metadata_types[:MAX_GENERAL_ENTRIES]:
         try:
             entry = msgspec.json.decode(raw, type=_FileEntry)
         except (ValueError, RecursionError):
             continue
-        if len(entry.uri) <= LONGEST_URI:
+        if len(entry.uri) <= MAX_URI_LENGTH:
             found.append(FileEntry(entry.type, entry.uri, entry.file_crc & 0xFFFFFFFF))
     return found
 
 
 def answer(kind: int, packed: bytes, crc: int) -> bytes:
-    """Reads a file whole; what is wrong with it is part of the answer. For `metadata_process.py`."""
+    """Reads a complete file; problems are part of the answer. Used by `metadata_process.py`."""
     try:
         document = _parsers[kind](unpacked(packed, crc))
     except (ValueError, RecursionError, MemoryError) as error:
-        problem = cut(str(error) or type(error).__name__, LONGEST_PROBLEM)
+        problem = cut(str(error) or type(error).__name__, MAX_PROBLEM_LENGTH)
         return _encoder.encode(Answer(problem, isinstance(error, Damaged)))
     batches: list[bytes] = []
     size = kept = 0
     items = list(document.items())
     while kept < len(items):
         batch = _encoder.encode(items[kept : kept + BATCH])
-        if size + len(batch) > MOST_ANSWER_BYTES:
+        if size + len(batch) > MAX_ANSWER_BYTES:
             break
         batches.append(batch)
         size += len(batch)
@@ -155,16 +155,16 @@ def answer(kind: int, packed: bytes, crc: int) -> bytes:
     if kept < len(items):
         left_out = LeftOut("entry", "entries")
         left_out.add("the rest", "together they are too large", len(items) - kept)
-        words = " ".join(w for w in (words, left_out.words()) if w)
+        words = " ".join(w for w in (words, left_out.text()) if w)
     return _encoder.encode(Answer(left_out=words, batches=tuple(batches)))
 
 
 def read_answer(kind: int, data: bytes) -> Document[Any, Any]:
-    """What `answer` wrote.
+    """Reads the output of `answer`.
 
     Raises:
-        Damaged: the file is not the one that was announced.
-        ValueError: it cannot be read; why.
+        Damaged: the file differs from the announced one.
+        ValueError: it cannot be read; the text says why.
     """
     given = _answer.decode(data)
     if given.problem is not None:

@@ -1,8 +1,8 @@
 """Reads a metadata file in a process of its own (`python -m gcs_server.vehicle.metadata_process KIND CRC`).
 
-The file is a vehicle's, so it may be anything. The process has limits of memory, computing time and time in
-all; where it goes past one it ends, and the server goes on with a sentence about it. The file comes on its
-standard input, the answer (`metadata_files.answer`) goes to its standard output.
+The file comes from a vehicle and is untrusted. The process has limits of memory, computing time and total
+time; if it exceeds one, it ends and the server reports it. The file comes on its standard input, the answer
+(`metadata_files.answer`) goes to its standard output.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from gcs_server.vehicle.foreign import Document
 NICENESS = 10
 MEMORY_BYTES = 256_000_000
 COMPUTING_S = 5
-WITHIN_S = 20.0
+TIMEOUT_S = 20.0
 """Time limit for one document, on a busy machine."""
-MOST_HELD_BYTES = 24_000_000
-"""Limit of all vehicles' encoded documents together; ten different firmwares have 8 MB."""
-BROKEN_OFF = "reading it took more memory or time than a vehicle's file may take"
+MAX_BUFFERED_BYTES = 24_000_000
+"""Limit of all vehicles' encoded documents; ten different firmwares have 8 MB."""
+BROKEN_OFF = "reading it took more memory or time than allowed"
 
 
 class DocumentReader:
@@ -37,11 +37,11 @@ class DocumentReader:
         self._held: weakref.WeakSet[Document[Any, Any]] = weakref.WeakSet()
 
     async def read(self, kind: int, packed: bytes, crc: int) -> Document[Any, Any]:
-        """Waits for its turn and for the process.
+        """Reads a file; waits for its turn and for the process.
 
         Raises:
-            metadata_files.Damaged: the file is not the one that was announced.
-            ValueError: it cannot be used; why.
+            metadata_files.Damaged: the file differs from the announced one.
+            ValueError: it cannot be used; the text says why.
         """
         job = _Job(kind, packed, crc)
         try:
@@ -49,8 +49,8 @@ class DocumentReader:
         except asyncio.CancelledError:
             job.stop()
             raise
-        if sum(held.size_bytes for held in self._held) + document.size_bytes > MOST_HELD_BYTES:
-            raise ValueError("the server holds the most metadata of other vehicles that it may hold")
+        if sum(held.size_bytes for held in self._held) + document.size_bytes > MAX_BUFFERED_BYTES:
+            raise ValueError("the server has reached its limit of metadata of vehicles")
         self._held.add(document)
         return document
 
@@ -62,13 +62,13 @@ class _Job:
         self._stopped = False
 
     def run(self) -> Document[Any, Any]:
-        """In the reader's thread; raises as `DocumentReader.read`."""
+        """Runs in the reader's thread; raises as `DocumentReader.read`."""
         if self._stopped:
             raise ValueError(BROKEN_OFF)
         return metadata_files.read_answer(self._kind, self._output())
 
     def stop(self) -> None:
-        """Its result is not wanted any more."""
+        """Stops the process, because its result is not needed any more."""
         self._stopped = True
         if self._process is not None:
             self._process.kill()
@@ -82,7 +82,7 @@ class _Job:
             if self._stopped:
                 process.kill()
             try:
-                output, _ = process.communicate(self._packed, timeout=WITHIN_S)
+                output, _ = process.communicate(self._packed, timeout=TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 output = b""
@@ -92,11 +92,11 @@ class _Job:
 
 
 def main(arguments: list[str]) -> None:
-    """`KIND CRC`: what COMP_METADATA_TYPE calls the file, and its checksum."""
+    """`KIND CRC`: the file's COMP_METADATA_TYPE, and its checksum."""
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (COMPUTING_S, COMPUTING_S))
-    packed = sys.stdin.buffer.read(metadata_files.MOST_PACKED_BYTES + 1)
+    packed = sys.stdin.buffer.read(metadata_files.MAX_PACKED_BYTES + 1)
     sys.stdout.buffer.write(metadata_files.answer(int(arguments[0]), packed, int(arguments[1])))
 
 

@@ -1,7 +1,8 @@
-"""Who makes a vehicle fly the mode that it flies: our command, itself, its pilot, another station. Pure.
+"""Finds the cause of a vehicle's mode: this server's command, the vehicle itself, its pilot or another
+station. Pure.
 
-The vehicle does not say. What it does say is weighed: our own commands, acknowledgements that it sends to
-other stations, the mode that was asked for beside the one that it flies, whether it hears a transmitter.
+The vehicle does not report the cause. It is inferred from this server's commands, the vehicle's
+acknowledgements to other stations, the intended mode beside the current one, and the RC link.
 """
 
 from __future__ import annotations
@@ -11,10 +12,10 @@ from typing import Literal
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE
-from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.reducers import FlightState
 
 FOREIGN_ACK_S = 3.0
-"""A mode that changes within this after an acknowledgement to another station is that station's doing."""
+"""A mode change within this time after an acknowledgement to another station was commanded by it."""
 MODE_COMMANDS = frozenset(
     {
         d.MAV_CMD_DO_SET_MODE,
@@ -46,26 +47,26 @@ class ForeignAck:
 
 @dataclass(frozen=True, slots=True)
 class ModeCause:
-    """Why the vehicle flies its present mode, as far as can be known."""
+    """Cause of the current mode, as far as it can be known."""
 
     source: Source
     """command (this server's), vehicle (the vehicle itself), failsafe, pilot (its transmitter), station
     (another one), unknown."""
     who: str | None
-    """The client, or the other station."""
+    """Client or other station."""
     text: str
     """For people."""
     since_unix_s: float
 
     @property
     def from_outside(self) -> bool:
-        """Somebody else's doing, as far as can be known."""
+        """Whether the cause is outside this server and the vehicle, as far as it can be known."""
         return self.source in ("pilot", "station", "unknown")
 
 
 def cause_of(
-    before: Facts,
-    after: Facts,
+    before: FlightState,
+    after: FlightState,
     *,
     asked: tuple[str, str | None] | None,
     foreign: ForeignAck | None,
@@ -73,14 +74,14 @@ def cause_of(
     now_s: float,
     unix_s: float,
 ) -> ModeCause:
-    """Weighs what is known when a mode has changed.
+    """Infers the cause of a mode change.
 
     Args:
-        before: the vehicle's words before.
-        after: and after.
-        asked: (what, client) of our newest command that brings this mode.
-        foreign: the newest acknowledgement to another station.
-        hears_transmitter: whether it has a transmitter.
+        before: state before the change.
+        after: state after the change.
+        asked: (what, client) of this server's newest command for this mode.
+        foreign: newest acknowledgement to another station.
+        hears_transmitter: whether an RC transmitter is connected.
         now_s: monotonic.
         unix_s: for people.
     """
@@ -90,8 +91,8 @@ def cause_of(
     if foreign is not None and now_s - foreign.heard_s <= FOREIGN_ACK_S:
         who = f"station {foreign.system}/{foreign.component}"
         return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
-    old, new = (_name(facts.custom_mode) for facts in (before, after))
-    # a heartbeat brings the mode alone: what was intended is then that of before
+    old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
+    # a heartbeat has no intended mode: the previous one still applies
     with_intention = after.heartbeat_s == before.heartbeat_s
     if (with_intention and is_overruled(after)) or after.system_status in (
         d.MAV_STATE_CRITICAL,
@@ -107,9 +108,9 @@ def cause_of(
     )
 
 
-def is_overruled(facts: Facts) -> bool:
-    """Whether the vehicle says that it flies another mode than was asked for."""
-    return facts.intended_custom_mode not in (None, facts.custom_mode)
+def is_overruled(flight_state: FlightState) -> bool:
+    """Whether the vehicle's intended mode differs from its current mode."""
+    return flight_state.intended_custom_mode not in (None, flight_state.custom_mode)
 
 
 def _name(custom_mode: int) -> str | None:

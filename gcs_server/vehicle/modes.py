@@ -1,4 +1,4 @@
-"""PX4's flight modes: the API's names, what people read, and the numbers on the wire.
+"""PX4's flight modes: names in the API, labels for people, and numbers in MAVLink.
 
 `custom_mode` holds the main mode in bits 16–23 and the sub mode in bits 24–31 (PX4 v1.16 and v1.17,
 px4_custom_mode.h); `nav_state` is the bit that arming checks use for the mode.
@@ -65,7 +65,7 @@ LANDED_STATES = {
 
 
 def name_and_label(custom_mode: int, autopilot: int) -> tuple[str, str]:
-    """What to call a mode; numbers where it is not one of PX4's that we know."""
+    """Name and label of a mode; its numbers if it is not a known PX4 mode."""
     if autopilot != dialect.MAV_AUTOPILOT_PX4:
         return f"custom_{custom_mode}", f"Mode {custom_mode}"
     mode = BY_CUSTOM_MODE.get(custom_mode)

@@ -1,7 +1,7 @@
 """Checks of a vehicle's numbers before they are used: finite, and of a plausible size.
 
-MAVLink's floats may be not a number ("not set"), infinite, or of any size. Each is judged once, where it is
-decoded. `LARGEST` keeps every later square, sum and conversion to a whole number far from overflow.
+MAVLink's floats may be not a number "not set", infinite, or of any size. Each is checked once, when it is
+decoded. `MAX_MAGNITUDE` keeps every later square, sum and conversion to a whole number far from overflow.
 """
 
 from __future__ import annotations
@@ -11,27 +11,29 @@ from collections.abc import Sequence
 
 from missions.frames import Quaternion, Vector3
 
-LARGEST = 1e7
+MAX_MAGNITUDE = 1e7
 """No value of a flight is larger in metres, m/s, radians or degrees (pole to equator: 10,000 km)."""
 ROTATION_WITHIN = 0.1
 """How far the length of a quaternion may be from one."""
 
 
 class Unusable(Exception):
-    """A message came whose values cannot be used; the text says which, for people."""
+    """Values of a message cannot be used; the text says which."""
 
 
 def number(value: float) -> float | None:
     """The value; None if it is not finite or implausibly large."""
-    return value if -LARGEST <= value <= LARGEST else None
+    return value if -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE else None
 
 
 def required(what: str, *values: float) -> None:
     """Raises Unusable if one of the values is not usable; `what` names the message and its fields."""
     for value in values:
-        if not -LARGEST <= value <= LARGEST:
+        if not -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
             said = (
-                "is not a finite number" if not math.isfinite(value) else f"is {value:.3g}, which cannot be"
+                "is not a finite number"
+                if not math.isfinite(value)
+                else f"is {value:.3g}, which is not plausible"
             )
             raise Unusable(f"{what} {said}")
 
@@ -39,11 +41,11 @@ def required(what: str, *values: float) -> None:
 def vector(values: Sequence[float]) -> Vector3 | None:
     """Three values; None if one of them is not usable."""
     x, y, z = values
-    return (x, y, z) if all(-LARGEST <= v <= LARGEST for v in (x, y, z)) else None
+    return (x, y, z) if all(-MAX_MAGNITUDE <= v <= MAX_MAGNITUDE for v in (x, y, z)) else None
 
 
 def rotation(values: Sequence[float]) -> Quaternion | None:
-    """A unit quaternion (w, x, y, z); None where the values are none, such as four zeros."""
+    """A unit quaternion (w, x, y, z); None if the values are not a rotation, such as four zeros."""
     w, x, y, z = values
     if not all(-2.0 <= v <= 2.0 for v in (w, x, y, z)):
         return None
@@ -52,6 +54,6 @@ def rotation(values: Sequence[float]) -> Quaternion | None:
 
 
 def on_earth(what: str, lat_deg: float, lon_deg: float) -> None:
-    """Raises Unusable if there is no such position on the earth."""
+    """Raises Unusable if the position does not exist on the earth."""
     if not (-90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0):
-        raise Unusable(f"{what} names no place on earth ({lat_deg:.7g}°, {lon_deg:.7g}°)")
+        raise Unusable(f"{what} is not a position on the earth ({lat_deg:.7g}°, {lon_deg:.7g}°)")

@@ -11,18 +11,18 @@ from typing import Annotated
 import msgspec
 
 from gcs_server.vehicle.foreign import Document, LeftOut, cut
-from gcs_server.vehicle.param_facts import Choice, ParamFacts
+from gcs_server.vehicle.param_metadata import Choice, ParamMetadata
 
-MOST_PARAMETERS = 5_000
+MAX_PARAMETERS = 5_000
 """PX4 v1.16 describes 1,821."""
-LONGEST_LABEL, LONGEST_WORD, LONGEST_TITLE, LONGEST_DETAILS = 300, 60, 300, 3_000
+MAX_LABEL_LENGTH, MAX_WORD_LENGTH, MAX_TITLE_LENGTH, MAX_DETAILS_LENGTH = 300, 60, 300, 3_000
 """Characters; PX4's longest are 258, 35, 132 and 968."""
-LARGEST = 3.5e38
+MAX_MAGNITUDE = 3.5e38
 """No 32-bit float is larger."""
 
 _Number = (
     Annotated[int, msgspec.Meta(ge=-(2**32), le=2**32)]
-    | Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
+    | Annotated[float, msgspec.Meta(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
 )
 
 
@@ -48,7 +48,7 @@ class _Entry(msgspec.Struct, rename="camel"):
     max: _Number | None = None
     units: str | None = None
     decimal_places: Annotated[int, msgspec.Meta(ge=0, le=15)] | None = None
-    increment: Annotated[float, msgspec.Meta(ge=0, le=LARGEST)] | None = None
+    increment: Annotated[float, msgspec.Meta(ge=0, le=MAX_MAGNITUDE)] | None = None
     values: Annotated[list[_Value], msgspec.Meta(max_length=256)] = []
     bitmask: Annotated[list[_Bit], msgspec.Meta(max_length=32)] = []
     reboot_required: bool = False
@@ -69,7 +69,7 @@ _entry = msgspec.json.Decoder(_Entry)
 _name = msgspec.json.Decoder(_Name)
 
 
-def parse(content: bytes) -> Document[str, ParamFacts]:
+def parse(content: bytes) -> Document[str, ParamMetadata]:
     """Reads the metadata document; returns the parameters by name.
 
     Raises:
@@ -79,18 +79,18 @@ def parse(content: bytes) -> Document[str, ParamFacts]:
     if document.version != 1:
         raise ValueError(f"parameter document version {document.version} is not supported, only version 1")
     left_out = LeftOut("parameter", "parameters")
-    found: dict[str, ParamFacts] = {}
-    for raw in document.parameters[:MOST_PARAMETERS]:
+    found: dict[str, ParamMetadata] = {}
+    for raw in document.parameters[:MAX_PARAMETERS]:
         try:
             entry = _entry.decode(raw)
         except (ValueError, RecursionError) as error:
             left_out.add(_name_of(raw), error)
             continue
         found[entry.name] = _facts(entry)
-    more = len(document.parameters) - MOST_PARAMETERS
+    more = len(document.parameters) - MAX_PARAMETERS
     if more > 0:
-        left_out.add("the rest", f"more than {MOST_PARAMETERS:,}", more)
-    return Document(found, left_out.words())
+        left_out.add("the rest", f"more than {MAX_PARAMETERS:,}", more)
+    return Document(found, left_out.text())
 
 
 def _name_of(raw: msgspec.Raw) -> str:
@@ -100,22 +100,22 @@ def _name_of(raw: msgspec.Raw) -> str:
         return _Name().name
 
 
-def _facts(entry: _Entry) -> ParamFacts:
-    return ParamFacts(
+def _facts(entry: _Entry) -> ParamMetadata:
+    return ParamMetadata(
         name=entry.name,
         is_integer=entry.type != "Float",
-        group=cut(entry.group, LONGEST_WORD),
-        category=cut(entry.category, LONGEST_WORD),
-        title=None if entry.short_desc is None else cut(entry.short_desc, LONGEST_TITLE),
-        details=None if entry.long_desc is None else cut(entry.long_desc, LONGEST_DETAILS),
+        group=cut(entry.group, MAX_WORD_LENGTH),
+        category=cut(entry.category, MAX_WORD_LENGTH),
+        title=None if entry.short_desc is None else cut(entry.short_desc, MAX_TITLE_LENGTH),
+        details=None if entry.long_desc is None else cut(entry.long_desc, MAX_DETAILS_LENGTH),
         default=entry.default,
         min=entry.min,
         max=entry.max,
-        unit=None if entry.units in (None, "", "norm") else cut(entry.units, LONGEST_WORD),
+        unit=None if entry.units in (None, "", "norm") else cut(entry.units, MAX_WORD_LENGTH),
         decimals=entry.decimal_places,
         increment=entry.increment,
-        choices=tuple(Choice(v.value, cut(v.description, LONGEST_LABEL)) for v in entry.values),
-        bits=tuple(Choice(b.index, cut(b.description, LONGEST_LABEL)) for b in entry.bitmask),
+        choices=tuple(Choice(v.value, cut(v.description, MAX_LABEL_LENGTH)) for v in entry.values),
+        bits=tuple(Choice(b.index, cut(b.description, MAX_LABEL_LENGTH)) for b in entry.bitmask),
         reboot_required=entry.reboot_required,
         volatile=entry.volatile,
     )

@@ -1,4 +1,4 @@
-"""All parameters of a vehicle as far as they are known; pure."""
+"""All known parameters of a vehicle; pure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gcs_server.mavlink import dialect as d
 
 HASH_NAME = "_HASH_CHECK"
 NO_INDEX = 65535
-MOST_PARAMETERS = 5_000
-"""A PX4 v1.16 has 929 at once, of 1,821 that its firmware knows."""
+MAX_PARAMETERS = 5_000
+"""A vehicle with PX4 v1.16 has 929 of the firmware's 1,821."""
 CACHE_VERSION = 1
 _value = struct.Struct("<4sHH16sB")
 _float = struct.Struct("<f")
@@ -45,7 +45,7 @@ class ParamReport:
 
 
 def read_report(payload: bytes) -> ParamReport | None:
-    """From a full PARAM_VALUE payload, bytewise as PX4 packs it; None for a type of more than 32 bits."""
+    """From a full PARAM_VALUE payload with PX4's bytewise encoding; None for types of more than 32 bits."""
     bits, count, index, raw_name, kind = _value.unpack_from(payload)
     name = raw_name.split(b"\0", 1)[0].decode("ascii", "replace")
     if kind == d.MAV_PARAM_TYPE_REAL32:
@@ -57,14 +57,14 @@ def read_report(payload: bytes) -> ParamReport | None:
 
 
 def checksum_of(param: Param) -> int | None:
-    """The vehicle's checksum from `_HASH_CHECK`; None where it is not a number."""
+    """The vehicle's checksum from `_HASH_CHECK`; None if it is not a number."""
     return int(param.value) & 0xFFFFFFFF if math.isfinite(param.value) else None
 
 
 class ParamTable:
-    """Values by name, and which places of the vehicle's list they fill.
+    """Values by name, and their indexes in the vehicle's list.
 
-    At most `MOST_PARAMETERS` names. What has a name that no parameter can have fills its place only.
+    At most `MAX_PARAMETERS` names. An entry with an invalid name only marks its index as received.
     """
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class ParamTable:
         self.count: int | None = None
         """Length of the vehicle's list; None until it is known."""
         self.hash: int | None = None
-        """The vehicle's own checksum over names and values."""
+        """The vehicle's checksum over names and values."""
         self.left_out = 0
         """Number of entries that cannot be kept."""
 
@@ -81,7 +81,7 @@ class ParamTable:
         return len(self._values)
 
     def get(self, name: str) -> Param | None:
-        """None where it has not come."""
+        """The parameter; None if it was not received."""
         return self._values.get(name)
 
     def all(self) -> list[Param]:
@@ -90,16 +90,16 @@ class ParamTable:
 
     @property
     def filled(self) -> int:
-        """Places of the list that are known."""
+        """Number of received indexes."""
         return len(self._filled)
 
     @property
     def complete(self) -> bool:
-        """Whether the whole list is there."""
+        """Whether the whole list was received."""
         return self.count is not None and len(self._filled) >= self.count
 
     def missing(self, most: int) -> list[int]:
-        """The first places that are not known."""
+        """The first missing indexes."""
         found: list[int] = []
         for index in range(self.count or 0):
             if index not in self._filled:
@@ -109,7 +109,7 @@ class ParamTable:
         return found
 
     def put(self, report: ParamReport) -> bool:
-        """Takes a value; False where the list has another length now, so that its places have moved."""
+        """Stores a value; False if the list's length has changed, so that indexes have moved."""
         name = report.param.name
         if name == HASH_NAME:
             self.hash = checksum_of(report.param)
@@ -120,7 +120,7 @@ class ParamTable:
             self.count = report.count
             if report.index < report.count:
                 self._filled.add(report.index)
-        has_room = name in self._values or len(self._values) < MOST_PARAMETERS
+        has_room = name in self._values or len(self._values) < MAX_PARAMETERS
         if has_room and _name.fullmatch(name):
             self._values[name] = report.param
         elif is_new and report.index < report.count:
@@ -128,7 +128,7 @@ class ParamTable:
         return not moved
 
     def dump(self) -> bytes:
-        """For the cache."""
+        """Content for the cache."""
         values = [(p.name, p.value, p.is_integer) for p in self._values.values()]
         content = {"version": CACHE_VERSION, "hash": self.hash, "count": self.count, "values": values}
         return json.dumps(content).encode()

@@ -1,4 +1,4 @@
-"""Texts of PX4's EVENT messages: the vehicle's own if its metadata is available, else this server's.
+"""Texts of PX4's EVENT messages: from the vehicle's metadata if available, else this server's.
 
 The ids are PX4 v1.16's (component 1 of the event's namespace included in the top byte). Arming checks
 carry the modes they concern as a bit mask and the health component as their first arguments.
@@ -18,7 +18,7 @@ _event = struct.Struct("<IIHBBB40s")
 ARMING_SUMMARY_ID = 27825120
 HEALTH_SUMMARY_ID = 18691879
 LEVEL_PROTOCOL = 8
-"""Levels from here on are not for people."""
+"""Levels from here on are internal."""
 
 TEXTS: dict[int, str] = {
     16910493: "Arming denied: the vehicle's checks fail",
@@ -34,7 +34,7 @@ TEXTS: dict[int, str] = {
     20099806: "Landing at the current position",
     25087420: "Landing precisely",
     20262116: "Returning to launch",
-    22161044: "Return has begun",
+    22161044: "Return started",
     16962474: "Landing at the destination",
     22400324: "Transmitter lost",
     27900317: "Connection to the onboard computer lost",
@@ -46,8 +46,8 @@ TEXTS: dict[int, str] = {
     28329281: "A setpoint's frame is not supported",
     22427557: "A setpoint without position, velocity or acceleration was refused",
     27739955: "A global setpoint's frame is not supported",
-    32375217: "Mission runs",
-    23844490: "Mission not started: there is none",
+    32375217: "Mission started",
+    23844490: "Mission not started: the vehicle has no mission",
     24986204: "Climbing before the mission begins",
     18865022: "The orbit's radius is too large",
     27750677: "The fence does not contain home",
@@ -65,46 +65,48 @@ COMPONENTS = {
 
 @dataclass(frozen=True, slots=True)
 class VehicleEvent:
-    """One EVENT, decoded as far as we can."""
+    """One decoded EVENT."""
 
     id: int
     sequence: int
     level: int
-    """MAV_SEVERITY, or 8 and more for what is not for people."""
+    """MAV_SEVERITY, or 8 and more for internal events."""
     text: str
     name: str
-    """PX4's name for it; `event_…` if it is not known."""
+    """PX4's name of the event; `event_…` if unknown."""
     remedy: str | None
-    """What to do about it, if known."""
+    """Remedy, if known."""
     boot_ms: int
-    """When it happened, on the vehicle's boot clock."""
+    """Time of the event on the vehicle's boot clock."""
     arguments: bytes
-    is_worded: bool = True
-    """Whether the vehicle or we have words for it."""
+    is_described: bool = True
+    """Whether the vehicle's metadata or this server has a text for it."""
 
 
 def decode_event(payload: bytes, definitions: Definitions | None = None) -> VehicleEvent:
-    """From a full EVENT payload.
+    """Decodes a full EVENT payload.
 
     Args:
-        payload: as it came.
-        definitions: the vehicle's own words, where they are at hand.
+        payload: the payload.
+        definitions: the vehicle's metadata, if available.
     """
     event_id, boot_ms, sequence, _component, _system, levels, arguments = _event.unpack(payload)
     text, name, remedy = describe(event_id, arguments, definitions)
-    is_worded = has_words(event_id, definitions)
-    return VehicleEvent(event_id, sequence, levels & 0x0F, text, name, remedy, boot_ms, arguments, is_worded)
+    is_described = has_description(event_id, definitions)
+    return VehicleEvent(
+        event_id, sequence, levels & 0x0F, text, name, remedy, boot_ms, arguments, is_described
+    )
 
 
-def has_words(event_id: int, definitions: Definitions | None) -> bool:
-    """Whether the vehicle or we have words for an event."""
+def has_description(event_id: int, definitions: Definitions | None) -> bool:
+    """Whether the vehicle's metadata or this server has a text for an event."""
     return event_id in CHECKS or event_id in TEXTS or (definitions is not None and event_id in definitions)
 
 
 def describe(
     event_id: int, arguments: bytes, definitions: Definitions | None = None
 ) -> tuple[str, str, str | None]:
-    """(text, name, remedy) of an event: the vehicle's words before ours, the bare id where there are none."""
+    """(text, name, remedy) of an event: from the vehicle's metadata, else this server's, else only the id."""
     check = CHECKS.get(event_id)
     defined = definitions.get(event_id) if definitions else None
     if defined is not None:
@@ -112,7 +114,7 @@ def describe(
         return defined.text(arguments), defined.name, remedy or (check.remedy if check else None)
     if check is not None:
         return check.cause, check.name, check.remedy
-    text = TEXTS.get(event_id) or f"unknown event {event_id} from {component_words(event_id >> 24)}"
+    text = TEXTS.get(event_id) or f"unknown event {event_id} from {component_text(event_id >> 24)}"
     if event_id == SWITCH_REFUSED_ID:
         (custom_mode,) = struct.unpack_from("<I", arguments)
         mode = BY_NAV_STATE.get(arguments[4]) or BY_CUSTOM_MODE.get(custom_mode)
@@ -120,6 +122,6 @@ def describe(
     return text, f"event_{event_id}", None
 
 
-def component_words(number: int) -> str:
+def component_text(number: int) -> str:
     """The component in an event id's top byte."""
     return f"component {number} ({COMPONENTS[number]})" if number in COMPONENTS else f"component {number}"

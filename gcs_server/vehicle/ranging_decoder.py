@@ -1,7 +1,7 @@
-"""What distance sensors measured: DISTANCE_SENSOR of each sensor, and OBSTACLE_DISTANCE all around.
+"""Decodes distance measurements: DISTANCE_SENSOR of each sensor, and OBSTACLE_DISTANCE all around.
 
-A distance beyond the sensor's range says that nothing was met within it; an unknown one is None. A direction
-is that of the ray from the body (FRD), or from north where the vehicle says so.
+A distance beyond the sensor's range means that there is no obstacle within it; an unknown one is None.
+Directions are relative to the body (FRD), or to north if the vehicle says so.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ FORMATS: dict[int, struct.Struct] = {
 SECTORS = 72
 UNKNOWN_CM = 0xFFFF
 INVALID_SIGNAL = 1
-"""DISTANCE_SENSOR.signal_quality; 0 is not told."""
-WIDEST_RAD = math.pi
+"""DISTANCE_SENSOR.signal_quality; 0 means unknown."""
+MAX_WIDTH_RAD = math.pi
 _SIDE = math.sqrt(0.5)
 DIRECTIONS_FRD: dict[int, Vector3] = {
     d.MAV_SENSOR_ROTATION_NONE: (1.0, 0.0, 0.0),
@@ -46,18 +46,18 @@ def distance_sensors(payloads: Mapping[int, bytes]) -> tuple[DistanceSensors, fl
     """DISTANCE_SENSOR of all sensors whose direction is known.
 
     Raises:
-        Unusable: there is none.
+        Unusable: there is no such sensor.
     """
     read = [_distance.unpack_from(payload) for _, payload in sorted(payloads.items())]
     newest_ms = max(values[0] for values in read)
     sensors = tuple(sensor for values in read if (sensor := _sensor(values, newest_ms)) is not None)
     if not sensors:
-        raise Unusable("DISTANCE_SENSOR: no sensor says where it looks and how far")
+        raise Unusable("DISTANCE_SENSOR: no sensor reports its direction and range")
     return DistanceSensors(sensors), newest_ms / 1e3
 
 
 def _sensor(values: tuple[float, ...], newest_ms: float) -> DistanceSensor | None:
-    """Of one sensor; None where its direction or range is not known."""
+    """The measurement of one sensor; None if its direction or range is unknown."""
     time_ms, least_cm, most_cm, measured_cm, _, sensor_id, orientation, _, width_rad, *rest = values
     direction = DIRECTIONS_FRD.get(int(orientation))
     if orientation == d.MAV_SENSOR_ROTATION_CUSTOM:
@@ -72,7 +72,7 @@ def _sensor(values: tuple[float, ...], newest_ms: float) -> DistanceSensor | Non
         distance_m=None if rest[5] == INVALID_SIGNAL else measured_cm / 100,
         range_min_m=least_cm / 100,
         range_max_m=most_cm / 100,
-        width_rad=told if told is not None and 0.0 < told <= WIDEST_RAD else None,
+        width_rad=told if told is not None and 0.0 < told <= MAX_WIDTH_RAD else None,
         behind_s=(newest_ms - time_ms) / 1e3,
     )
 
@@ -81,7 +81,7 @@ def obstacle_distance(payloads: Mapping[int, bytes]) -> tuple[ObstacleDistance, 
     """OBSTACLE_DISTANCE.
 
     Raises:
-        Unusable: its sectors have no width, or it names no range.
+        Unusable: its sectors have no width, or it has no range.
     """
     values = _around.unpack_from(payloads[d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE])
     measured, (least_cm, most_cm, _, step, step_f, offset, frame) = values[1:73], values[73:80]
@@ -90,7 +90,7 @@ def obstacle_distance(payloads: Mapping[int, bytes]) -> tuple[ObstacleDistance, 
     if not 0.1 <= abs(step_deg) <= 180.0 or first_deg is None or abs(first_deg) > 360.0:
         raise Unusable("OBSTACLE_DISTANCE: its sectors have no width or no direction")
     if most_cm == 0:
-        raise Unusable("OBSTACLE_DISTANCE: it names no range")
+        raise Unusable("OBSTACLE_DISTANCE: it has no range")
     count = min(SECTORS, round(360.0 / abs(step_deg)))
     distances = tuple(None if cm == UNKNOWN_CM else cm / 100 for cm in measured[:count])
     frame_name = "body" if frame == d.MAV_FRAME_BODY_FRD else "north"

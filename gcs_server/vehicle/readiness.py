@@ -1,8 +1,8 @@
-"""Why a vehicle cannot arm or fly each of its modes: the health and arming report, joined and in words.
+"""Why a vehicle cannot arm or fly each of its modes: its health and arming report, joined and described.
 
-A report is a summary, its findings and a second summary (PX4 sends it when something changed, or when asked).
-A long one comes in chunks of that shape, numbered from 0: what any of them forbids is forbidden. A report has
-limits; what is beyond them is left out and counted.
+A report is a summary, its findings and a second summary (PX4 sends it after a change, or on request). A long
+one comes in chunks of the same form, numbered from 0; their restrictions add up. The size of a report is
+limited; further findings are dropped and counted.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
 ALL_MODES = 0xFFFFFFFF
 LEVEL_ERROR, LEVEL_WARNING = 3, 4
 STICK_MODES = sum(1 << state for state in (0, 1, 2, 6, 8, 10, 15))
-"""Manual, Altitude, Position, Position slow, Acro, Stabilized: those that a missing transmitter stops (as the
-recorded reports show; the finding itself names all modes)."""
-MOST_FINDINGS = 64
-"""Most findings of one report."""
-MOST_CAUSES = 6
-"""That are told for one mode."""
-LONGEST_CAUSE, LONGEST_REMEDY = 240, 480
+"""Manual, Altitude, Position, Position slow, Acro, Stabilized: modes that need an RC transmitter (as recorded
+reports show; the finding itself names all modes)."""
+MAX_FINDINGS = 64
+"""Largest number of findings of one report."""
+MAX_CAUSES = 6
+"""Largest number of causes per mode."""
+MAX_CAUSE_LENGTH, MAX_REMEDY_LENGTH = 240, 480
 """Characters."""
 TO_ARM_IN = ("hold", "position")
-"""Modes that are offered where the present one cannot be armed in, best first."""
+"""Modes that are suggested if the vehicle cannot be armed in its current mode, best first."""
 NOT_SHOWN = frozenset({"ready", "termination", "vtol_takeoff"})
 EXTERNAL = "external_"
 
@@ -39,31 +39,31 @@ _finding = struct.Struct("<IB")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One check that found something."""
+    """One failed check."""
 
     id: int
-    """The event's."""
+    """Id of the event."""
     name: str
-    """As PX4's metadata calls it; `event_…` where nobody told."""
+    """Name in PX4's metadata; `event_…` if unknown."""
     level: int
-    """MAV_SEVERITY: up to 3 an error, 4 a warning, above it a note."""
+    """MAV_SEVERITY: up to 3 is an error, 4 a warning, above it information."""
     modes_mask: int
-    """Bit mask over nav states: which modes it concerns."""
+    """Modes concerned: bit mask over nav states."""
     component: str | None
-    """The part of the vehicle that it concerns."""
+    """Part of the vehicle concerned."""
     cause: str
-    """What is wrong, in words."""
+    """What is wrong."""
     remedy: str | None
     """What to do about it."""
     arguments: bytes = b""
-    """As they came, to be put in other words."""
+    """Raw arguments, for a later description."""
 
     def concerns(self, nav_state: int) -> bool:
-        """Whether it is about this mode."""
+        """Whether it concerns this mode."""
         return bool(self.modes_mask >> nav_state & 1)
 
     def blocks(self, nav_state: int, *, running: bool = False) -> bool:
-        """Whether it would keep the mode from being armed in, or from being flown."""
+        """Whether it prevents arming in this mode, or flying it."""
         if not self.concerns(nav_state):
             return False
         if self.id == MANUAL_CONTROL_ID:
@@ -72,22 +72,22 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """A complete one."""
+class HealthReport:
+    """A complete health and arming report."""
 
     can_arm: int
     """Bit mask over nav states."""
     can_run: int
     findings: tuple[Finding, ...] = ()
     errors: int = 0
-    """Bit mask over components, as are the next two."""
+    """Bit mask over components, like the next two."""
     warnings: int = 0
     present: int = 0
     left_out: int = 0
-    """How many findings were more than `MOST_FINDINGS`."""
+    """Number of findings beyond `MAX_FINDINGS`."""
 
     def causes(self, nav_state: int, *, running: bool = False) -> tuple[Finding, ...]:
-        """What keeps the vehicle from arming in a mode (or from flying it), gravest first."""
+        """What prevents arming in a mode (or flying it), most severe first."""
         if (self.can_run if running else self.can_arm) >> nav_state & 1:
             return ()
         concerned = [f for f in self.findings if f.concerns(nav_state)]
@@ -98,18 +98,18 @@ class Report:
 
 
 class ReportJoiner:
-    """Makes reports of the events of one vehicle, given in order."""
+    """Joins the events of one vehicle, given in order, into reports."""
 
     def __init__(self) -> None:
         self._findings: list[Finding] | None = None
         self._chunk: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
-        self._whole: Report | None = None
+        self._whole: HealthReport | None = None
         """Chunks joined so far."""
         self._next_chunk = 0
         self._left_out = 0
 
     def begin(self, arguments: bytes) -> None:
-        """The first summary of a chunk."""
+        """Takes the first summary of a chunk."""
         self._chunk = _arming.unpack_from(arguments)
         if self._chunk[0] == 0:
             self._whole, self._next_chunk, self._left_out = None, 0, 0
@@ -121,23 +121,25 @@ class ReportJoiner:
         return self._findings is not None
 
     def add(self, finding: Finding) -> None:
-        """One between the summaries."""
+        """Takes a finding."""
         if self._findings is None:
             return
         before = 0 if self._whole is None else len(self._whole.findings)
-        if before + len(self._findings) < MOST_FINDINGS:
+        if before + len(self._findings) < MAX_FINDINGS:
             self._findings.append(finding)
         else:
             self._left_out += 1
 
-    def end(self, arguments: bytes) -> Report | None:
-        """The second summary; the report as far as it has come, None where its beginning was missed."""
+    def end(self, arguments: bytes) -> HealthReport | None:
+        """Takes the second summary; returns the report so far, None if its beginning was missed."""
         number, present, error, warning = _health.unpack_from(arguments)
         if self._findings is None or number != self._chunk[0]:
             self._findings = None
             return None
         _, errors, warnings, can_arm, can_run = self._chunk
-        chunk = Report(can_arm, can_run, tuple(self._findings), errors | error, warnings | warning, present)
+        chunk = HealthReport(
+            can_arm, can_run, tuple(self._findings), errors | error, warnings | warning, present
+        )
         self._findings = None
         self._next_chunk += 1
         before = self._whole
@@ -146,12 +148,12 @@ class ReportJoiner:
         return self._whole
 
     def abandon(self) -> None:
-        """Something in between was lost: wait for the next whole one."""
+        """An event of the report was lost: waits for the next complete report."""
         self._findings, self._whole, self._next_chunk = None, None, 0
 
 
-def _joined(a: Report, b: Report) -> Report:
-    return Report(
+def _joined(a: HealthReport, b: HealthReport) -> HealthReport:
+    return HealthReport(
         a.can_arm & b.can_arm,
         a.can_run & b.can_run,
         a.findings + b.findings,
@@ -162,28 +164,28 @@ def _joined(a: Report, b: Report) -> Report:
 
 
 def head_of(arguments: bytes) -> tuple[int, str | None]:
-    """(modes, component) that every finding begins with."""
+    """(modes, component): the first arguments of every finding."""
     modes, component = _finding.unpack_from(arguments)
     return modes, COMPONENTS[component] if 0 < component < len(COMPONENTS) - 1 else None
 
 
-# --- as it is told ---------------------------------------------------------------------------------------
+# --- for the API -- ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """One check that found something, as the API tells it."""
+    """One failed check, as the API shows it."""
 
     id: int
     """The event's id."""
     name: str
-    """PX4's name of the check; `event_…` with the bare id where neither the vehicle nor we have one."""
+    """PX4's name of the check; `event_…` with its id if neither the vehicle nor this server has a name."""
     severity: str
     """`error`, `warning` or `info`."""
     modes: tuple[str, ...] | None
-    """Modes it concerns; null: all."""
+    """Modes concerned; null: all."""
     component: str | None
-    """The part of the vehicle it is about."""
+    """Part of the vehicle concerned."""
     cause: str
     """What is wrong, as a sentence."""
     remedy: str | None
@@ -195,47 +197,47 @@ class ModeReadiness:
     """One mode."""
 
     mode: str
-    """As the API calls it."""
+    """Name of the mode in the API."""
     label: str
-    """As people call it."""
+    """Label of the mode."""
     can_arm: bool
-    """Whether the vehicle would arm in it."""
+    """Whether the vehicle can be armed in this mode."""
     can_run: bool
-    """Whether it may be switched to, in the air too."""
+    """Whether the vehicle can switch to this mode, also in flight."""
     arming: tuple[Cause, ...]
-    """What keeps it from arming, gravest first."""
+    """What prevents arming, most severe first."""
     running: tuple[Cause, ...]
-    """What keeps the mode from being flown, gravest first."""
+    """What prevents flying the mode, most severe first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """Something that can be done now about what keeps the vehicle from arming, ready for a button."""
+    """An action that can help the vehicle to arm now, for a button."""
 
     code: Literal["choose_mode"]
-    """What: `choose_mode` is `POST /vehicles/{v}/mode` with the mode named here."""
+    """The action: `choose_mode` is `POST /vehicles/{v}/mode` with the mode named here."""
     mode: str
     """The mode to switch to."""
     label: str
-    """What people call that mode."""
+    """Label of that mode."""
     text: str
-    """Why, and what to do, for people."""
+    """Why, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """Why the vehicle cannot arm or fly each of its modes, as it last said."""
+    """Why the vehicle cannot arm or fly each of its modes, from its last report."""
 
     known: bool
     """False: the vehicle has not reported yet."""
     reported_unix_s: float | None
-    """When the report came [s since 1970 UTC]."""
+    """Time of the report [s since 1970 UTC]."""
     words: str
-    """`vehicle` where the sentences are from its own metadata, else `own`."""
+    """Source of the texts: `vehicle` (its metadata) or `own` (this server)."""
     modes: tuple[ModeReadiness, ...]
-    """Every mode it has."""
+    """All modes of the vehicle."""
     findings: tuple[Cause, ...]
-    """All that its checks found, those that block nothing included."""
+    """All findings, also those that block nothing."""
     components_with_errors: tuple[str, ...]
     """Parts of the vehicle that report errors."""
     components_with_warnings: tuple[str, ...]
@@ -249,14 +251,16 @@ class Readiness:
 NOTHING_KNOWN = Readiness(False, None, "own", (), (), (), ())
 
 
-def told(report: Report, reported_unix_s: float, words: str, words_left_out: str | None = None) -> Readiness:
-    """The whole report for people and programs.
+def readiness_of(
+    report: HealthReport, reported_unix_s: float, words: str, words_left_out: str | None = None
+) -> Readiness:
+    """The report for the API.
 
     Args:
-        report: the newest complete one.
-        reported_unix_s: when it came.
-        words: `vehicle` or `own`.
-        words_left_out: what of the vehicle's own words could not be used.
+        report: the newest complete report.
+        reported_unix_s: time of the report.
+        words: source of the texts, `vehicle` or `own`.
+        words_left_out: which of the vehicle's texts could not be used.
     """
     shown = [mode for mode in MODES if _is_shown(mode, report)]
     causes = {finding: _cause(finding, shown) for finding in report.findings}
@@ -266,8 +270,8 @@ def told(report: Report, reported_unix_s: float, words: str, words_left_out: str
             mode.label,
             bool(report.can_arm >> mode.nav_state & 1),
             bool(report.can_run >> mode.nav_state & 1),
-            tuple(causes[f] for f in report.causes(mode.nav_state)[:MOST_CAUSES]),
-            tuple(causes[f] for f in report.causes(mode.nav_state, running=True)[:MOST_CAUSES]),
+            tuple(causes[f] for f in report.causes(mode.nav_state)[:MAX_CAUSES]),
+            tuple(causes[f] for f in report.causes(mode.nav_state, running=True)[:MAX_CAUSES]),
         )
         for mode in shown
     )
@@ -284,7 +288,7 @@ def told(report: Report, reported_unix_s: float, words: str, words_left_out: str
     )
 
 
-def _left_out(report: Report, words_left_out: str | None) -> str | None:
+def _left_out(report: HealthReport, words_left_out: str | None) -> str | None:
     findings = None
     if report.left_out:
         findings = (
@@ -294,16 +298,16 @@ def _left_out(report: Report, words_left_out: str | None) -> str | None:
     return " ".join(text for text in (findings, words_left_out) if text) or None
 
 
-def offers(report: Report | None, mode: Mode | None, armed: bool | None) -> tuple[Offer, ...]:
-    """What can be done now.
+def offers(report: HealthReport | None, mode: Mode | None, armed: bool | None) -> tuple[Offer, ...]:
+    """Actions that help now.
 
     PX4 stays in Offboard (or Land, or Return) after it has landed and disarmed, and arms in none of them:
     another mode must be chosen.
 
     Args:
         report: the newest complete one; None: nothing is known.
-        mode: that the vehicle is in; None: not known.
-        armed: whether its motors run; None: not known.
+        mode: current mode; None: unknown.
+        armed: whether it is armed; None: unknown.
     """
     if report is None or mode is None or armed is not False or report.can_arm >> mode.nav_state & 1:
         return ()
@@ -316,13 +320,13 @@ def offers(report: Report | None, mode: Mode | None, armed: bool | None) -> tupl
 
 
 def sentence(text: str) -> str:
-    """With a capital and a full stop."""
+    """The text with a capital letter and a full stop."""
     text = text.strip()
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".") if text else text
 
 
-def _is_shown(mode: Mode, report: Report) -> bool:
-    """External modes only where one is registered or somebody asks for it."""
+def _is_shown(mode: Mode, report: HealthReport) -> bool:
+    """External modes are shown only if one is registered or a finding names it."""
     if not mode.name.startswith(EXTERNAL):
         return mode.name not in NOT_SHOWN
     named = any(f.modes_mask != ALL_MODES and f.concerns(mode.nav_state) for f in report.findings)
@@ -342,8 +346,8 @@ def _cause(finding: Finding, shown: Iterable[Mode]) -> Cause:
         severity,
         modes,
         finding.component,
-        sentence(cut(finding.cause, LONGEST_CAUSE)),
-        sentence(cut(finding.remedy, LONGEST_REMEDY)) if finding.remedy else None,
+        sentence(cut(finding.cause, MAX_CAUSE_LENGTH)),
+        sentence(cut(finding.remedy, MAX_REMEDY_LENGTH)) if finding.remedy else None,
     )
 
 
@@ -351,8 +355,8 @@ def _components(mask: int) -> tuple[str, ...]:
     return tuple(name for bit, name in enumerate(COMPONENTS[:-1]) if bit and mask >> bit & 1)
 
 
-def unchanged(new: Report, old: Report | None) -> bool:
-    """Whether two reports say the same, in whatever order."""
+def unchanged(new: HealthReport, old: HealthReport | None) -> bool:
+    """Whether two reports are equal, apart from the order of their findings."""
     return (
         old is not None
         and replace(new, findings=()) == replace(old, findings=())

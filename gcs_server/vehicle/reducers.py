@@ -1,4 +1,4 @@
-"""State, message → state: what safety reads, kept eagerly. Pure."""
+"""Updates the flight state from each message; safety functions read it. Pure."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _current_mode = struct.Struct("<IIB")
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
-    """The vehicle's own words on what it does, and when it last said so [s, monotonic]."""
+class FlightState:
+    """What the vehicle last reported, and when [s, monotonic]."""
 
     armed: bool = False
     custom_mode: int = 0
@@ -25,17 +25,17 @@ class Facts:
     autopilot: int = d.MAV_AUTOPILOT_INVALID
     hil: bool = False
     heartbeat_s: float = float("-inf")
-    """When `armed` was last said."""
+    """When `armed` was last reported."""
     mode_s: float = float("-inf")
-    """When `custom_mode` was last said (HEARTBEAT or CURRENT_MODE)."""
+    """When `custom_mode` was last reported (HEARTBEAT or CURRENT_MODE)."""
     landed_s: float = float("-inf")
 
 
-def heartbeat(facts: Facts, payload: bytes, now_s: float) -> Facts:
+def heartbeat(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:
     """HEARTBEAT of the autopilot."""
     custom_mode, vehicle_type, autopilot, base_mode, system_status, _version = _heartbeat.unpack(payload)
     return replace(
-        facts,
+        flight_state,
         armed=bool(base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED),
         custom_mode=custom_mode,
         system_status=system_status,
@@ -47,15 +47,15 @@ def heartbeat(facts: Facts, payload: bytes, now_s: float) -> Facts:
     )
 
 
-def current_mode(facts: Facts, payload: bytes, now_s: float) -> Facts:
-    """CURRENT_MODE; an intended mode of 0 is "not known" unless the mode is 0, too."""
+def current_mode(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:
+    """CURRENT_MODE; an intended mode of 0 means unknown, unless the mode is 0 as well."""
     custom_mode, intended, _standard = _current_mode.unpack(payload)
-    return replace(facts, custom_mode=custom_mode, intended_custom_mode=intended or None, mode_s=now_s)
+    return replace(flight_state, custom_mode=custom_mode, intended_custom_mode=intended or None, mode_s=now_s)
 
 
-def extended_sys_state(facts: Facts, payload: bytes, now_s: float) -> Facts:
+def extended_sys_state(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:
     """EXTENDED_SYS_STATE."""
-    return replace(facts, landed_state=LANDED_STATES.get(payload[1], "unknown"), landed_s=now_s)
+    return replace(flight_state, landed_state=LANDED_STATES.get(payload[1], "unknown"), landed_s=now_s)
 
 
 REDUCERS = {

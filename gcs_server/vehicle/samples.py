@@ -1,4 +1,4 @@
-"""What a vehicle says of itself, one frozen sample a topic; the names are those of the JSON.
+"""Topics of a vehicle: one frozen sample class per topic, with the names of the JSON.
 
 Frames: NED from the vehicle's own local origin, FRD body. SI units, radians; degrees only for
 latitude, longitude and fields that end in `_deg`. `q_ned_frd` (w, x, y, z) takes FRD vectors to NED. Every
@@ -16,7 +16,7 @@ from missions.frames import Quaternion, Vector3
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """ATTITUDE_QUATERNION, or ATTITUDE where that is newer."""
+    """ATTITUDE_QUATERNION, or ATTITUDE if that is newer."""
 
     roll_rad: float
     pitch_rad: float
@@ -27,7 +27,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class LocalPosition:
-    """LOCAL_POSITION_NED: where the estimator believes to be, from its own origin."""
+    """LOCAL_POSITION_NED: the estimated position from the estimator's origin."""
 
     position_ned_m: Vector3
     velocity_ned_m_s: Vector3
@@ -69,12 +69,13 @@ class BatteryReading:
     consumed_mah: int | None
     time_remaining_s: int | None
     cell_voltages_v: tuple[float, ...] | None = None
-    """[V] of each cell; None where the vehicle tells the sum only."""
+    """[V] of each cell; null if only the sum is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """BATTERY_STATUS (SYS_STATUS until the first one came): of several, the one with the least left."""
+    """BATTERY_STATUS (SYS_STATUS until the first one): of several batteries, the one with the least
+    charge."""
 
     remaining_percent: int | None
     voltage_v: float | None
@@ -82,11 +83,11 @@ class Battery:
     consumed_mah: int | None
     time_remaining_s: int | None
     cell_voltages_v: tuple[float, ...] | None = None
-    """[V] of each cell; None where the vehicle tells the sum only."""
+    """[V] of each cell; null if only the sum is known."""
     battery_id: int | None = None
     """Which battery this is, from 0; None from SYS_STATUS."""
     batteries: tuple[BatteryReading, ...] = ()
-    """All of several batteries, by their ids; empty where there is one."""
+    """All batteries, by id; empty if there is only one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +112,11 @@ class Gimbal:
     yaw_ned_rad: float | None
     """Relative to north."""
     q: Quaternion
-    """As the device sent it; its yaw is in the frame that `yaw_in_earth_frame` says."""
+    """Quaternion from the device; `yaw_in_earth_frame` says the frame of its yaw."""
     yaw_in_earth_frame: bool
     yaw_lock: bool
     primary_control: tuple[int, int] | None
-    """(system id, component id) of who is in control; None when nobody is."""
+    """(system id, component id) of the controller; null if the gimbal is not controlled."""
     secondary_control: tuple[int, int] | None
     flags: int
     """GIMBAL_DEVICE_FLAGS."""
@@ -140,12 +141,12 @@ class Motors:
 
     pwm_us: tuple[int, ...]
     groups: tuple[OutputGroup, ...] = ()
-    """All of several groups, by their ports; empty where there is one."""
+    """All groups, by port; empty if there is only one."""
 
 
 @dataclass(frozen=True, slots=True)
 class TargetLocal:
-    """POSITION_TARGET_LOCAL_NED: what the vehicle's controller follows. None: not controlled."""
+    """POSITION_TARGET_LOCAL_NED: the target of the vehicle's controllers. Null: not controlled."""
 
     position_ned_m: tuple[float | None, float | None, float | None]
     velocity_ned_m_s: tuple[float | None, float | None, float | None]
@@ -198,60 +199,59 @@ class Estimator:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """MISSION_CURRENT, and MISSION_ITEM_REACHED: what the vehicle holds, and where in it it is."""
+    """MISSION_CURRENT and MISSION_ITEM_REACHED: the vehicle's mission, and its progress."""
 
     current: int
-    """Index of the item that is flown, or would be flown next, from 0."""
+    """Index of the current or next item, from 0."""
     count: int | None
-    """Items of its mission; None where it does not say."""
+    """Number of items of the mission; null if unknown."""
     reached: int | None
-    """Index of the item that it reported last as reached, from 0, of whichever mission it flew then; None:
-    none."""
+    """Index of the item last reported as reached, from 0, in the mission at that time; null: none."""
     mission_id: int
-    """The vehicle's own sum over its mission; 0: none, or not told."""
+    """The vehicle's checksum of its mission; 0: none or unknown."""
     fence_id: int
-    """The same of its geofence."""
+    """The vehicle's checksum of its geofence."""
     rally_points_id: int
-    """The same of its rally points."""
+    """The vehicle's checksum of its rally points."""
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What the vehicle is doing: HEARTBEAT, CURRENT_MODE and EXTENDED_SYS_STATE together."""
+    """State of the vehicle, from HEARTBEAT, CURRENT_MODE and EXTENDED_SYS_STATE."""
 
     armed: bool
     mode: str
-    """Our name of it, as the API takes it: hold, takeoff, land, rtl, position, offboard, mission, …"""
+    """Name of the mode in the API: hold, takeoff, land, rtl, position, offboard, mission, …"""
     mode_label: str
     """For people: Hold, Take off, Return, …"""
     custom_mode: int
     intended_custom_mode: int | None
-    """CURRENT_MODE's intended mode: what was asked for, where a failsafe flies something else."""
+    """Intended mode of CURRENT_MODE: the requested mode while a failsafe flies another one."""
     landed_state: str
     """unknown, on_ground, in_air, taking_off, landing."""
     system_status: int
     """MAV_STATE."""
     link_lost: bool
-    """No heartbeat for longer than 3.5 s on any link."""
+    """Whether the connection is lost: no message of the autopilot for 3.5 s on any link."""
     last_heartbeat_age_s: float | None
-    """When the sample was made; None before the first."""
+    """Age when the sample was made; null before the first heartbeat."""
 
 
 @dataclass(frozen=True, slots=True)
 class DistanceSensor:
-    """One sensor's DISTANCE_SENSOR."""
+    """DISTANCE_SENSOR of one sensor."""
 
     sensor_id: int
     direction_frd: Vector3
     """Unit vector from the body."""
     distance_m: float | None
-    """More than `range_max_m`: nothing within it; None: the sensor says that it does not know."""
+    """More than `range_max_m`: no obstacle within range; null: unknown."""
     range_min_m: float
     range_max_m: float
     width_rad: float | None
-    """Its horizontal field of view; None where it does not tell."""
+    """Horizontal field of view; null if unknown."""
     behind_s: float
-    """How much older its measurement is than the newest of the vehicle's sensors."""
+    """Age of this measurement relative to the newest of the vehicle's sensors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,13 +266,13 @@ class ObstacleDistance:
     """OBSTACLE_DISTANCE: distances in sectors around the vehicle."""
 
     frame: str
-    """What the angles count from: body (the nose) or north."""
+    """Reference of the angles: body (the nose) or north."""
     first_deg: float
-    """Direction of the first sector's middle, clockwise."""
+    """Direction of the middle of the first sector, clockwise."""
     step_deg: float
-    """From one sector to the next, clockwise; negative: the other way."""
+    """Angle between sectors, clockwise; negative: counter-clockwise."""
     distances_m: tuple[float | None, ...]
-    """More than `range_max_m`: nothing within it; None: not known."""
+    """More than `range_max_m`: no obstacle within range; null: unknown."""
     range_min_m: float
     range_max_m: float
 
@@ -311,11 +311,11 @@ TOPICS: dict[str, type] = {
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One topic's newest value, with the two clocks it is judged by."""
+    """Newest value of a topic, with its time on both clocks."""
 
     topic: str
     vehicle_time_boot_s: float | None
-    """The vehicle's own boot clock, where the message carries it."""
+    """Time on the vehicle's boot clock, if the message has it."""
     received_unix_s: float
     received_monotonic_s: float
     value: object

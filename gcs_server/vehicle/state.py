@@ -1,4 +1,4 @@
-"""A vehicle's newest frames, and samples made of them on demand."""
+"""A vehicle's newest frames, decoded into samples on demand."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from gcs_server.vehicle.history import HISTORY_S, History
 from gcs_server.vehicle.instances import ANY_COMPONENT, Instances, heard
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.numbers import Unusable
-from gcs_server.vehicle.reducers import REDUCERS, Facts
+from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
 
 log = logging.getLogger(__name__)
 
 LINK_LOST_AFTER_S = 3.5
-"""Nothing heard of the autopilot for so long. QGroundControl counts heartbeats alone; on a link that loses a
-fifth of its packets three in a row go missing every two minutes, and a lost vehicle's stream is ended."""
+"""Connection lost after this silence of the autopilot. QGroundControl counts only heartbeats; but on a link
+with 20 % loss three in a row are lost every two minutes, and the setpoint stream of a lost vehicle is
+ended."""
 HEARTBEAT_OVERDUE_AFTER_S = 10.0
-"""However much else is heard: only heartbeats say whether it is armed."""
+"""Connection lost after this time without a heartbeat, because only heartbeats report whether it is armed."""
 
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
 MADE_OF: dict[str, tuple[int, ...]] = {
@@ -35,67 +36,70 @@ READS: dict[str, tuple[int, ...]] = {
 }
 PAIR_WITHIN_S = 1.0
 KEEPS_LAST = frozenset({"home"})
-"""Topics that hold for long: limits count from home, and one bad message does not lift them."""
+"""Topics of which the last valid value is kept: limits count from home, and one bad message must not lift
+them."""
 Frames = tuple[Frame | None, ...]
 
 
 class VehicleState:
-    """Written by `take` alone; reading decodes and caches.
+    """State of one vehicle. Only `take` writes it; reading decodes and caches.
 
     Args:
-        component_id: the autopilot's; other components' frames are not state (but gimbals').
+        component_id: the autopilot's; frames of other components are ignored, except gimbals.
     """
 
     def __init__(self, component_id: int, clock: Clock) -> None:
-        self.facts = Facts()
+        self.flight_state = FlightState()
         self.latest: dict[int, Frame] = {}
         """Newest frame of each message id of the dialect, and of each instance (`instances.py`)."""
         self._instances = Instances()
         self.unusable: dict[str, str] = {}
-        """Topics whose newest message cannot be used, and why; as of when they were last asked for."""
+        """Topics whose newest message cannot be used, and why; as of the last reading."""
         self._component_id = component_id
         self._clock = clock
         self._cache: dict[str, tuple[Frames, Sample | None]] = {}
         self._history = History({msg_id for ids in READS.values() for msg_id in ids})
         self._heard_s = float("-inf")
         """Time of the last heartbeat, or of later messages without a gap."""
-        self._statuses: deque[tuple[float, Facts, bool, Sample]] = deque()
-        """(when kept, what it was made of, sample), of the last minutes."""
+        self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
+        """(time, sources, sample) of the last minutes."""
 
     def take(self, frame: Frame) -> bool:
-        """Keeps a frame; False where it is another component's affair."""
+        """Stores a frame; False if another component sent it."""
         if frame.msg_id in ANY_COMPONENT:
             if not self._instances.is_shown(frame):
                 return False
         elif frame.component_id != self._component_id:
             return False
-        if not frame.known:  # there are 16 million ids: kept, they would fill the memory
+        if not frame.known:  # there are 16 million ids: storing them all would fill the memory
             return True
         if frame.component_id == self._component_id:
             self._note_heard(frame)
         if frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
-            self.topic("home")  # noted as good before the newer one takes its place
+            self.topic("home")  # decoded before the newer one replaces it
         key = self._instances.key_of(frame)
         if key is not None:
             self.latest[key] = frame
         reducer = REDUCERS.get(frame.msg_id)
         if reducer is not None:
-            self.facts = reducer(self.facts, full_payload(frame), frame.received_monotonic_s)
+            self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
         return True
 
     def _note_heard(self, frame: Frame) -> None:
         now_s = frame.received_monotonic_s
-        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # by which a lost vehicle is found again
+        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # it shows that a lost vehicle is back
         if is_heartbeat or now_s - self._heard_s <= LINK_LOST_AFTER_S:
             self._heard_s = now_s
 
     @property
     def link_lost(self) -> bool:
-        """Nothing of the autopilot for too long, or no heartbeat for longer still."""
+        """Whether the connection is lost: no message of the autopilot, or no heartbeat, for too long."""
         return self._clock.monotonic_s() > self._lost_from_s()
 
     def _lost_from_s(self) -> float:
-        return min(self._heard_s + LINK_LOST_AFTER_S, self.facts.heartbeat_s + HEARTBEAT_OVERDUE_AFTER_S)
+        return min(
+            self._heard_s + LINK_LOST_AFTER_S, self.flight_state.heartbeat_s + HEARTBEAT_OVERDUE_AFTER_S
+        )
 
     def silence(self) -> str:
         """Text about how long the connection has been lost."""
@@ -103,31 +107,31 @@ class VehicleState:
         if self._heard_s == float("-inf"):
             return "it has not been heard"
         if now_s - self._heard_s > LINK_LOST_AFTER_S:
-            return f"it has not been heard for {now_s - self._heard_s:.1f} s"
-        return f"it has sent no heartbeat for {now_s - self.facts.heartbeat_s:.0f} s"
+            return f"no messages for {now_s - self._heard_s:.1f} s"
+        return f"no heartbeat for {now_s - self.flight_state.heartbeat_s:.0f} s"
 
     def status(self) -> Status:
-        """What the vehicle does, as of now."""
-        facts = self.facts
-        name, label = name_and_label(facts.custom_mode, facts.autopilot)
+        """Status of the vehicle now."""
+        flight_state = self.flight_state
+        name, label = name_and_label(flight_state.custom_mode, flight_state.autopilot)
         return Status(
-            armed=facts.armed,
+            armed=flight_state.armed,
             mode=name,
             mode_label=label,
-            custom_mode=facts.custom_mode,
-            intended_custom_mode=facts.intended_custom_mode,
-            landed_state=facts.landed_state,
-            system_status=facts.system_status,
+            custom_mode=flight_state.custom_mode,
+            intended_custom_mode=flight_state.intended_custom_mode,
+            landed_state=flight_state.landed_state,
+            system_status=flight_state.system_status,
             link_lost=self.link_lost,
             last_heartbeat_age_s=(
                 None
-                if facts.heartbeat_s == float("-inf")
-                else max(0.0, self._clock.monotonic_s() - facts.heartbeat_s)
+                if flight_state.heartbeat_s == float("-inf")
+                else max(0.0, self._clock.monotonic_s() - flight_state.heartbeat_s)
             ),
         )
 
     def topic(self, name: str) -> Sample | None:
-        """The newest sample of a topic; None before the first, and where the newest cannot be used.
+        """The newest sample of a topic; None before the first, and if the newest cannot be used.
 
         Raises:
             KeyError: there is no such topic.
@@ -145,23 +149,23 @@ class VehicleState:
         except Unusable as error:
             self.unusable[name] = str(error)
             sample = cached[1] if cached is not None and name in KEEPS_LAST else None
-        except Exception as error:  # a fault of ours: it costs this topic, not the vehicle
+        except Exception as error:  # a fault of this program: only this topic is missing
             if cached is None or cached[1] is not None:
-                log.exception("topic %s could not be made", name)
+                log.exception("topic %s could not be decoded", name)
             self.unusable[name] = f"it could not be decoded ({type(error).__name__}: {error})"
             sample = None
         self._cache[name] = (frames, sample)
         return sample
 
     def remember(self) -> None:
-        """Called at up to 4 Hz: keeps what is new for `history`; decodes nothing."""
+        """Called at up to 4 Hz: stores new frames for `history` without decoding."""
         now_s = self._clock.monotonic_s()
         self._history.keep(self.latest, now_s)
         statuses, lost = self._statuses, self.link_lost
-        if not statuses or statuses[-1][1] is not self.facts or statuses[-1][2] != lost:
+        if not statuses or statuses[-1][1] is not self.flight_state or statuses[-1][2] != lost:
             sample = self.topic("status")
             if sample is not None:
-                statuses.append((now_s, self.facts, lost, sample))
+                statuses.append((now_s, self.flight_state, lost, sample))
         while statuses and statuses[0][0] < now_s - HISTORY_S:
             statuses.popleft()
 
@@ -181,13 +185,13 @@ class VehicleState:
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 
     def _status_since_s(self) -> float:
-        """When it last became what it is: the vehicle said so, or it was missed for too long."""
-        facts = self.facts
+        """When the status last changed: by a message, or by a lost connection."""
+        flight_state = self.flight_state
         lost_s = self._lost_from_s() if self.link_lost else float("-inf")
-        return max(facts.heartbeat_s, facts.mode_s, facts.landed_s, lost_s)
+        return max(flight_state.heartbeat_s, flight_state.mode_s, flight_state.landed_s, lost_s)
 
     def _past(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
-        """A sample of the history; None where it cannot be made."""
+        """A sample of the history; None if it cannot be decoded."""
         try:
             return self._decode(name, keys, frames)
         except Exception:
@@ -213,7 +217,7 @@ class VehicleState:
 
     @staticmethod
     def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:
-        """Of two messages that come in pairs: the quaternion, unless it has stopped or is none."""
+        """Of two messages that arrive in pairs: the quaternion, unless it has stopped or is invalid."""
         heard_s = {f.msg_id: f.received_monotonic_s for f in present}
         quaternion_s, angles_s = (heard_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS)
         if angles_s - quaternion_s > PAIR_WITHIN_S:

@@ -1,4 +1,4 @@
-"""STATUSTEXT: joins the chunks of long texts, within limits; and how many lines a vehicle may say."""
+"""Joins the chunks of long STATUSTEXTs within limits, and limits the number of lines per vehicle."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 _text = struct.Struct("<B50sHB")
 WAIT_FOR_CHUNKS_S = 1.0
-MOST_PENDING = 8
+MAX_PENDING = 8
 """Texts whose chunks are awaited at the same time; the oldest is finished for a further one."""
-MOST_CHUNKS = 20
+MAX_CHUNKS = 20
 """Most chunks of 50 bytes in one text; further ones are ignored."""
 LINES_AT_ONCE, LINES_PER_S = 200.0, 20.0
-"""Of one vehicle. A PX4 says about 60 when it starts."""
+"""Lines of one vehicle. PX4 sends about 60 when it starts."""
 
 
 @dataclass(slots=True)
@@ -30,21 +30,21 @@ class TextJoiner:
         self._pending: dict[int, _Pending] = {}
 
     def feed(self, payload: bytes, now_s: float) -> list[tuple[int, str]]:
-        """(severity, text) of what is complete with this message."""
+        """(severity, text) of the texts that are complete with this message."""
         severity, raw, text_id, chunk = _text.unpack(payload)
         ends = b"\0" in raw
         part = raw.split(b"\0", 1)[0]
         if text_id == 0:
             return [*self.expire(now_s), (severity, _decoded(part))]
-        if chunk >= MOST_CHUNKS:
+        if chunk >= MAX_CHUNKS:
             return []
         out: list[tuple[int, str]] = []
         pending = self._pending.get(text_id)
         if pending is not None and chunk in pending.chunks and pending.chunks[chunk] != part:
-            out.append(self._finish(text_id))  # the id is used again
+            out.append(self._finish(text_id))  # the id was reused
             pending = None
         if pending is None:
-            if len(self._pending) >= MOST_PENDING:
+            if len(self._pending) >= MAX_PENDING:
                 out.append(self._finish(next(iter(self._pending))))
             pending = self._pending[text_id] = _Pending(severity, now_s)
         pending.chunks[chunk] = part
@@ -79,7 +79,7 @@ class LineBudget:
         self._left_out = 0
 
     def spend(self, now_s: float) -> bool:
-        """One line; False: it is too many."""
+        """Counts one line; False if there are too many."""
         if self._filled_s is not None:
             self._left = min(LINES_AT_ONCE, self._left + (now_s - self._filled_s) * LINES_PER_S)
         self._filled_s = now_s
@@ -90,7 +90,7 @@ class LineBudget:
         return True
 
     def left_out(self, now_s: float) -> int:
-        """How many were too many, once there is room for a line that says so; then it counts anew."""
+        """Number of dropped lines, once there is room for a line that reports it; then counts from zero."""
         if not self._left_out or self._filled_s is None:
             return 0
         if self._left + (now_s - self._filled_s) * LINES_PER_S < LINES_PER_S / 2:

@@ -18,12 +18,12 @@ from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.attached import AttachedControl, AttachedMission, AttachedStream
 from gcs_server.vehicle.endpoint import Endpoint
+from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.external_control import ExternalControl
 from gcs_server.vehicle.identity import Identity, Version, with_version
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.narrator import Narrator
-from gcs_server.vehicle.outsiders import Outsiders
-from gcs_server.vehicle.reducers import REDUCERS, Facts
+from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
 from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.command import CommandService
@@ -40,17 +40,17 @@ log = logging.getLogger(__name__)
 ASK_LIMITS_TIMES = 5
 ASK_LIMITS_EVERY_S = 1.0
 STAY_ON_LINK_S = 0.4
-"""The link in use is kept until another was heard later by this. Well within PX4's patience with a setpoint
-stream (COM_OF_LOSS_T, 1 s)."""
+"""The link in use is kept until another one is more recent by this time. It is well below PX4's timeout of a
+setpoint stream (COM_OF_LOSS_T, 1 s)."""
 
 
 class Vehicle:
-    """A small aggregate; only the router's calls write its state.
+    """A small aggregate; only calls of the router write its state.
 
     Args:
         vehicle_id: "1", or "1~2" for a second one that claims system 1.
-        own_ids: our (system id, component id).
-        supervisor: owns what is done for it in the background.
+        own_ids: this server's (system id, component id).
+        supervisor: owns its background tasks.
     """
 
     def __init__(
@@ -66,18 +66,18 @@ class Vehicle:
         self.clock = clock
         self.own_ids = own_ids
         self.isolation = Isolation(clock, log, f"Vehicle {vehicle_id}")
-        """Runs what this vehicle's data may make fail: a topic, a snapshot, a view of it."""
+        """Runs code that this vehicle's data may make fail: a topic, a snapshot, a view."""
         self.mailbox = Mailbox(decode)
         self.events = EventFeed(vehicle_id)
         self.offboard: AttachedStream | None = None
-        """Its setpoint stream, set by `Streamer.attach`; None before."""
+        """Its setpoint stream; set by `Streamer.attach`."""
         self.offboard_mission: AttachedMission | None = None
-        """The mission that the server flies with it, set by `OffboardMissions`; None before."""
+        """Its offboard mission; set by `OffboardMissions`."""
         self.control: AttachedControl | None = None
-        """Its control, set by `Authority`; None before."""
+        """Its control; set by `Authority`."""
         self._identity = identity
         self._state = VehicleState(identity.component_id, clock)
-        self._narrator = Narrator(self.events, clock)
+        self._event_logger = EventLogger(self.events, clock)
         self._endpoints: tuple[Endpoint, ...] = ()
         self._known_links: set[str] = set()
         self._sending: Endpoint | None = None
@@ -85,16 +85,18 @@ class Vehicle:
         self._limits_asked = 0
         self._limits_next_s = self._limits_since_s = float("-inf")
         self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
-            d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._narrator.text(full_payload(f), e),
+            d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._event_logger.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
             d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.current(full_payload(f)),
             d.MAVLINK_MSG_ID_PARAM_VALUE: lambda f, _: self.params.heard(full_payload(f)),
             d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.gone(full_payload(f)),
-            d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._outsiders.ack(full_payload(f)),
-            d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._outsiders.gimbal(full_payload(f)),
+            d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._external_control.ack(full_payload(f)),
+            d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._external_control.gimbal(
+                full_payload(f)
+            ),
         }
         self._notable = frozenset((*REDUCERS, *self._special))
-        """Messages that do more than become the newest of their kind."""
+        """Handlers of messages that are not only stored."""
         self.command = CommandService(self)
         self.gimbal = GimbalService(self)
         self.camera = CameraService(self)
@@ -102,9 +104,9 @@ class Vehicle:
         self.ftp = FtpService(self)
         self.metadata = MetadataService(self, self.ftp)
         self.params = ParamService(self, self.metadata)
-        self.health = HealthService(self, self._narrator.event, self._fetch_words)
-        self._narrator.worded = self.health.worded
-        self._outsiders = Outsiders(
+        self.health = HealthService(self, self._event_logger.event, self._fetch_metadata)
+        self._event_logger.describe_again = self.health.describe_again
+        self._external_control = ExternalControl(
             self, self.command, lambda: None if self.offboard is None else self.offboard.asks_for()
         )
 
@@ -115,27 +117,27 @@ class Vehicle:
 
     @property
     def status(self) -> Status:
-        """Armed, mode, landed state, link: what safety reads."""
+        """Armed, mode, landed state, link."""
         return self._state.status()
 
     @property
-    def facts(self) -> Facts:
-        """As `status`, with the times of the messages."""
-        return self._state.facts
+    def flight_state(self) -> FlightState:
+        """Like `status`, with the times of the messages."""
+        return self._state.flight_state
 
     @property
     def mode_cause(self) -> ModeCause | None:
-        """The cause of its present mode; None until the mode has changed for the first time."""
-        return self._outsiders.mode_cause
+        """Cause of the current mode; None before the first mode change."""
+        return self._external_control.mode_cause
 
     @property
     def streaming(self) -> bool:
-        """Whether setpoints go to it."""
+        """Whether setpoints are being sent to it."""
         return self.offboard is not None and self.offboard.status().streaming
 
     @property
     def in_use(self) -> bool:
-        """Whether setpoints go to it, or a client has control of it."""
+        """Whether it has a setpoint stream, or a client controls it."""
         return self.streaming or (self.control is not None and self.control.status().holder is not None)
 
     @property
@@ -151,7 +153,7 @@ class Vehicle:
 
     @property
     def known_links(self) -> frozenset[str]:
-        """Names of all links on which it was ever heard: where it may be heard again."""
+        """Names of all links on which it was ever heard."""
         return frozenset(self._known_links)
 
     def topic(self, name: str) -> Sample | None:
@@ -163,19 +165,19 @@ class Vehicle:
         return self._state.history(topics, since_unix_s)
 
     def unusable(self) -> dict[str, str]:
-        """Topics whose newest message cannot be used (a number that is none), and why; decodes all."""
+        """Topics whose newest message cannot be used, and why; decodes all topics."""
         for name in MADE_OF:
             self._state.topic(name)
         return dict(self._state.unusable)
 
     def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None:
-        """The newest payload of a message, in full length, and when it came [s, monotonic]."""
+        """The newest full-length payload of a message, and its time of reception [s, monotonic]."""
         frame = self._state.latest.get(msg_id)
         return None if frame is None or not frame.known else (full_payload(frame), frame.received_monotonic_s)
 
     def require_commandable(self) -> None:
-        """Raises Refused for a replayed vehicle, NotVerified for a kind we have not verified,
-        Disconnected while its link is lost."""
+        """Raises Refused for a replayed vehicle, NotVerified for an unverified type, Disconnected while its
+        link is lost."""
         identity = self._identity
         if identity.replayed:
             raise Refused(f"Vehicle {self.id} is a recording; it cannot be commanded.")
@@ -184,27 +186,27 @@ class Vehicle:
             raise NotVerified(
                 f"Vehicle {self.id} is {kind}{identity.autopilot_name} vehicle "
                 f"of type {identity.vehicle_type}. "
-                "Commands are verified for multicopters that fly PX4 only, so nothing was sent.",
-                remedy="Use the ground station made for it.",
+                "Commands are verified only for multicopters with PX4, so nothing was sent.",
+                remedy="Use a ground station that supports it.",
             )
         if self._state.link_lost:
             raise Disconnected(
-                f"Vehicle {self.id} is lost: {self._state.silence()}.",
+                f"Vehicle {self.id} is not connected: {self._state.silence()}.",
                 remedy="Check its link; nothing was sent.",
             )
 
     def send(self, message: MAVLink_message, *, until_s: float | None = None) -> bool:
-        """Packs and sends on the vehicle's best link; from any thread; False: nothing went out.
+        """Packs and sends a message on the vehicle's best link, from any thread; False if nothing was sent.
 
         Args:
-            until_s: it does not leave later, however long the link makes it wait (monotonic).
+            until_s: the message is dropped if the link cannot send it by then (monotonic).
         """
         return self.send_payload(message.get_msgId(), encode_payload(message), until_s=until_s)
 
     def send_payload(
         self, msg_id: int, payload: bytes, *, made_s: float | None = None, until_s: float | None = None
     ) -> bool:
-        """As `send`, for a payload already packed in wire order (the streamer's way) at `made_s`."""
+        """Like `send`, for an already packed payload of the streamer, made at `made_s`."""
         if self._identity.replayed:
             return False
         chosen = self._choose_endpoint()
@@ -216,12 +218,12 @@ class Vehicle:
             for e in (chosen, *others)
         )
 
-    def way_out(self) -> Endpoint | None:
-        """The link and peer by which it is spoken to now; None where nothing is to be sent to it."""
+    def send_path(self) -> Endpoint | None:
+        """Link and peer in use now; None if nothing may be sent to it."""
         return None if self._identity.replayed else self._choose_endpoint()
 
     def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
-        """Does what nobody waits for; what goes wrong with the vehicle is told by the service at work."""
+        """Starts a background task; its service reports errors of the vehicle."""
 
         async def quietly() -> None:
             with contextlib.suppress(GcsError):
@@ -230,18 +232,20 @@ class Vehicle:
         task = self._supervisor.spawn(f"vehicle {self.id}: {name}", quietly())
         task.add_done_callback(lambda _: work.close())  # cancelled before its first step
 
-    def _fetch_words(self) -> None:
-        self.in_background("words for its events", self.health.learn(self.metadata))
+    def _fetch_metadata(self) -> None:
+        self.in_background("metadata of its events", self.health.learn(self.metadata))
 
     # --- written by the fleet only --------------------------------------------------------------
 
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
-        """A frame of this vehicle's, from one of its endpoints."""
+        """Handles a frame of this vehicle from one of its endpoints."""
         state, msg_id = self._state, frame.msg_id
-        before = state.facts
+        before = state.flight_state
         if state.take(frame) and msg_id in self._notable:
-            if state.facts is not before:
-                self._narrator.facts(before, state.facts, self._outsiders.mode(before, state.facts))
+            if state.flight_state is not before:
+                self._event_logger.flight_state(
+                    before, state.flight_state, self._external_control.mode(before, state.flight_state)
+                )
             if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
                 self._heartbeat()
             special = self._special.get(msg_id)
@@ -251,7 +255,7 @@ class Vehicle:
             self.mailbox.deliver(frame)
 
     def attach(self, endpoint: Endpoint) -> None:
-        """It is heard there, too."""
+        """Adds an endpoint."""
         endpoint.vehicle = self
         if not self._endpoints:
             self.health.heard()
@@ -261,30 +265,30 @@ class Vehicle:
             self.set_version(endpoint.version)
 
     def detach(self, endpoint: Endpoint) -> None:
-        """It is not heard there any more."""
+        """Removes an endpoint."""
         endpoint.vehicle = None
         self._endpoints = tuple(e for e in self._endpoints if e is not endpoint)
         if not self._endpoints:
             self.disconnected("its link was closed")
 
     def set_version(self, version: Version) -> None:
-        """The autopilot said who it is."""
+        """Applies AUTOPILOT_VERSION."""
         self._identity = with_version(self._identity, version)
 
     def warn(self, text: str) -> None:
-        """Makes this the identity's warning, once."""
+        """Sets the warning of the identity."""
         if text not in self._identity.warnings:
             self._identity = replace(self._identity, warnings=(text,))
             self.events.add("warning", self.clock.unix_s(), text, severity=d.MAV_SEVERITY_WARNING)
 
     def clear_warnings(self) -> None:
-        """Their cause has gone."""
+        """Clears the warnings of the identity."""
         self._identity = replace(self._identity, warnings=())
 
     def tick(self) -> None:
         """Four times a second: history, held texts, the link's age."""
         self._state.remember()
-        self._narrator.tick()
+        self._event_logger.tick()
         self.health.tick()
         self._ask_gimbal_limits()
         if self._state.link_lost and not self._lost:
@@ -293,9 +297,8 @@ class Vehicle:
             self.disconnected(self._state.silence())
 
     def _ask_gimbal_limits(self) -> None:
-        """GIMBAL_MANAGER_INFORMATION is not streamed: asked for a few times, and again after a lost link.
-
-        PX4 is asked in any case, others once a gimbal manager was heard.
+        """Requests GIMBAL_MANAGER_INFORMATION, which is not streamed, a few times and again after a lost
+        link. PX4 is always asked, other autopilots only after a message of a gimbal manager.
         """
         identity, latest = self._identity, self._state.latest
         known = latest.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
@@ -320,28 +323,33 @@ class Vehicle:
         )
 
     def disconnected(self, why: str) -> None:
-        """Resolves everything pending, at once."""
-        self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost while we waited: {why}."))
+        """Fails everything pending, at once."""
+        self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost while waiting for it: {why}."))
 
     def _heartbeat(self) -> None:
-        facts = self._state.facts
+        flight_state = self._state.flight_state
         identity = self._identity
-        simulated = True if facts.hil else identity.simulated
-        if (facts.vehicle_type, facts.autopilot, simulated) != (
+        simulated = True if flight_state.hil else identity.simulated
+        if (flight_state.vehicle_type, flight_state.autopilot, simulated) != (
             identity.vehicle_type,
             identity.autopilot,
             identity.simulated,
         ):
             self._identity = replace(
-                identity, vehicle_type=facts.vehicle_type, autopilot=facts.autopilot, simulated=simulated
+                identity,
+                vehicle_type=flight_state.vehicle_type,
+                autopilot=flight_state.autopilot,
+                simulated=simulated,
             )
         if self._lost:
             self._lost = False
-            # it may have been another flight controller's gimbal, or another firmware, that came back
+            # another gimbal or another firmware may have come back
             self._limits_asked, self._limits_since_s = 0, self.clock.monotonic_s()
             self.health.heard()
             self.params.link_was_away()
-            self.events.add("link", self.clock.unix_s(), "Link is back", severity=d.MAV_SEVERITY_NOTICE)
+            self.events.add(
+                "link", self.clock.unix_s(), "Connection restored", severity=d.MAV_SEVERITY_NOTICE
+            )
 
     def _choose_endpoint(self) -> Endpoint | None:
         endpoints, sending = self._endpoints, self._sending

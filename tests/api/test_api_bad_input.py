@@ -127,7 +127,7 @@ def test_a_groups_changes_are_events_of_the_station(client):
     status = GroupStatus("4", "flying", "anna", "key", 5.0, 1.6, False, 1.0, 2.0, 3.0, (), None, (), None)
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         assert socket.receive_json()["type"] == "hello"
-        client.portal.call(groups.tell, "Group 4 has begun.", status, True)
+        client.portal.call(groups.on_change, "Group 4 has begun.", status, True)
         event = socket.receive_json()["event"]
     assert (event["kind"], event["vehicle"], event["severity"]) == ("group", None, 4)
     assert (event["text"], event["group"]["id"]) == ("Group 4 has begun.", "4")

@@ -74,7 +74,7 @@ def test_a_plan_of_the_body_is_flown_with_what_was_said(client):
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
     given = view["nominal"]["asked"]
     assert (view["kind"], view["vehicle"], view["plan_id"]) == ("waypoint_plan", None, None)
-    assert view["assumed"] == ["No vehicle is named: PX4's defaults were taken, and a full battery."]
+    assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
     assert given["aircraft"] == {"home": HOME, "endurance_s": 900, "battery_reserve": 0.2}
     assert given["conditions"]["wind_ned_m_s"] == [0, 4, 0]
     assert (given["flights"], given["seed"], given["spread"]["wind_m_s"]) == (20, 7, 2)

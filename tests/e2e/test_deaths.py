@@ -108,7 +108,7 @@ def test_a_killed_stream_process_lets_the_vehicle_fail_safe_and_a_person_flies_o
             assert ended["status"]["armed"]
             stream = drone.request("GET", "/offboard")
             assert stream["state"] == "idle"
-            assert stream["ended"].startswith("The process that sends setpoints ended")
+            assert stream["ended"].startswith("The setpoint streams' process ended")
             drone.hold()
             started = drone.request("POST", "/offboard/start", ORDER)
             assert started["state"] == "streaming"

@@ -40,7 +40,7 @@ async def flight(url: str) -> None:
                 await offboard.position_ned(100, 0, -10)
             with pytest.raises(Refused, match="MAVLink link carries no actuators"):
                 await offboard.actuators([0.5] * 4)
-            with pytest.raises(Invalid, match="north and east go together"):
+            with pytest.raises(Invalid, match="north and east are needed together"):
                 await offboard.send({"type": "position", "position_ned_m": [1, None, -5]})
 
             async with offboard.live() as live:

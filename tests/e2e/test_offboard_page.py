@@ -154,7 +154,7 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         north = room.get_by_label("Position, North")
         north.fill("far")
         room.get_by_role("button", name="Start…").click()
-        expect(room).to_contain_text("North: a number is needed.")
+        expect(room).to_contain_text("North: enter a number.")
         assert not streamed(drone)["streaming"]
         north.fill("5")
         room.get_by_label("Position, Up").fill("12")

@@ -119,7 +119,7 @@ def compare(page: Page, log: Log, time_us: int) -> None:
     card = page.get_by_role("region", name="Gimbal")
     said = card.get_by_text("Pitch", exact=True).locator("xpath=following-sibling::*[1]").inner_text()
     assert abs(number(said) - pitch_deg) <= 0.1
-    clock = page.get_by_role("slider", name="Moment of the recording").get_attribute("aria-valuenow")
+    clock = page.get_by_role("slider", name="Time in the recording").get_attribute("aria-valuenow")
     assert clock is not None
     assert int(clock) > 0
 
@@ -145,7 +145,7 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
         page.keyboard.press("Space")
         expect(bar.get_by_role("button", name="Play", exact=True)).to_be_visible()
 
-        slider = page.get_by_role("slider", name="Moment of the recording")
+        slider = page.get_by_role("slider", name="Time in the recording")
         orbit_us, rtl_us = log.first_in((3, 1)), log.first_in((4, 5))
         for time_us in (orbit_us + 9_000_000, rtl_us + 4_000_000, orbit_us - 3_000_000):  # forth and back
             seek(page, time_us)

@@ -63,7 +63,7 @@ def test_a_person_comes_in_by_the_form_and_by_the_link(link: str) -> None:
         assert in_both_themes(page) == []
         field.fill("a wrong one")
         field.press("Enter")
-        expect(page.get_by_role("alert")).to_contain_text("not this server's token")
+        expect(page.get_by_role("alert")).to_contain_text("This token is not valid")
         assert in_both_themes(page) == []
         field.fill(token)
         field.press("Enter")

@@ -28,7 +28,9 @@ def desk(jump, story, *, count=3, spacing_m=10.0):
             pilot.fly()
             pilots[str(index + 1)] = pilot
         told = []
-        world.streamer.groups.tell = lambda text, status, warning: told.append((text, status.state, warning))
+        world.streamer.groups.on_change = lambda text, status, warning: told.append(
+            (text, status.state, warning)
+        )
         try:
             for vehicle_id in pilots:
                 await world.ready(vehicle_id)

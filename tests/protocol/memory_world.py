@@ -56,7 +56,7 @@ class World:
                 vehicle
                 and vehicle.topic("home")
                 and vehicle.topic("global_position")
-                and vehicle.facts.landed_state != "unknown"
+                and vehicle.flight_state.landed_state != "unknown"
             ):
                 return vehicle
         raise AssertionError(f"vehicle {vehicle_id} was not heard")

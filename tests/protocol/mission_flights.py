@@ -7,7 +7,7 @@ from typing import Any
 
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
-from gcs_server.control.lease import Terms
+from gcs_server.control.lease import LeaseTimes
 from gcs_server.control.principal import Principal
 from gcs_server.streamer.missions.flight import MissionFlight, Start
 from gcs_server.streamer.missions.missions import OffboardMissions
@@ -40,7 +40,7 @@ class Missions:
         world.fleet.on_vehicle_added(self.all.attach)
         journal = Journal(world.clock, folder / "journal.jsonl")
         self.authority = Authority(
-            world.clock, world.fleet, journal, world.supervisor, Terms(lease_s=LEASE_S)
+            world.clock, world.fleet, journal, world.supervisor, LeaseTimes(lease_s=LEASE_S)
         )
         self.authority.start()
         self.all.start()

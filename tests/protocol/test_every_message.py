@@ -18,7 +18,7 @@ from gcs_server.api.responses import answer, history_pieces, history_view, vehic
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload, full_payload
 from gcs_server.mavlink.tables import LAYOUTS
-from gcs_server.scene.labels import height_words
+from gcs_server.scene.labels import height_text
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
 from gcs_server.streamer.offboard.configuration import FAILSAFE_PARAMETERS
@@ -137,7 +137,7 @@ class Look:
         for mode, track in itertools.product(("chase", "top", "gimbal"), drawn.values()):
             at = world_pose(mode, track.smoother.pose, track.smoother.heading_enu_rad)
             assert all(map(math.isfinite, (*at.position_m, *at.q)))
-            height_words(track.smoother.pose.position_enu_m[2])
+            height_text(track.smoother.pose.position_enu_m[2])
         self.no_fault()
 
     def no_fault(self) -> None:

@@ -166,7 +166,7 @@ def test_thrust_and_torque_and_motors_go_past_mavlink_and_are_refused_by_it(jump
             flying = group.create_task(stream(hover, 2.5))
             await seconds(1.2)
             await vehicle.command.set_mode("offboard")
-            with pytest.raises(Refused, match="somebody else"):
+            with pytest.raises(Refused, match="another program"):
                 await vehicle.offboard.start(order(Position((0.0, 0.0, -8.0))))
             await seconds(0.6)
             assert abs(local(vehicle).position_ned_m[2] + 8) < 2

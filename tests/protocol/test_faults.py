@@ -127,7 +127,7 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_when_it_i
             "stream lost",
             "stream not_confirmed",
             "mode position by unknown",
-            "Link is back",
+            "Connection restored",
             "control expired",
         ]
 

@@ -54,7 +54,7 @@ def test_setpoints_of_several_change_in_one_round_and_all_expire_together(jump):
         assert set(modes(at).values()) == {HOLD}
         ended = view(await group_routes.show("1", at.station))
         assert (ended["ended"], ended["findings"]) == ("Its setpoints expired.", [])
-        with pytest.raises(Refused, match="is ended: it takes no setpoints"):
+        with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changed, at.station, ANNA)
 
     desk(jump, story)
@@ -90,10 +90,12 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_they_go_on(jump, 
         finding = shown["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("left", ["2"])
         assert finding["held"] == ([] if others_go_on else ["1", "3"]), "2 flies as its pilot wants"
-        assert "Vehicle 2 flies the group's setpoints no more: The vehicle left Offboard" in finding["text"]
+        assert (
+            "Vehicle 2 no longer follows the group's setpoints: The vehicle left Offboard" in finding["text"]
+        )
         assert [text for text, _, warning in at.told if warning]
         if others_go_on:
-            with pytest.raises(Refused, match="Vehicle 2 is held and follows group 1 no more"):
+            with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
                 await group_routes.setpoints("1", changes({"2": place(5)}), at.station, ANNA)
 
     desk(jump, story)
@@ -107,7 +109,7 @@ def test_a_member_that_is_lost_holds_the_others_within_two_seconds(jump):
         await seconds(2.0)
         shown = view(await group_routes.show("1", at.station))
         assert shown["findings"][0]["code"] == "place_unknown"
-        assert "The place of vehicle 3 is not known" in shown["findings"][0]["text"]
+        assert "The position of vehicle 3 is not known" in shown["findings"][0]["text"]
         last = {v: at.pilots[v].setpoints[-1][1] for v in "12"}
         assert all(m.type_mask & 7 == 0 for m in last.values())  # places: they stand
         await seconds(8)
@@ -142,7 +144,7 @@ def test_the_end_of_the_server_holds_a_group_without_findings(jump):
         assert set(modes(at).values()) == {HOLD}
         await seconds(0.3)
         shown = view(await group_routes.show("1", at.station))
-        assert (shown["ended"], shown["findings"]) == ("The server ended.", [])
+        assert (shown["ended"], shown["findings"]) == ("The server was shut down.", [])
 
     desk(jump, story)
 

@@ -88,7 +88,7 @@ def test_one_that_is_streamed_to_while_it_is_looked_ahead_is_refused_and_left_al
             await offboard_routes.start("3", alone, at.station, ANNA)
 
         during_plan(monkeypatch, 1, meanwhile)
-        with pytest.raises(NotTogether, match="Vehicle 3 is streamed to already"):
+        with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await begin(at, ALL_NORTH)
         assert at.vehicles["3"].offboard.status().state == "streaming"
         assert not any(asks(at.pilots[v], OFFBOARD) for v in "12")
@@ -102,7 +102,7 @@ def test_of_two_starts_with_one_vehicle_in_both_one_is_refused(jump):
         answers = await asyncio.gather(*both, return_exceptions=True)
         refused = [answer for answer in answers if isinstance(answer, NotTogether)]
         assert len(refused) == 1
-        assert "Vehicle 2 flies in group 1 already" in str(refused[0])
+        assert "Vehicle 2 is already in group 1" in str(refused[0])
         assert len(view(await group_routes.show_all(at.station))["groups"]) == 1
 
     desk(jump, story)
@@ -133,7 +133,7 @@ def test_a_member_that_leaves_while_new_setpoints_are_looked_ahead(jump, monkeyp
         await begin(at, ALL_NORTH, others_go_on=others_go_on)
         await seconds(7)
         during_plan(monkeypatch, 1, meanwhile)
-        with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it takes no setpoints"):
+        with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changes({"1": place(7), "2": place(7)}), at.station, ANNA)
         await seconds(3)
         others = OFFBOARD if others_go_on else HOLD

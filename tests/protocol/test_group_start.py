@@ -146,7 +146,7 @@ def test_what_one_cannot_fly_is_refused_before_anything_is_sent(jump):
         at.pilots["1"].estimates = True
         at.pilots["3"].armed, at.pilots["3"].landed = False, 1
         await seconds(2.5)
-        with pytest.raises(NotTogether, match="Vehicle 3 is not in the air"):
+        with pytest.raises(NotTogether, match="Vehicle 3 is not flying"):
             await begin(at, ALL_NORTH)
         with pytest.raises(UnknownVehicle):
             await begin(at, {"1": place(), "9": place()})
@@ -161,11 +161,11 @@ def test_a_vehicle_that_flies_offboard_or_in_a_group_already_is_named_and_left_a
     async def story(at):
         alone = models.StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
         await offboard_routes.start("3", alone, at.station, ANNA)
-        with pytest.raises(NotTogether, match="Vehicle 3 is streamed to already"):
+        with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await begin(at, ALL_NORTH)
         assert at.vehicles["3"].offboard.status().state == "streaming"
         await begin(at, {"1": place(4), "2": place(4)})
-        with pytest.raises(NotTogether, match="Vehicle 2 flies in group 1 already"):
+        with pytest.raises(NotTogether, match="Vehicle 2 is already in group 1"):
             await begin(at, {"2": place(4), "3": place(4)})
         await seconds(1)
         assert set(modes(at).values()) == {OFFBOARD}
@@ -252,7 +252,7 @@ def test_a_setpoint_for_a_member_alone_is_refused_and_the_group_flies_on(jump):
         await seconds(1)
         member = at.vehicles["1"].offboard
         alone = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
-        with pytest.raises(Refused, match="Vehicle 1 flies in a group already") as refused:
+        with pytest.raises(Refused, match="Vehicle 1 is already in a group") as refused:
             await member.setpoint(alone.to_order(ANNA))
         assert "hold the group first" in refused.value.remedy
         assert member.status().owner == "group"

@@ -3,7 +3,7 @@
 import pytest
 
 from gcs_server.errors import NoReply
-from gcs_server.vehicle.services.ftp import LEAST_BYTES_S, LIST_WITHIN_S, TIME_SPARE_S, FtpService
+from gcs_server.vehicle.services.ftp import LIST_TIMEOUT_S, MIN_BYTES_S, TIME_SPARE_S, FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
 from tests.protocol.hostile_files import BURST, READ, HostileFiles
 from tests.protocol.one_vehicle import flight
@@ -20,7 +20,7 @@ def reading(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **be
         with pytest.raises(error, match=words):
             await FtpService(vehicle).read("etc/file")
         seen.update(files.asked)
-        limit_s = TIME_SPARE_S + size / LEAST_BYTES_S if within_s is None else within_s
+        limit_s = TIME_SPARE_S + size / MIN_BYTES_S if within_s is None else within_s
         assert world.loop.time() - began_s <= limit_s + 10
 
     flight(kit, jump, story)
@@ -83,7 +83,7 @@ def test_a_list_without_end_is_given_up(kit, jump):
         began_s = world.loop.time()
         with pytest.raises(FtpFailed, match="not finished within"):
             await FtpService(vehicle).list("etc")
-        assert world.loop.time() - began_s < LIST_WITHIN_S + 1
+        assert world.loop.time() - began_s < LIST_TIMEOUT_S + 1
 
     flight(kit, jump, story)
 

@@ -10,7 +10,7 @@ from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, TEXTS
 from gcs_server.vehicle.services.health import LEARN_WAIT_S
-from gcs_server.vehicle.texts import LINES_AT_ONCE, LINES_PER_S, MOST_CHUNKS, MOST_PENDING, TextJoiner
+from gcs_server.vehicle.texts import LINES_AT_ONCE, LINES_PER_S, MAX_CHUNKS, MAX_PENDING, TextJoiner
 from tests.protocol.one_vehicle import flight
 from tests.protocol.sim_world import SimPilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
@@ -80,7 +80,7 @@ def test_the_first_event_without_words_fetches_them_and_is_told_in_them(kit, jum
             async def read(kind, packed, crc):
                 return metadata_files.read_answer(kind, metadata_files.answer(kind, packed, crc))
 
-            vehicle.metadata.aside, vehicle.metadata.read = inline, read
+            vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read
             definitions = metadata_files.read_answer(
                 metadata_files.EVENTS, metadata_files.answer(metadata_files.EVENTS, BUILT_IN[EVENTS](), 0)
             )
@@ -125,7 +125,7 @@ def test_the_text_of_an_event_without_words_is_its_text(kit, jump):
 def test_a_hundred_thousand_texts_are_limited_counted_and_named(kit, jump):
     async def story(world, vehicle, pilot):
         for n in range(100_000):
-            vehicle._narrator.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
+            vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
         await world.clock.sleep(5)
         said = lines(vehicle, "status_text")
         assert len(said) <= LINES_AT_ONCE + LINES_PER_S * 5
@@ -143,5 +143,5 @@ def test_chunks_without_end_take_limited_memory_and_make_texts_of_limited_length
     joiner, out = TextJoiner(), []
     for text_id in range(1, 65536):
         out += joiner.feed(struct.pack("<B50sHB", 4, b"x" * 50, text_id, chunk), 0.0)
-        assert len(joiner._pending) <= MOST_PENDING
-    assert all(len(text) <= MOST_CHUNKS * 50 + 10 for _, text in out)
+        assert len(joiner._pending) <= MAX_PENDING
+    assert all(len(text) <= MAX_CHUNKS * 50 + 10 for _, text in out)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gcs_server.api import offboard_routes
 from gcs_server.api.offboard_models import LimitsRequest, StartRequest
 from gcs_server.control.principal import Principal
-from gcs_server.storage.records import MOST_BYTES, Records
+from gcs_server.storage.records import MAX_BYTES, Records
 from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, VehicleKey
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.values.limit_values import OperatorLimits
@@ -124,7 +124,7 @@ def test_a_twin_inherits_nothing_and_one_without_a_uid_is_told_that_its_limits_a
         await second.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert first.offboard.operator.origin().kept
         assert not second.offboard.operator.origin().kept
-        assert "not kept" in second.offboard.operator.origin().warning
+        assert "not stored" in second.offboard.operator.origin().warning
         assert second.offboard.limits().operator.speed_max_m_s == 1.0  # in force all the same
 
     run_of_the_server(jump, tmp_path / "other", alike, uid=SITL_UID, twin_uid=SITL_UID)
@@ -151,10 +151,10 @@ def test_a_vehicle_that_does_not_tell_who_it_is_says_so_when_a_stream_begins(jum
     async def story(world, vehicle, store):
         await vehicle.offboard.start(order())
         origin = vehicle.offboard.status().limits_origin
-        assert "has not told its identity" in origin.warning
+        assert "has not sent its identity" in origin.warning
         assert codes(vehicle) == ["limits_warning"]
         await vehicle.offboard.operator.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
-        assert "once the vehicle has told its identity" in vehicle.offboard.operator.origin().warning
+        assert "once the vehicle is identified" in vehicle.offboard.operator.origin().warning
 
     run_of_the_server(jump, tmp_path, story, version=False)
 
@@ -184,7 +184,7 @@ CORRUPTIONS = {
     "no text": lambda good: bytes(range(256)),
     "deep": lambda good: b"[" * 50_000,
     "a list": lambda good: b"[1, 2]",
-    "long": lambda good: json.dumps({**good, "more": "x" * MOST_BYTES}).encode(),
+    "long": lambda good: json.dumps({**good, "more": "x" * MAX_BYTES}).encode(),
     "another format": lambda good: json.dumps({**good, "format": 2}).encode(),
     "another vehicle's": lambda good: json.dumps({**good, "uid": "8" * 16}).encode(),
     "no time": lambda good: json.dumps({**good, "set_unix_s": "yesterday"}).encode(),
@@ -222,7 +222,7 @@ def test_a_named_pipe_or_a_folder_in_a_files_place_holds_nothing_up(jump, tmp_pa
     (tmp_path / f"uid-{8:016x}.json").mkdir()
 
     async def story(world, vehicle, store):
-        assert "no file" in vehicle.offboard.status().limits_origin.warning
+        assert "not a file" in vehicle.offboard.status().limits_origin.warning
 
     run_of_the_server(jump, tmp_path, story)
 
@@ -235,7 +235,7 @@ def test_a_folder_that_cannot_be_read_is_said_for_every_vehicle(jump, tmp_path):
         assert "cannot be read" in vehicle.offboard.status().limits_origin.warning
         await vehicle.offboard.operator.set(LIMITS, by="anna")
         assert vehicle.offboard.limits().operator == LIMITS  # in force, not kept
-        assert "A restart forgets these limits" in vehicle.offboard.operator.origin().warning
+        assert "lost when the server restarts" in vehicle.offboard.operator.origin().warning
         assert len(store.warnings()) == 2
 
     run_of_the_server(jump, folder, story)

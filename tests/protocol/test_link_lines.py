@@ -61,7 +61,7 @@ def test_the_recording_of_a_link_is_told_and_why_it_stopped(kit, jump, tmp_path,
         await asyncio.sleep(1)
         recorder.flush()
         stopped = world.router.links()[0].recording
-        assert "Make room" in stopped.stopped
+        assert "Free some space" in stopped.stopped
         assert stopped.file == runs.file
         replay = world.link("tape", replay=True)
         assert world.router.connection(replay.name).info().recording is None

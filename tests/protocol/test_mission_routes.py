@@ -80,7 +80,7 @@ def test_an_upload_is_an_operation_whose_end_says_what_the_vehicle_holds(jump, t
             "running",
         )
         assert (await shown(at))["holds"]["state"] == "not_known"
-        with pytest.raises(Refused, match="two at once"):
+        with pytest.raises(Refused, match="only one can run"):
             await upload(at)
         ended = await at.station.operations.wait(operation["id"])
         assert ended.result == {"items": {"fence": 1, "rally": 0, "mission": 3}, "not_kept": []}
@@ -237,7 +237,7 @@ def test_a_kept_plan_that_compares_equal_is_the_plan_that_the_vehicle_holds(jump
 
 def test_a_download_finds_what_another_station_left(jump, tmp_path):
     async def work(at):
-        with pytest.raises(Refused, match="has not been read"):
+        with pytest.raises(Refused, match="has not been downloaded"):
             await mission_routes.downloaded_plan(at.vehicle)
         await upload(at)
         item = at.vehicle.mission.held.items["mission"][1]

@@ -128,7 +128,7 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_stays(jump):
             with pytest.raises(Rejected, match=f"refused item {index + 1} of the mission") as raised:
                 await at.mission.upload({**plan(), "mission": tuple(items)}, PlanName("bad", 1, "Bad"))
             assert "not supported in a mission" in str(raised.value)
-            assert "still holds what it held before" in str(raised.value)
+            assert "still has its previous items" in str(raised.value)
             assert (at.mission.holds(), at.mission.held.plan) == ("plan", PLAN)
         read = await at.mission.download()
         assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
@@ -140,7 +140,7 @@ def test_a_part_that_arrived_before_the_refusal_is_said(jump):
     async def work(at):
         await at.mission.upload(plan(4), PLAN)
         bad = {"mission": (waypoint(0, command=212),), "fence": square(9_000), "rally": rally()}
-        with pytest.raises(Rejected, match=r"now holds a new geofence\. Its rally points and mission are as"):
+        with pytest.raises(Rejected, match=r"now has a new geofence\. Its rally points and mission are as"):
             await at.mission.upload(bad, PlanName("bad", 1, "Bad"))
         await seconds(1.5)
         assert at.mission.holds() == "another"
@@ -226,7 +226,7 @@ def test_two_transfers_at_once_are_refused_and_one_after_the_other_is_not(jump):
         first = asyncio.ensure_future(at.mission.upload(plan(30), PLAN))
         await seconds(0.05)
         for second in (at.mission.download(), at.mission.clear(), at.mission.upload(plan(2), PLAN)):
-            with pytest.raises(Refused, match="under way"):
+            with pytest.raises(Refused, match="is busy with"):
                 await second
         await first
         await at.mission.download()
@@ -239,7 +239,7 @@ def test_a_vehicle_that_is_silent_about_missions_is_told_so(jump):
         at.pilot.receive = lambda _: None
         with pytest.raises(NoReply, match="did not answer for 8 s"):
             await at.mission.download()
-        with pytest.raises(NoReply, match="still holds what it held before"):
+        with pytest.raises(NoReply, match="still has its previous items"):
             await at.mission.upload(plan(3), PLAN)
         with pytest.raises(NoReply, match="clear the geofence"):
             await at.mission.clear()

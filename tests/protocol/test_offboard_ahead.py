@@ -82,8 +82,8 @@ def test_without_an_estimate_an_attitude_can_be_flown_and_a_place_is_refused_bef
 def test_what_can_never_be_flown_says_so_in_words(jump):
     async def story(world, vehicle, pilot, link):
         for setpoint, error, words in (
-            (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "nothing is controlled but"),
-            (Position((1.0, None, -5.0)), InvalidRequest, "north and east go together"),
+            (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
+            (Position((1.0, None, -5.0)), InvalidRequest, "north and east are needed together"),
             (Actuators((0.5,)), Refused, "MAVLink link carries no actuators"),
             (Follow("1", (3.0, 0.0, 0.0)), InvalidRequest, "cannot follow itself"),
         ):

@@ -76,7 +76,7 @@ def test_of_two_racing_starts_one_flies_and_the_other_is_refused(jump):
     async def story(world, vehicle, pilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(order(client="a")))
         await asyncio.sleep(0)
-        with pytest.raises(Refused, match="streamed to already"):
+        with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(order(client="b"))
         assert (await first).client == "a"
         assert pilot.mode == OFFBOARD
@@ -332,7 +332,7 @@ def test_a_start_while_expiring_is_refused(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
-        with pytest.raises(Refused, match="streamed to already"):
+        with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(order())
 
     flight(jump, story)

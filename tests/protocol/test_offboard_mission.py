@@ -87,7 +87,7 @@ def test_a_setpoint_beside_a_mission_is_refused_naming_it_and_what_to_do(jump, t
         with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
             await vehicle.offboard.setpoint(order())
         assert "Pause or abort" in str(refused.value.remedy)
-        with pytest.raises(Refused, match="streamed to already"):
+        with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(order())
         with pytest.raises(Refused, match="has the mission 'Test'"):
             missions.begin(vehicle, hover(), in_air=True)

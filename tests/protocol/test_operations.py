@@ -31,7 +31,7 @@ def story(jump, work):
         pilot = SimPilot(world.link(), seed=1)
         try:
             vehicle = await world.ready()
-            vehicle.metadata.aside, vehicle.metadata.read = inline, read_inline
+            vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
             station = station_of(world)
             await work(SimpleNamespace(world=world, vehicle=vehicle, pilot=pilot, station=station))
         finally:
@@ -97,7 +97,7 @@ def test_a_link_lost_while_they_are_read_fails_the_operation_in_its_own_words(ju
         reading = asyncio.ensure_future(refresh(at, ANNA, WAIT))
         await asyncio.sleep(0.01)
         at.pilot.alive = False
-        with pytest.raises(Disconnected, match="was lost while we waited"):
+        with pytest.raises(Disconnected, match="was lost while waiting"):
             async with asyncio.timeout(60):
                 await reading
         failed = await newest(at)

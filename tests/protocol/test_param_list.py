@@ -32,7 +32,7 @@ def story(kit, jump, work, *, loss=0.0, seed=0, cache=None):
         pilot = SimPilot(world.link(), seed=seed)
         try:
             vehicle = await world.ready()
-            vehicle.metadata.cache, vehicle.metadata.aside = cache, inline
+            vehicle.metadata.cache, vehicle.metadata.run_in_thread = cache, inline
             vehicle.metadata.read = read_inline
             pilot.loss = loss
             await work(world, vehicle, pilot)
@@ -145,7 +145,7 @@ def test_a_vehicle_without_any_of_it_is_told_as_such(kit, jump):
         pilot = world.pilot(world.link())
         try:
             vehicle = await world.ready()
-            vehicle.metadata.aside, vehicle.metadata.read = inline, read_inline
+            vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
             with pytest.raises(NoReply, match="did not send its parameters"):
                 await vehicle.params.refresh()
             await vehicle.params.describe()

@@ -111,7 +111,7 @@ def test_a_vehicle_is_removed_once_it_is_silent_and_comes_back_as_a_new_one(jump
         await asyncio.sleep(15.0)  # the stream has given up
         world.fleet.remove("1", "test")
         assert world.fleet.all() == []
-        assert world.fleet.events.since()[-1].text == "Vehicle 1 is gone: test removed it"
+        assert world.fleet.events.since()[-1].text == "Vehicle 1 was removed: test removed it"
         with pytest.raises(UnknownVehicle):
             world.streamer._find("1")
         pilot.alive = True

@@ -1,1 +1,2 @@
-"""Turns a setpoint of any kind into one that is sent as it is: offsets, paths, followed vehicles."""
+"""Resolves setpoints that no message carries (offsets, paths, followed vehicles) into ones that can be
+sent."""

@@ -1,4 +1,5 @@
-"""From what was ordered to what a message carries: headings kept, offsets turned, leaders looked up."""
+"""Resolves an ordered setpoint into one that a message carries: heading kept, offset rotated, leader looked
+up."""
 
 from __future__ import annotations
 
@@ -25,20 +26,20 @@ from missions.setpoints import (
 
 LEADER_FRESH_S = 1.0
 RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
-"""Kinds that this module turns into one that is sent as it is."""
+"""Kinds that this module resolves into a kind that can be sent."""
 
 
 class ResolvedSetpoint:
-    """One order's setpoint as it is to be sent, at any moment until the next order.
+    """The setpoint of one order, resolved for any moment until the next order.
 
     Args:
         setpoint: as ordered.
         now_s: when it was taken.
-        snapshot: the vehicle then.
+        snapshot: the vehicle at that time.
         yaw_kept_rad: the heading to keep where none is ordered.
 
     Raises:
-        ValueError: the vehicle or the link cannot do it; whoever ordered has been told so before.
+        ValueError: the vehicle or the link cannot fly it; the client was told so when it sent the order.
     """
 
     def __init__(
@@ -66,27 +67,27 @@ class ResolvedSetpoint:
 
     @property
     def follows(self) -> str | None:
-        """The vehicle that is followed."""
+        """Id of the vehicle that is followed."""
         return None if self._follow is None else self._follow.vehicle
 
     @property
     def moves(self) -> bool:
-        """Whether it is another setpoint at another time."""
+        """Whether the resolved setpoint changes with time."""
         return self._fixed is None
 
     def begin_anew(self, now_s: float) -> None:
-        """The flight begins now: a path has waited at its first point so far."""
+        """The flight begins now: until now a path has stayed at its first point."""
         self._began_s = now_s
         if self.player is not None:
             self.player.begin_anew(now_s)
 
     def at(self, now_s: float, snapshot: Snapshot, *, waiting: bool = False) -> DirectSetpoint | None:
-        """What to send; None where the vehicle that is followed is not heard.
+        """The setpoint to send; None if the followed vehicle sends no position.
 
         Args:
             now_s: the moment.
             snapshot: the vehicle, newest.
-            waiting: Offboard has not been confirmed yet; paths wait at their begin.
+            waiting: Offboard has not been confirmed yet; paths wait at their first point.
         """
         if self.player is not None:
             here, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
@@ -98,7 +99,7 @@ class ResolvedSetpoint:
         return self._fixed
 
     def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
-        """What is to be sent at a time to come, as far as it is known now; looking changes nothing."""
+        """The setpoint to send at a future time, as far as it is known now. Has no side effect."""
         if self.player is not None:
             return self.player.ahead(at_s - now_s)
         if self._curve is not None:
@@ -109,7 +110,7 @@ class ResolvedSetpoint:
 
 
 def keeps_heading(setpoint: Setpoint | Script) -> bool:
-    """Whether it names neither yaw nor yaw rate."""
+    """Whether the setpoint has neither yaw nor yaw rate."""
     if isinstance(setpoint, PositionBody):
         return setpoint.yaw_offset_rad is None
     if isinstance(setpoint, Path):

@@ -1,1 +1,2 @@
-"""Several vehicles that start together, are checked together and are stopped in one call."""
+"""Groups: several vehicles that start together, are checked against each other and are stopped in one
+call."""

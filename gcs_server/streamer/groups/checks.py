@@ -1,4 +1,5 @@
-"""Whether several vehicles can fly as a group: each by itself, the instant, and all apart."""
+"""Checks whether several vehicles can fly as a group: each vehicle, the common start, and their
+separation."""
 
 from __future__ import annotations
 
@@ -9,26 +10,28 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.groups.member import Member
-from gcs_server.streamer.groups.plan import LONGEST_PLAN_S, Conflict, Planned, first_conflict, too_near_now
+from gcs_server.streamer.groups.plan import MAX_PLAN_S, Conflict, Planned, first_conflict, too_near_now
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint
 
-SOONEST_S, LATEST_S = 3.0, 300.0
-"""A start that is asked for is so far ahead: the pre-stream and the switch come before it."""
-SLOWER = "Place their targets farther apart, let them fly one after the other, or lower minimum_separation_m."
+MIN_LEAD_S, MAX_LEAD_S = 3.0, 300.0
+"""How far ahead a requested start must be: pre-streaming and the switch to Offboard come before it."""
+SEPARATION_REMEDY = (
+    "Move their targets farther apart, fly them one after the other, or lower minimum_separation_m."
+)
 
 
 @dataclass(frozen=True, slots=True)
 class GroupOrder:
-    """What a group is to fly."""
+    """The request to start a group."""
 
     setpoints: Mapping[str, Setpoint]
-    """By vehicle."""
+    """By vehicle id."""
     minimum_separation_m: float
     valid_for_s: float
-    """Of all, from the end of the longest path."""
+    """Counts from the end of the longest path, for all vehicles."""
     on_expiry: OnExpiry
     client: str
     rate_hz: float = 50.0
@@ -38,46 +41,47 @@ class GroupOrder:
 
 
 class GroupChecks:
-    """Asks each vehicle and its stream.
+    """The checks of a group, before its start and before new setpoints.
 
     Args:
         clock: the server's.
-        streams: what sends.
+        streams: sends the setpoints.
     """
 
     def __init__(self, clock: Clock, streams: Streams) -> None:
         self._clock = clock
         self._streams = streams
         self._piece = asyncio.Lock()
-        """Held for a piece of a plan: of several made at once, one piece is worked a round of the loop."""
+        """Held while one piece of a plan is computed: concurrent plans compute one piece per turn of the
+        event loop."""
 
     def check_instant(self, order: GroupOrder, soonest_s: float) -> None:
-        """Raises InvalidRequest where the common start is not so far ahead."""
+        """Raises InvalidRequest if the common start is too soon or too far ahead."""
         at = order.start_at_unix_s
         if at is None:
             return
         ahead_s = at - self._clock.unix_s()
-        if not soonest_s <= ahead_s <= LATEST_S:
+        if not soonest_s <= ahead_s <= MAX_LEAD_S:
             raise InvalidRequest(
                 "start_at_unix_s",
-                f"start_at_unix_s is {ahead_s:.1f} s ahead; it must be {SOONEST_S:g} to {LATEST_S:g} s ahead "
-                "when it is asked for, and still ahead when all are in Offboard.",
+                f"start_at_unix_s is {ahead_s:.1f} s ahead; it must be {MIN_LEAD_S:g} to {MAX_LEAD_S:g} s "
+                "ahead when it is asked for, and still ahead when all are in Offboard.",
             )
 
     def check_member(self, member: Member, index: int, order: GroupOrder) -> None:
-        """Raises NotTogether (or whatever refuses a single vehicle) where it cannot join now."""
+        """Raises NotTogether (or the error of the single vehicle) if the vehicle cannot join now."""
         vehicle = member.vehicle
         vehicle.require_commandable()
         if self._streams.state(vehicle.id).phase != "idle":
             raise NotTogether(
-                f"Vehicle {vehicle.id} is streamed to already.",
+                f"Vehicle {vehicle.id} already has a setpoint stream.",
                 vehicles=(vehicle.id,),
                 remedy="Stop its stream (offboard/stop) first.",
             )
         status = vehicle.status
         if not status.armed or status.landed_state != "in_air":
             raise NotTogether(
-                f"Vehicle {vehicle.id} is not in the air: a group starts in flight.",
+                f"Vehicle {vehicle.id} is not flying: a group starts in flight.",
                 vehicles=(vehicle.id,),
                 remedy="Take off first.",
             )
@@ -85,7 +89,7 @@ class GroupChecks:
 
     @staticmethod
     def check_setpoint(member: Member, index: int, order: Order, where: str = "members") -> None:
-        """Raises NotTogether where the setpoint cannot be flown now, InvalidRequest where it never can."""
+        """Raises NotTogether if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
         vehicle_id = member.vehicle.id
         try:
             member.check(order)
@@ -99,7 +103,7 @@ class GroupChecks:
             raise NotTogether(message, vehicles=(vehicle_id,), remedy=error.remedy) from error
 
     def check_setpoints(self, members: Mapping[str, Member], orders: Mapping[str, Order]) -> None:
-        """Raises what `check_setpoint` does, or whatever refuses a vehicle any command."""
+        """Raises as `check_setpoint` does, or the error that refuses any command to a vehicle."""
         for index, (vehicle_id, order) in enumerate(orders.items()):
             members[vehicle_id].vehicle.require_commandable()
             self.check_setpoint(members[vehicle_id], index, order, "setpoints")
@@ -112,20 +116,20 @@ class GroupChecks:
         held: Container[str] = (),
         lasts_s: float | None = None,
     ) -> None:
-        """Whether all would stay apart, by where they are and what they are to fly.
+        """Checks that all vehicles would stay apart, from their positions and setpoints.
 
-        Everybody else has turns meanwhile, and the vehicles fly on: what was checked before is to be checked
-        again afterwards, and `check_apart_now` asked.
+        The event loop does other work meanwhile, and the vehicles fly on: repeat the earlier checks
+        afterwards, and call `check_apart_now`.
 
         Args:
-            minimum_m: to be kept.
+            minimum_m: the minimum separation.
             members: all of the group.
-            orders: what is to be taken; the others fly on as they do.
-            held: who follows the group no more, and may be anywhere.
-            lasts_s: until all expire, where it is not their own validity that says it.
+            orders: the new orders; the other members fly on.
+            held: members that no longer follow the group, and may be anywhere.
+            lasts_s: time until all expire, if not given by their own validity.
 
         Raises:
-            NotTogether: naming the two, or the one whose place is not known.
+            NotTogether: names the two vehicles, or the one whose position is not known.
         """
         now_s = self._clock.monotonic_s()
         planned = self._planned(now_s, members, orders, held, lasts_s)
@@ -138,13 +142,13 @@ class GroupChecks:
         orders: Mapping[str, Order],
         held: Container[str] = (),
     ) -> None:
-        """Whether all are far enough apart where they are now, the way of braking included.
+        """Checks that all are far enough apart now, braking distance included.
 
         Args:
-            minimum_m: to be kept.
+            minimum_m: the minimum separation.
             members: all of the group.
-            orders: what is to be taken.
-            held: who follows the group no more, and may be anywhere.
+            orders: the new orders.
+            held: members that no longer follow the group, and may be anywhere.
 
         Raises:
             NotTogether: as `check_apart`.
@@ -153,7 +157,7 @@ class GroupChecks:
         _refuse(too_near_now(self._planned(now_s, members, orders, held), now_s, minimum_m), minimum_m)
 
     async def _in_pieces(self, plan: Generator[None, None, Conflict | None]) -> Conflict | None:
-        """What a plan finds; everybody has a turn after each piece of it."""
+        """Computes a plan piece by piece; the event loop does other work after each piece."""
         while True:
             async with self._piece:
                 try:
@@ -180,27 +184,27 @@ class GroupChecks:
                 if vehicle_id in held:
                     continue
                 raise NotTogether(
-                    f"Vehicle {vehicle_id} does not know where on the earth it is, so it cannot be kept "
+                    f"Vehicle {vehicle_id} has no global position, so it cannot be kept "
                     "apart from the others.",
                     vehicles=(vehicle_id,),
-                    remedy="Wait for GPS, home and the estimator.",
+                    remedy="Wait for GPS, home position and estimator.",
                 )
             if order is None:
                 state = self._streams.state(vehicle_id)
                 order, elapsed_s = state.order, state.age_s or 0.0
                 if order is not None and state.phase == "streaming":
-                    ordered = order.setpoint  # an offset was worked out when it was taken
+                    ordered = order.setpoint  # an offset was resolved when its order was taken
                     setpoint = state.sent if isinstance(ordered, PositionBody | Script) else ordered
             expires_s = lasts_s if lasts_s is not None or order is None else order.lasts_s
             planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned
 
     def orders(self, order: GroupOrder, setpoints: Mapping[str, Setpoint]) -> dict[str, Order]:
-        """Each with the validity that lets all expire at one instant."""
+        """The orders of all members, valid until the same instant."""
         longest_s = max((_duration_s(s) for s in order.setpoints.values()), default=0.0)
-        if longest_s > LONGEST_PLAN_S:
+        if longest_s > MAX_PLAN_S:
             raise InvalidRequest(
-                "members", f"A path of a group lasts {LONGEST_PLAN_S:g} s at most, not {longest_s:g} s."
+                "members", f"A path of a group may last {MAX_PLAN_S:g} s at most, not {longest_s:g} s."
             )
         return {
             vehicle_id: Order(
@@ -215,7 +219,7 @@ class GroupChecks:
         }
 
     def left_s(self, flown: Mapping[str, Setpoint], changed: Mapping[str, Setpoint]) -> float:
-        """Until the last path has come to its end."""
+        """Time until the last path ends."""
         left_s = [_duration_s(setpoint) for setpoint in changed.values()]
         for vehicle_id, setpoint in flown.items():
             if vehicle_id not in changed:
@@ -227,10 +231,10 @@ class GroupChecks:
 def _refuse(conflict: Conflict | None, minimum_m: float) -> None:
     if conflict is not None:
         raise NotTogether(
-            conflict.words(minimum_m),
+            conflict.text(minimum_m),
             vehicles=conflict.vehicles,
             distance_m=conflict.distance_m,
-            remedy=SLOWER,
+            remedy=SEPARATION_REMEDY,
         )
 
 

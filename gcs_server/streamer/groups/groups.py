@@ -3,10 +3,9 @@
     starting ── all confirmed ──► waiting ── the instant ──► flying ──► holding ──► ended
         └────────── one refuses: all into Hold ───────────────────────────────────────┘
 
-Each member keeps its own setpoint stream (`offboard/control.py`). Until the common start it is sent its
-present position; then the scheduler gives all members their first setpoints in one step. As soon as all
-members have confirmed Offboard, the guard (`separation/guard.py`) keeps them apart, whatever the event loop
-does.
+Each member keeps its own setpoint stream (`offboard/control.py`). Until the common start the stream sends the
+vehicle's current position; then the scheduler gives all members their first setpoints in one step. Once
+all members have confirmed Offboard, the guard (`separation/guard.py`) keeps them apart, with no event loop.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from dataclasses import replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, NotTogether, Refused, Rejected, UnknownGroup
-from gcs_server.streamer.groups.checks import SOONEST_S, GroupChecks, GroupOrder
+from gcs_server.streamer.groups.checks import MIN_LEAD_S, GroupChecks, GroupOrder
 from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.record import Group, listed
 from gcs_server.streamer.groups.status import GroupFinding, GroupStatus
@@ -27,12 +26,12 @@ from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.setpoints import Position, Setpoint
 
 LEAD_S = 0.5
-"""From the last confirmation to the common start, where none was asked for."""
-STAY_S = 600.0
-"""How long the place is held for the others before the start, at most."""
+"""Time from the last confirmation to the common start, if the request gives no start."""
+MAX_WAIT_S = 600.0
+"""How long a member holds its position for the others before the start, at most."""
 FINDINGS_KEPT = 50
 GROUPS_KEPT = 20
-HOLD_WITHIN_S = 10.0
+HOLD_TIMEOUT_S = 10.0
 
 
 class Groups:
@@ -40,8 +39,8 @@ class Groups:
 
     Args:
         clock: the server's.
-        streams: what sends.
-        find: each vehicle's stream by its id; raises UnknownVehicle.
+        streams: sends the setpoints.
+        find: returns a vehicle's stream by its id; raises UnknownVehicle.
     """
 
     def __init__(self, clock: Clock, streams: Streams, find: Callable[[str], Member]) -> None:
@@ -51,31 +50,32 @@ class Groups:
         self._checks = GroupChecks(clock, streams)
         self._groups: dict[str, Group] = {}
         self._count = 0
-        self.tell: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
-        """Called with each change, in words; set by whoever tells people."""
+        self.on_change: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
+        """Called with a text for each change; set by the application."""
 
-    # --- what is asked for ------------------------------------------------------------------------
+    # --- commands ---------------------------------------------------------------------------------
 
     async def start(self, order: GroupOrder) -> GroupStatus:
-        """Brings all members into Offboard at their places, and lets them begin at one instant.
+        """Brings all members into Offboard at their positions and starts them at the same instant.
 
-        Returns once all are confirmed and the instant is set; it may be yet to come.
+        Returns once all have confirmed and the start is set; the start may still be ahead.
 
         Raises:
-            NotTogether: one cannot, or they would come too near. None has moved; all are in Hold.
-            InvalidRequest: a setpoint or the instant is not possible.
+            NotTogether: one vehicle cannot join, or two would come too near. No vehicle has moved; all are in
+                Hold.
+            InvalidRequest: a setpoint or the start time is not possible.
         """
-        self._checks.check_instant(order, SOONEST_S)
+        self._checks.check_instant(order, MIN_LEAD_S)
         members = self._joinable(order)
         orders = self._checks.orders(order, order.setpoints)
         await self._checks.check_apart(order.minimum_separation_m, members, orders)
-        members = self._joinable(order)  # others had their turns meanwhile
+        members = self._joinable(order)  # other requests may have changed this meanwhile
         self._checks.check_apart_now(order.minimum_separation_m, members, orders)
         self._count += 1
         group = Group(str(self._count), order, dict(order.setpoints), members, self._clock.unix_s())
         self._groups[group.id] = group
         self._forget_old()
-        self._told(group, f"Group {group.id} ({listed(members)}) of {order.client} is being started.")
+        self._announce(group, f"Group {group.id} ({listed(members)}) of {order.client} is being started.")
         waits: dict[str, Order] = {}
         try:
             waits = await self._gather(group)
@@ -86,14 +86,14 @@ class Groups:
             self._checks.check_apart_now(order.minimum_separation_m, members, orders)
             self._checks.check_instant(order, 0.1)
         except GcsError as error:
-            await self._give_up(group, str(error))
+            await self._abort_start(group, str(error))
             raise
         except BaseException:
             for vehicle_id in members:
-                self._streams.force_hold(vehicle_id, f"The start of group {group.id} was broken off")
-            self._end(group, "Its start was broken off.")
+                self._streams.force_hold(vehicle_id, f"The start of group {group.id} was cancelled")
+            self._end(group, "Its start was cancelled.")
             raise
-        self._set_off(group, waits, orders)
+        self._start_together(group, waits, orders)
         return self._status(group)
 
     async def setpoints(
@@ -105,14 +105,14 @@ class Groups:
         client: str,
         client_key: str = "",
     ) -> GroupStatus:
-        """New setpoints for some or all, sent at one instant; those of the others are renewed.
+        """New setpoints for some or all members, sent at the same instant; the others' setpoints are renewed.
 
         Raises:
-            Refused: the group flies no more, or a member is held.
-            NotTogether: two would come too near; all fly on as they did.
+            Refused: the group is no longer flying, or a member is held.
+            NotTogether: two would come too near; all continue with their previous setpoints.
         """
         group = self._get(group_id)
-        async with group.changing:  # each is checked against what the one before has changed
+        async with group.changing:  # each change is checked against the result of the change before
             lasting = replace(
                 group.order,
                 valid_for_s=valid_for_s,
@@ -138,7 +138,7 @@ class Groups:
         await self._checks.check_apart(minimum_m, group.members, orders, held, left_s + valid_for_s)
         held = group.require_changeable(
             changed, self._guard(group)
-        ).held  # all had their turns meanwhile, and flew on
+        ).held  # time has passed, and the vehicles flew on
         self._checks.check_setpoints(group.members, orders)
         self._checks.check_apart_now(minimum_m, group.members, orders, held)
         left_s = self._checks.left_s(group.setpoints, changed)
@@ -146,17 +146,19 @@ class Groups:
         snapshots = {v: group.members[v].snapshot(orders[v]) for v in changed}
         if not await self._streams.change_together(group_id, orders, snapshots, until_s):
             raise Refused(
-                f"Group {group_id} is just ending, or its setpoints have expired.",
-                remedy="While the places are held, setpoints for all members fly it on; else start it anew.",
+                f"Group {group_id} is ending, or its setpoints have expired.",
+                remedy="While the members hold their positions, send setpoints for all members; otherwise "
+                "start a new group.",
             )
         group.order, group.setpoints = order, setpoints
         return self._status(group)
 
     async def hold(self, group_id: str, client: str) -> GroupStatus:
-        """Puts all members that still fly it into Hold, at once; one that left it is not touched.
+        """Puts all members that still follow the group into Hold at once; members that left it are not
+        affected.
 
         Raises:
-            NoReply: a member did not confirm; its stream goes on asking, and names it.
+            NoReply: a member did not confirm (the error names it); its stream keeps requesting Hold.
         """
         group = self._get(group_id)
         if group.state == "ended":
@@ -168,27 +170,27 @@ class Groups:
         if failed:
             raise NoReply(
                 " ".join(f"Vehicle {v} did not confirm Hold: {error}" for v, error in failed.items()),
-                deadline_s=HOLD_WITHIN_S,
-                remedy="Look at what it does; its own Hold, Land now and Kill are open to anyone.",
+                deadline_s=HOLD_TIMEOUT_S,
+                remedy="Watch the vehicle; anybody may command its Hold, Land now and Stop motors.",
             )
         if group.guard is not None:
             self._end(group, None)
         return self._status(group)
 
     def get(self, group_id: str) -> GroupStatus:
-        """How one stands. Raises UnknownGroup."""
+        """Status of one group. Raises UnknownGroup."""
         return self._status(self._get(group_id))
 
     def members(self, group_id: str) -> tuple[str, ...]:
-        """Its vehicles. Raises UnknownGroup."""
+        """Vehicle ids of one group. Raises UnknownGroup."""
         return tuple(self._get(group_id).members)
 
     def all(self) -> list[GroupStatus]:
-        """Those there are, and the last that ended; oldest first."""
+        """All groups, and the last ones that ended; oldest first."""
         return [self._status(group) for group in self._groups.values()]
 
     def look(self) -> None:
-        """With each beat: tells what the guards found, and lets end what is over."""
+        """Called with each beat: announces what the guards found, and ends groups that are over."""
         self._collect()
         for group in self._groups.values():
             guard = self._guard(group)
@@ -199,30 +201,30 @@ class Groups:
                 self._end(group, None)
             elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
                 group.state = "flying"
-                self._told(group, f"Group {group.id} has begun: {listed(group.members)} fly together.")
+                self._announce(group, f"Group {group.id} has begun: {listed(group.members)} fly together.")
             elif group.state in ("waiting", "flying") and not phases & {"streaming"}:
                 group.state = "holding"
-                self._told(group, f"Group {group.id} is being stopped.")
+                self._announce(group, f"Group {group.id} is being stopped.")
             elif group.state == "holding" and "streaming" in phases:
                 group.state = "flying"
 
     def disable_guard(self) -> None:
-        """The server ends and stops all streams: what ends now is no finding."""
+        """The server shuts down and stops all streams: what ends now is not a finding."""
         for group in self._groups.values():
             if group.guard is not None and group.state != "ended":
-                group.ending = "The server ended."
+                group.ending = "The server was shut down."
                 self._streams.disable_guard(group.id)
 
     # --- starting ---------------------------------------------------------------------------------
 
     def _joinable(self, order: GroupOrder) -> dict[str, Member]:
-        """All members; raises what keeps one from joining now."""
+        """Returns all members; raises the reason why one cannot join now."""
         members = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
         for index, (vehicle_id, member) in enumerate(members.items()):
             other = self._group_of(vehicle_id)
             if other is not None:
                 raise NotTogether(
-                    f"Vehicle {vehicle_id} flies in group {other.id} already.",
+                    f"Vehicle {vehicle_id} is already in group {other.id}.",
                     vehicles=(vehicle_id,),
                     remedy=f"Hold group {other.id} first.",
                 )
@@ -230,7 +232,7 @@ class Groups:
         return members
 
     async def _gather(self, group: Group) -> dict[str, Order]:
-        """All members stream their places and fly Offboard; at the first that does not, all hold."""
+        """All members stream their positions and fly Offboard; if one fails, all hold."""
         order = group.order
         waits: dict[str, Order] = {}
         failed: dict[str, GcsError] = {}
@@ -241,7 +243,7 @@ class Groups:
                     f"Vehicle {vehicle_id} has no valid position estimate.", vehicles=(vehicle_id,)
                 )
             waits[vehicle_id] = Order(
-                Position(here), STAY_S, OnExpiry("hold", 1.0), order.client, order.client_key, "group"
+                Position(here), MAX_WAIT_S, OnExpiry("hold", 1.0), order.client, order.client_key, "group"
             )
             group.numbers[vehicle_id] = self._streams.state(vehicle_id).number + 1
 
@@ -249,9 +251,9 @@ class Groups:
             try:
                 await member.start(waits[vehicle_id], group.order.rate_hz)
             except GcsError as error:
-                group.numbers.pop(vehicle_id)  # it has ended its own stream, or goes on undoing it
+                group.numbers.pop(vehicle_id)  # it has ended its own stream, or is still undoing the start
                 first = not failed
-                if first or not isinstance(error, Refused):  # refused: stopped because of the first
+                if first or not isinstance(error, Refused):  # stopped because the first one failed
                     failed[vehicle_id] = error
                 if first:
                     await self._hold(group, list(group.numbers))
@@ -265,13 +267,13 @@ class Groups:
             )
             said = " ".join(f"Vehicle {v}: {error}" for v, error in failed.items())
             raise NotTogether(
-                f"Not all could be brought into Offboard, so none moves. {said}",
+                f"Not all vehicles could be brought into Offboard, so none moves. {said}",
                 vehicles=tuple(failed),
                 reasons=reasons,
             )
         return waits
 
-    def _set_off(self, group: Group, waits: Mapping[str, Order], orders: Mapping[str, Order]) -> None:
+    def _start_together(self, group: Group, waits: Mapping[str, Order], orders: Mapping[str, Order]) -> None:
         order = group.order
         lead_s = LEAD_S
         if order.start_at_unix_s is not None:
@@ -289,16 +291,16 @@ class Groups:
         )
         group.state, group.guard = "waiting", guard.state()
         self._streams.watch(guard)
-        self._told(group, f"Group {group.id}: all are in Offboard and begin together in {lead_s:.1f} s.")
+        self._announce(group, f"Group {group.id}: all are in Offboard and begin together in {lead_s:.1f} s.")
 
-    async def _give_up(self, group: Group, why: str) -> None:
+    async def _abort_start(self, group: Group, why: str) -> None:
         failed = await self._hold(group, list(group.numbers))
         for vehicle_id, error in failed.items():
             why += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
         self._end(group, why)
 
     async def _hold(self, group: Group, members: Iterable[str]) -> dict[str, GcsError]:
-        """All whose stream is the group's, at once; what failed, by vehicle."""
+        """Stops all members whose stream belongs to the group, at once. Returns the errors by vehicle."""
         failed: dict[str, GcsError] = {}
 
         async def stop(vehicle_id: str) -> None:
@@ -313,17 +315,17 @@ class Groups:
                     tasks.create_task(stop(vehicle_id))
         return failed
 
-    # --- what is told -----------------------------------------------------------------------------
+    # --- events -----------------------------------------------------------------------------------
 
     def _collect(self) -> None:
         for name, finding in self._streams.take_findings():
             group = self._groups.get(name)
             if group is not None:
-                self._found(group, finding)
+                self._add_finding(group, finding)
 
-    def _found(self, group: Group, finding: Finding) -> None:
+    def _add_finding(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
-        gone = finding.vehicles if finding.code == "left" else ()  # as it wants, which need not be Hold
+        gone = finding.vehicles if finding.code == "left" else ()  # not held by the group
         held = [vehicle_id for vehicle_id in finding.held if vehicle_id not in gone]
         hold = f" {listed(held)} {'holds' if len(held) == 1 else 'hold'}." if held else ""
         told = GroupFinding(
@@ -335,7 +337,7 @@ class Groups:
             distance_m=finding.distance_m,
         )
         group.findings = [*group.findings, told][-FINDINGS_KEPT:]
-        self._told(group, f"Group {group.id}: {told.text}", warning=True)
+        self._announce(group, f"Group {group.id}: {told.text}", warning=True)
 
     def _end(self, group: Group, why: str | None) -> None:
         if group.state == "ended":
@@ -344,16 +346,20 @@ class Groups:
         guard = self._guard(group)
         if why is None and guard is not None:
             expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S
-            why = "Its setpoints expired." if expired and not guard.held else "Its members fly it no more."
+            why = (
+                "Its setpoints expired."
+                if expired and not guard.held
+                else "All vehicles have left the group."
+            )
             if group.findings:
                 why = group.findings[-1].text
             why = group.ending or why
         group.state, group.ended = "ended", why
         self._streams.unwatch(group.id)
-        self._told(group, f"Group {group.id} has ended: {why}")
+        self._announce(group, f"Group {group.id} has ended: {why}")
 
-    def _told(self, group: Group, text: str, *, warning: bool = False) -> None:
-        self.tell(text, self._status(group), warning)
+    def _announce(self, group: Group, text: str, *, warning: bool = False) -> None:
+        self.on_change(text, self._status(group), warning)
 
     def _status(self, group: Group) -> GroupStatus:
         self._guard(group)
@@ -362,13 +368,13 @@ class Groups:
     # --- inside -----------------------------------------------------------------------------------
 
     def _guard(self, group: Group) -> GuardState | None:
-        """Newest; of a group that has ended its last. None before all are confirmed."""
+        """Newest state of the guard, or its last if the group has ended. None before all have confirmed."""
         if group.guard is not None and group.state != "ended":
             group.guard = self._streams.guard(group.id) or group.guard
         return group.guard
 
     def _phase(self, group: Group, vehicle_id: str) -> str:
-        """Of the group's own stream to a member."""
+        """Phase of the group's own stream to a member."""
         return group.phase(vehicle_id, self._streams.state(vehicle_id))
 
     def _get(self, group_id: str) -> Group:

@@ -14,21 +14,21 @@ class Member(Protocol):
 
     @property
     def vehicle(self) -> Vehicle:
-        """Whose stream it is."""
+        """The vehicle of the stream."""
         ...
 
     def check(self, order: Order) -> None:
-        """Raises Refused where the order cannot be flown now, InvalidRequest where it never can."""
+        """Raises Refused if the order cannot be flown now, InvalidRequest if it can never be flown."""
         ...
 
     def snapshot(self, order: Order | None = None) -> Snapshot:
-        """The vehicle as its stream is to know it (for an order that is about to be taken)."""
+        """Snapshot of the vehicle for its stream (for an order that is about to be taken)."""
         ...
 
     async def start(self, order: Order, rate_hz: float) -> object:
-        """Returns once the vehicle flies Offboard; raises GcsError where it does not."""
+        """Returns once the vehicle is in Offboard; raises GcsError if it is not."""
         ...
 
     async def stop(self) -> object:
-        """Puts the vehicle into Hold; raises GcsError where it does not confirm it."""
+        """Puts the vehicle into Hold; raises GcsError if it does not confirm."""
         ...

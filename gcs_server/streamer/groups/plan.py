@@ -1,12 +1,12 @@
-"""Where a group's vehicles will be, as far as their setpoints say it, and whether they stay apart. Pure.
+"""Predicts from their setpoints where a group's vehicles will be, and whether they stay apart. Pure.
 
-A path is followed as it is; a place is approached as PX4's position controller does it (faster the farther
-it is, within the limits of speed and acceleration); a velocity moves until it expires. Acceleration,
-attitude and rates say no place: such a member is taken to stay, and the guard of the flight alone looks
-after it. The wind, and what a pilot does, are not foreseen: this refuses what is wrong on paper.
+A path is followed exactly. A position is approached as PX4's position controller does it (the farther, the
+faster, within the limits of speed and acceleration). A velocity moves the vehicle until it expires.
+Acceleration, attitude and rate setpoints have no position: such a vehicle is assumed to stay, and only the
+guard protects it in flight. Wind and pilot actions are not predicted.
 
-Ten long paths cost a second of work, so that the search is a generator: it stops after each small piece, for
-whoever runs it to let others have their turn.
+Ten long paths take a second to compute. So the search is a generator: it yields after each small piece, and
+the caller can let the event loop do other work.
 """
 
 from __future__ import annotations
@@ -39,56 +39,56 @@ from missions.setpoints import (
 )
 
 STEP_S = 0.25
-STEPS_A_TURN = 100
-"""Steps of courses between two turns of the others: about 4 ms."""
-SAMPLES_A_TURN = 12_000
-"""Samples of the way of braking between two turns: as many steps at once as have no more together."""
-LONGEST_PLAN_S = 600.0
+STEPS_PER_TURN = 100
+"""Steps of predicted tracks between two yields: about 4 ms."""
+SAMPLES_PER_TURN = 12_000
+"""Samples of the braking distance between two yields."""
+MAX_PLAN_S = 600.0
 VELOCITY_AHEAD_S = 120.0
-"""A velocity is looked ahead for no longer, however long it is valid."""
+"""How far ahead a velocity setpoint is predicted, at most."""
 SPEED_M_S, CLIMB_M_S = 12.0, 3.0
-"""Where the vehicle's own limits are not known."""
+"""Used if the vehicle's own limits are not known."""
 ACCELERATION_M_S2 = 3.0
-"""Of a step to a place or a velocity (MPC_ACC_HOR's default)."""
+"""Acceleration towards a position or velocity (default of MPC_ACC_HOR)."""
 STANDING_M_S = 0.05
-HERE: Vector3 = (0.0, 0.0, 0.0)
-NOTHING: Partial3 = (None, None, None)
+STAY: Vector3 = (0.0, 0.0, 0.0)
+NO_POINTS: Partial3 = (None, None, None)
 
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """One member, and what it is to fly."""
+    """One member and the setpoint that it will fly."""
 
     vehicle: str
     setpoint: Setpoint | None
-    """None: it stays where it is."""
+    """None: it stays at its position."""
     snapshot: Snapshot
     lasts_s: float
-    """Until its setpoint expires."""
+    """Time until its setpoint expires."""
     elapsed_s: float = 0.0
-    """How long it has flown this setpoint already: a path goes on from there."""
+    """How long it has already flown this setpoint: a path continues from there."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """Two that come too near, in the first one's local frame."""
+    """Two vehicles that come too near, in the local frame of the first."""
 
     vehicles: tuple[str, str]
     after_s: float
     distance_m: float
     place_ned_m: Vector3
-    """Of the first one then."""
+    """Position of the first vehicle at that time."""
     while_stopping: bool
-    """They would pass farther apart, but could not be stopped in time."""
+    """They would pass farther apart than the minimum, but could not be stopped in time."""
     margin_m: float = 0.0
-    """What is kept beside the minimum, for what is not known exactly."""
+    """Added to the minimum for the uncertainty of both positions."""
 
-    def words(self, minimum_m: float) -> str:
-        """For people."""
+    def text(self, minimum_m: float) -> str:
+        """The conflict as a sentence."""
         a, b = self.vehicles
         n, e, d = self.place_ned_m
         where = f"at {n:.1f} m north, {e:.1f} m east, {d:.1f} m down of vehicle {a}'s local origin"
-        wanted = f"at least {minimum_m:g} m were asked for, with {self.margin_m:.1f} m of margin"
+        wanted = f"the minimum is {minimum_m:g} m, plus {self.margin_m:.1f} m of margin"
         if self.after_s == 0.0 and not self.while_stopping:
             return (
                 f"Vehicles {a} and {b} are {self.distance_m:.1f} m apart now ({wanted}), vehicle {a} {where}."
@@ -107,27 +107,27 @@ class Conflict:
 def first_conflict(
     members: Sequence[Planned], now_s: float, minimum_m: float
 ) -> Generator[None, None, Conflict | None]:
-    """Finds the first two that would come nearer than the minimum; returns None where all stay apart.
+    """Finds the first two vehicles that would come nearer than the minimum; returns None if all stay apart.
 
-    It yields after each piece of work of a few milliseconds, counted in steps.
+    Yields after each piece of work of a few milliseconds, counted in steps.
 
     Args:
-        members: each with a place and an origin in its snapshot.
+        members: each with a position and an origin in its snapshot.
         now_s: monotonic.
-        minimum_m: to be kept, the way of braking included.
+        minimum_m: the minimum separation, braking distance included.
     """
-    courses: list[_Course] = []
+    courses: list[_PredictedTrack] = []
     for member in members:
-        courses.append(_Course(member, now_s))
+        courses.append(_PredictedTrack(member, now_s))
         yield
     by_id = {course.member.vehicle: course for course in courses}
     t_s, steps = 0.0, 0
     least_s = max(course.least_s for course in courses)
-    while t_s < LONGEST_PLAN_S and (t_s <= least_s or any(course.moves for course in courses)):
+    while t_s < MAX_PLAN_S and (t_s <= least_s or any(course.moves for course in courses)):
         for course in courses:
             course.step(t_s, by_id)
             steps += 1
-            if steps % STEPS_A_TURN == 0:
+            if steps % STEPS_PER_TURN == 0:
                 yield
         t_s += STEP_S
     ways: list[tuple[Vectors, Vectors]] = []
@@ -144,12 +144,13 @@ def first_conflict(
 
 
 def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
-    """The first two that are too near already, or so fast that stopping both leaves too little. Cheap.
+    """The first two vehicles that are too near now, or too fast to be stopped at the minimum separation.
+    Cheap.
 
     Args:
-        members: each with a place and an origin in its snapshot.
+        members: each with a position and an origin in its snapshot.
         now_s: monotonic.
-        minimum_m: to be kept, the way of braking included.
+        minimum_m: the minimum separation, braking distance included.
     """
     places = [(member, *_where(member, now_s)) for member in members]
     for (a, here, common), (b, there, origin) in itertools.combinations(places, 2):
@@ -175,30 +176,30 @@ def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> 
 def _where(member: Planned, now_s: float) -> tuple[Vector3, LocalOrigin]:
     here, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
     if here is None or origin is None:
-        raise ValueError(f"where vehicle {member.vehicle} is on the earth is not known")
+        raise ValueError(f"vehicle {member.vehicle} has no valid global position")
     return here, origin
 
 
 def _between(
-    a: _Course,
+    a: _PredictedTrack,
     way_a: tuple[Vectors, Vectors],
-    b: _Course,
+    b: _PredictedTrack,
     way_b: tuple[Vectors, Vectors],
     minimum_m: float,
     now_s: float,
 ) -> Generator[None, None, Conflict | None]:
-    one, other = (moving(course.member.snapshot, now_s, HERE, course.member.setpoint) for course in (a, b))
+    one, other = (moving(course.member.snapshot, now_s, STAY, course.member.setpoint) for course in (a, b))
     margin = margin_m(one, other)
     minimum_m += margin
     place_a, velocity_a = way_a
-    place_b, velocity_b = way_b[0] + np.array(b.origin.to_frame_of(a.origin, HERE)), way_b[1]
+    place_b, velocity_b = way_b[0] + np.array(b.origin.to_frame_of(a.origin, STAY)), way_b[1]
     apart: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
     kept = apart.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
     reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
-    asked = np.nonzero(apart - reach_m < minimum_m)[0]  # nowhere else can they come so near
+    asked = np.nonzero(apart - reach_m < minimum_m)[0]  # they cannot come that near anywhere else
     longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
-    at_once = max(1, SAMPLES_A_TURN // samples(longest_s))
+    at_once = max(1, SAMPLES_PER_TURN // samples(longest_s))
     for begin in range(0, len(asked), at_once):
         yield
         some = asked[begin : begin + at_once]
@@ -207,7 +208,7 @@ def _between(
             one.brakes_m_s2, other.brakes_m_s2,
         )  # fmt: skip
         if np.any(kept[some] < minimum_m):
-            break  # the first is what is told
+            break  # only the first conflict is reported
     near = np.nonzero(kept < minimum_m)[0]
     if not len(near):
         return None
@@ -227,8 +228,8 @@ def _between(
     )
 
 
-class _Course:
-    """One member's places and velocities, step by step, in its own local frame."""
+class _PredictedTrack:
+    """One member's predicted positions and velocities, step by step, in its own local frame."""
 
     def __init__(self, member: Planned, now_s: float) -> None:
         snapshot, setpoint = member.snapshot, member.setpoint
@@ -247,7 +248,7 @@ class _Course:
         self._until_s = min(member.lasts_s, VELOCITY_AHEAD_S)
         self._curve: PathCurve | None = None
         self._follow = setpoint if isinstance(setpoint, Follow) else None
-        self._target, self._feed = NOTHING, NOTHING
+        self._target, self._feed = NO_POINTS, NO_POINTS
         self.least_s = 0.0
         if isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, None)
@@ -256,11 +257,11 @@ class _Course:
             self._off = (here[0] - begin[0], here[1] - begin[1], here[2] - begin[2])
         elif setpoint is not None and self._follow is None:
             self._target, self._feed = self._aimed(setpoint, now_s)
-            if self._feed != NOTHING and self._target == NOTHING:
+            if self._feed != NO_POINTS and self._target == NO_POINTS:
                 self.least_s = self._until_s
 
-    def step(self, t_s: float, others: Mapping[str, _Course]) -> None:
-        """Notes where it is, and goes on by `STEP_S`."""
+    def step(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> None:
+        """Stores the current position, and advances by `STEP_S`."""
         if self._curve is not None:
             self._along(t_s)
             return
@@ -285,25 +286,26 @@ class _Course:
             for place, old, new in zip(self._place, before, self._velocity, strict=True)
         )
         self._place = (n, e, d)
-        self.moves = math.hypot(*self._velocity) > STANDING_M_S and t_s < LONGEST_PLAN_S
+        self.moves = math.hypot(*self._velocity) > STANDING_M_S and t_s < MAX_PLAN_S
 
     def way(self) -> tuple[Vectors, Vectors]:
-        """All its places and velocities; kept no more, since letting go of all courses at once takes long."""
+        """All stored positions and velocities, which are then dropped: freeing all tracks at once takes
+        long."""
         way = np.array(self.places), np.array(self.velocities)
         self.places, self.velocities = [], []
         return way
 
     @property
     def velocity(self) -> Vector3:
-        """How it moves just now."""
+        """Velocity at the current step."""
         return self._velocity
 
     def place_in(self, origin: LocalOrigin) -> Vector3:
-        """Where it is just now, in another's frame."""
+        """Position at the current step, in another member's frame."""
         return self.origin.to_frame_of(origin, self._place)
 
     def _along(self, t_s: float) -> None:
-        """A path, and what it still is off it at the begin."""
+        """Follows a path; an initial distance from the path decreases."""
         assert self._curve is not None
         sample = self._curve.at(self.member.elapsed_s + t_s)
         place, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
@@ -314,31 +316,33 @@ class _Course:
         self._place, self._velocity = (n, e, d), velocity
         self.places.append(self._place)
         self.velocities.append(velocity)
-        self.moves = False  # `least_s` says how long it flies
+        self.moves = False  # `least_s` is how long it flies
 
     def _aimed(self, setpoint: Setpoint, now_s: float) -> tuple[Partial3, Partial3]:
-        """What place and velocity the setpoint means, in the local frame."""
+        """Target position and velocity of the setpoint, in the local frame."""
         snapshot = self.member.snapshot
         if isinstance(setpoint, VelocityBody):
             yaw = snapshot.yaw_ned_rad
-            return NOTHING, NOTHING if yaw is None else ned_from_heading(setpoint.velocity_frd_m_s, yaw)
+            return NO_POINTS, NO_POINTS if yaw is None else ned_from_heading(setpoint.velocity_frd_m_s, yaw)
         sent = ResolvedSetpoint(setpoint, now_s, snapshot, snapshot.yaw_ned_rad).at(now_s, snapshot)
         if isinstance(sent, Position):
-            return sent.position_ned_m, NOTHING
+            return sent.position_ned_m, NO_POINTS
         if isinstance(sent, PositionGlobal) and sent.alt_amsl_m is not None:
-            return self.origin.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m), NOTHING
+            return self.origin.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m), NO_POINTS
         if isinstance(sent, Trajectory):
             return sent.position_ned_m, sent.velocity_ned_m_s
         if isinstance(sent, Velocity):
-            return NOTHING, sent.velocity_ned_m_s
-        return NOTHING, NOTHING
+            return NO_POINTS, sent.velocity_ned_m_s
+        return NO_POINTS, NO_POINTS
 
-    def _wanted(self, t_s: float, others: Mapping[str, _Course]) -> tuple[Partial3, Partial3]:
+    def _wanted(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> tuple[Partial3, Partial3]:
         if self._follow is not None:
             return self._beside(self._follow, t_s, others)
-        return self._target, self._feed if t_s < self._until_s else NOTHING
+        return self._target, self._feed if t_s < self._until_s else NO_POINTS
 
-    def _beside(self, follow: Follow, t_s: float, others: Mapping[str, _Course]) -> tuple[Partial3, Partial3]:
+    def _beside(
+        self, follow: Follow, t_s: float, others: Mapping[str, _PredictedTrack]
+    ) -> tuple[Partial3, Partial3]:
         leader, seen = others.get(follow.vehicle), self.member.snapshot.leader
         yaw = seen.yaw_ned_rad if seen is not None else None
         offset = follow.offset_ned_m or ned_from_heading(follow.offset_frd_m or (0.0, 0.0, 0.0), yaw or 0.0)
@@ -352,5 +356,5 @@ class _Course:
             )
             place, velocity = (n, e, d), seen.velocity_ned_m_s
         else:
-            return NOTHING, NOTHING
+            return NO_POINTS, NO_POINTS
         return (place[0] + offset[0], place[1] + offset[1], place[2] + offset[2]), velocity

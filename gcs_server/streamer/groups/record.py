@@ -1,4 +1,4 @@
-"""What the server keeps of one group of vehicles, and how it is told."""
+"""What the server stores of one group of vehicles, and its status for the API."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from missions.setpoints import Setpoint
 
 @dataclass(slots=True)
 class Group:
-    """One group: what was ordered, who flies it, and what became of it."""
+    """One group: its order, members, state and findings."""
 
     id: str
     order: GroupOrder
     setpoints: dict[str, Setpoint]
-    """As flown now."""
+    """Current setpoints."""
     members: dict[str, Member]
-    """By the vehicle's id."""
+    """By vehicle id."""
     created_unix_s: float
     state: str = "starting"
     guard: GuardState | None = None
-    """As it was last read; None before all are confirmed."""
+    """Its state as last read; None before all have confirmed."""
     start_unix_s: float | None = None
     findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
     numbers: dict[str, int] = field(default_factory=dict[str, int])
-    """Of the streams that are this group's: a member that left may be flown by one of its own later."""
+    """Numbers of this group's streams: a member that left may later have a stream of its own."""
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
-    """Held while new setpoints are checked and taken."""
+    """Held while new setpoints are checked and applied."""
     ending: str | None = None
     ended: str | None = None
 
     def phase(self, vehicle_id: str, stream: StreamState) -> str:
-        """Of the group's own stream to a member; idle where the vehicle is flown by another."""
+        """Phase of the group's stream to a member; idle if another stream flies the vehicle."""
         return stream.phase if stream.number == self.numbers.get(vehicle_id) else "idle"
 
     def require_gathered(self, streams: Mapping[str, StreamState]) -> None:
-        """Raises NotTogether where one that was confirmed has left before the start.
+        """Raises NotTogether if a member that had confirmed has left before the start.
 
         Args:
-            streams: each member's, newest.
+            streams: newest state of each member's stream.
         """
         gone = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWS_ORDER]
         if gone:
@@ -55,36 +55,36 @@ class Group:
             raise NotTogether(
                 f"{listed(gone)} left before the common start, so none moves. {said}".rstrip(),
                 vehicles=tuple(gone),
-                remedy="Look at what it does, then start the group anew.",
+                remedy="Check that vehicle, then start the group again.",
             )
 
     def require_changeable(self, changed: Iterable[str], guard: GuardState | None) -> GuardState:
-        """The guard of a group that takes new setpoints of these members now.
+        """Checks that the group accepts new setpoints for these members now; returns the state of its guard.
 
         Raises:
-            Refused: it takes none, or a member is held.
-            InvalidRequest: one is not in it.
+            Refused: the group accepts no setpoints, or a member is held.
+            InvalidRequest: a vehicle is not in the group.
         """
         if guard is None or self.state not in ("flying", "holding") or guard.phase != "flying":
             raise Refused(
-                f"Group {self.id} is {self.state}: it takes no setpoints.",
-                remedy="Start a group anew." if self.state == "ended" else "Wait for its start.",
+                f"Group {self.id} is {self.state}: it accepts no setpoints.",
+                remedy="Start a new group." if self.state == "ended" else "Wait for its start.",
             )
         for vehicle_id in changed:
             if vehicle_id not in self.members:
                 raise InvalidRequest("setpoints", f"Vehicle {vehicle_id} is not in group {self.id}.")
             if vehicle_id in guard.held:
                 raise Refused(
-                    f"Vehicle {vehicle_id} is held and follows group {self.id} no more.",
-                    remedy="Command it by itself, or hold the group and start it anew.",
+                    f"Vehicle {vehicle_id} is held and no longer follows group {self.id}.",
+                    remedy="Command this vehicle alone, or hold the group and start a new one.",
                 )
         return guard
 
     def status(self, streams: Mapping[str, StreamState]) -> GroupStatus:
-        """As people are told.
+        """Status for the API and events.
 
         Args:
-            streams: each member's, newest.
+            streams: newest state of each member's stream.
         """
         guard, ended = self.guard, self.state == "ended"
         nearest = guard.nearest if guard is not None and not ended else None
@@ -119,7 +119,7 @@ class Group:
 
 
 def listed(vehicles: Iterable[str]) -> str:
-    """Their names in a sentence."""
+    """Vehicle ids as text: "Vehicles 1, 2 and 3"."""
     ids = list(vehicles)
     if len(ids) == 1:
         return f"Vehicle {ids[0]}"

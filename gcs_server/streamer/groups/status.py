@@ -1,4 +1,4 @@
-"""How a group stands, as the API and the events tell it."""
+"""Status of a group, as the API and the events show it."""
 
 from __future__ import annotations
 
@@ -7,46 +7,46 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class GroupMember:
-    """One vehicle of a group; its stream itself is told by its own topic `offboard`."""
+    """One vehicle of a group; the state of its stream is in its own topic `offboard`."""
 
     vehicle: str
-    """Its id."""
+    """Id of the vehicle."""
     ordered_type: str
-    """The type of the setpoint that it has in the group."""
+    """Type of its setpoint in the group."""
     stream: str
-    """As `state` of its `offboard`; before the start it is sent the place where it is."""
+    """As `state` in its topic `offboard`; before the start its current position is streamed."""
     mode: str
     """The vehicle's flight mode."""
     held: bool
-    """It was stopped, or left: it follows the group no more."""
+    """It was stopped or has left: it no longer follows the group."""
 
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """The two members that are nearest now."""
+    """The two members that are nearest to each other now."""
 
     vehicles: tuple[str, str]
-    """Their ids."""
+    """Ids of the vehicles."""
     distance_m: float
-    """By both vehicles' own positions on the earth [m]."""
+    """Distance from both vehicles' own global positions [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroupFinding:
-    """Something that went wrong in a group, and who was stopped for it."""
+    """A problem in a group, and which vehicles were stopped because of it."""
 
     unix_s: float
-    """When it was found [s since 1970 UTC]."""
+    """Time of the finding [s since 1970 UTC]."""
     code: str
-    """separation, place_unknown, left (a member flies its setpoints no more), late, fault."""
+    """separation, place_unknown, left (a member no longer follows its setpoints), late, fault."""
     vehicles: tuple[str, ...]
-    """Whom it is about."""
+    """Vehicles concerned."""
     held: tuple[str, ...]
-    """Who was stopped for it."""
+    """Vehicles that were stopped because of it."""
     text: str
     """For people."""
     distance_m: float | None
-    """With separation: how far apart they were then [m]."""
+    """With code separation: distance between the two at that time [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,31 +54,32 @@ class GroupStatus:
     """What the calls below `/groups` answer, and what each `group` event carries."""
 
     id: str
-    """How the API calls it."""
+    """Id of the group in the API."""
     state: str
     """starting (being brought into Offboard), waiting (for the common start), flying, holding, ended."""
     client: str
-    """Whose setpoints they are."""
+    """Client that sent the setpoints."""
     client_key: str
-    """Tells the client from others of its name."""
+    """Distinguishes clients of the same name."""
     minimum_separation_m: float
-    """How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m]."""
+    """Minimum true distance between members, braking distance included; see `margin_m` [m]."""
     margin_m: float | None
-    """What the guard adds to it now, at most, for the accuracy and age of the vehicles' positions and the
-    wind: it stops two whose positions would come nearer than both together. Null before the first look."""
+    """Largest margin that the guard adds now for the accuracy and age of the positions and for wind: it stops
+    two vehicles whose positions would come nearer than minimum plus margin. Null before the first check
+    [m]."""
     others_go_on: bool
-    """Whether those whom trouble does not concern fly on; else all hold."""
+    """Whether members that a problem does not concern fly on; otherwise all hold."""
     created_unix_s: float
-    """When it was asked for [s since 1970 UTC]."""
+    """Time of the request [s since 1970 UTC]."""
     start_unix_s: float | None
-    """The common start [s since 1970 UTC]; null until all were confirmed in Offboard."""
+    """Common start [s since 1970 UTC]; null until all members have confirmed Offboard."""
     valid_left_s: float | None
-    """Until the setpoints of all expire together [s]."""
+    """Time until the setpoints of all members expire [s]."""
     members: tuple[GroupMember, ...]
-    """Its vehicles, in the order in which they were named."""
+    """Members, in the order of the request."""
     nearest: Nearest | None
-    """Null before the first look, and where fewer than two places are known."""
+    """Null before the first check, and if fewer than two positions are known."""
     findings: tuple[GroupFinding, ...]
-    """What went wrong, oldest first."""
+    """Problems, oldest first."""
     ended: str | None
-    """Why it ended; null while it lasts."""
+    """Why the group ended; null while it exists."""

@@ -1,1 +1,1 @@
-"""Keeps what is sent inside the limits of the vehicle and the operator, and inside the fence. Pure."""
+"""Keeps each sent setpoint within the vehicle's and the operator's limits and inside the fence. Pure."""

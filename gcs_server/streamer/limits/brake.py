@@ -1,13 +1,13 @@
-"""Stops a vehicle before what its own sensors measure ahead of it.
+"""Stops a vehicle before an obstacle that its own sensors measure ahead of it.
 
 The brake acts on motion over the ground, and on a climb towards what a sensor that looks up measures. It
-never acts on a descent: what a sensor that looks down measures stops no landing. It knows what was measured
-in the last two seconds; where no sensor looks it sees nothing. Nearer than the margin the vehicle is moved
-back, since PX4's integrator carries it on.
+never acts on a descent: a sensor that looks down stops no landing. It uses the measurements of the last two
+seconds, and only in directions that a sensor covers. If an obstacle is nearer than the margin, the vehicle is
+moved back, because the integrator of PX4's controller carries it on.
 
-A lidar that is fixed to the body looks at the foot of a wall, or at the ground, while the vehicle pitches
+A lidar that is fixed to the body points at the foot of a wall, or at the ground, while the vehicle pitches
 forward. So each point that a level sensor measures counts, however far below the vehicle: low over the ground
-it flies more slowly, and does not hit the wall.
+the vehicle flies more slowly, and does not hit the wall.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_server.streamer.limits.braking import (
+    BACK_PER_S,
     BRAKE_DELAY_S,
     BRAKE_HEIGHT_DELAY_S,
     BRAKE_HEIGHT_M_S2,
@@ -28,71 +29,70 @@ from gcs_server.streamer.limits.braking import (
     GUARD_M_S2,
     MARGIN_HEIGHT_M,
     MARGIN_M,
-    PUSH_PER_S,
     braking_speed,
 )
 from missions.avoidance.scans import NARROWEST_RAD, STEEP, Scan, fresh
 from missions.fence import NorthEast
 from missions.frames import Vector3
 
-SEES_FOR_S = 2.0
-"""A measurement older than this is none: PX4 sends DISTANCE_SENSOR every two seconds by itself."""
+SCAN_VALID_S = 2.0
+"""Older measurements are dropped; by default PX4 sends DISTANCE_SENSOR every two seconds."""
 SAME_HEIGHT_M = 1.0
-"""What was measured further above or below than where the vehicle is now counts no more."""
-MOST_SCANS = 100
+"""A measurement taken from an altitude farther above or below the vehicle than this is dropped."""
+MAX_SCANS = 100
 WIDTH_M, NARROWEST_M = 0.8, 0.35
-"""What is nearer than this to the line of flight is in the way; less where something is nearer already."""
+"""An obstacle nearer than this to the line of flight is in the way; less if one is already nearer."""
 BACK_M_S = 0.5
-"""It is moved back no faster."""
+"""Largest speed at which the vehicle is moved back."""
 GUARD_MARGIN_M = 0.3
 SLOW_M_S = 0.5
-"""A vehicle that flies by attitude or rates is not taken over below this speed."""
+"""Below this speed a vehicle that is flown by attitude or rates is not taken over."""
 
 Points = NDArray[np.float64]
-"""(N, 2) north, east."""
+"""(N, 2), north and east [m]."""
 NOTHING: Points = np.empty((0, 2))
 
 
 @dataclass(frozen=True, slots=True)
-class Around:
-    """What was measured around the vehicle, and how it moves."""
+class Surroundings:
+    """The measured surroundings of the vehicle, and its velocity."""
 
     points_ne_m: Points
-    """From the vehicle, as it is now."""
+    """Relative to the vehicle's current position."""
     scans: tuple[Scan, ...]
-    """The newest of each sensor."""
+    """Newest scan of each sensor."""
     velocity_ned_m_s: Vector3
 
 
 class BrakeMemory:
-    """What the sensors of one vehicle measured in the last seconds, in its local frame."""
+    """Measurements of one vehicle's sensors in the last seconds, in its local frame."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[Scan, float, Points]] = deque(maxlen=MOST_SCANS)
+        self._kept: deque[tuple[Scan, float, Points]] = deque(maxlen=MAX_SCANS)
         """Scan, height of the vehicle [m], points in the local frame."""
 
     def around(
         self, now_s: float, scans: tuple[Scan, ...], position_ned_m: Vector3 | None, velocity_ned_m_s: Vector3
-    ) -> Around:
-        """Takes the newest scans and says what is around the vehicle now."""
-        newest = fresh(scans, now_s, SEES_FOR_S)
+    ) -> Surroundings:
+        """Adds the newest scans and returns the vehicle's surroundings."""
+        newest = fresh(scans, now_s, SCAN_VALID_S)
         if position_ned_m is None:
             self._kept.clear()
             moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.heard_s) for scan in newest]
-            return Around(np.vstack([NOTHING, *moved]), newest, velocity_ned_m_s)
+            return Surroundings(np.vstack([NOTHING, *moved]), newest, velocity_ned_m_s)
         here = np.array(position_ned_m[:2])
         for scan in newest:
             if all(scan != kept for kept, _, _ in self._kept):
                 at = here - _shift(velocity_ned_m_s, now_s - scan.heard_s)
                 self._kept.append((scan, position_ned_m[2], _level(scan) + at))
-        while self._kept and now_s - self._kept[0][0].heard_s > SEES_FOR_S:
+        while self._kept and now_s - self._kept[0][0].heard_s > SCAN_VALID_S:
             self._kept.popleft()
         points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_HEIGHT_M]
-        return Around(np.vstack([NOTHING, *points]) - here, newest, velocity_ned_m_s)
+        return Surroundings(np.vstack([NOTHING, *points]) - here, newest, velocity_ned_m_s)
 
 
 def _level(scan: Scan) -> Points:
-    """Points that a scan met, over the ground, without those of rays that look up or down."""
+    """Horizontal points of a scan, without rays that point up or down."""
     met = [
         (n * far_m, e * far_m)
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
@@ -106,23 +106,23 @@ def _shift(velocity_ned_m_s: Vector3, age_s: float) -> Points:
 
 
 class ObstacleBrake:
-    """At one moment.
+    """The brake at one moment.
 
     Args:
-        around: None where nothing is measured or the brake is off.
-        notes: takes what was taken away, in words.
+        around: None if nothing is measured or the brake is off.
+        notes: receives a text for each reduction.
     """
 
-    def __init__(self, around: Around | None, notes: list[str]) -> None:
+    def __init__(self, around: Surroundings | None, notes: list[str]) -> None:
         self._notes = notes
         self.acted = False
-        """Whether it took something away."""
+        """Whether the brake has reduced the setpoint."""
         self._scans = () if around is None else around.scans
         self._points = NOTHING if around is None else around.points_ne_m
         self._velocity = (0.0, 0.0, 0.0) if around is None else around.velocity_ned_m_s
 
     def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
-        """Slow enough to stop before what is ahead."""
+        """Reduces the velocity so that the vehicle can stop before an obstacle."""
         speed = math.hypot(*velocity)
         if not self._scans or speed == 0.0:
             return velocity
@@ -132,13 +132,14 @@ class ObstacleBrake:
             return velocity
         self._note(f"speed reduced {why}")
         if free_m < MARGIN_M:
-            most = -min(BACK_M_S, PUSH_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m))
+            most = -min(BACK_M_S, BACK_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m))
         return (velocity[0] * most / speed, velocity[1] * most / speed)
 
     def limit_position_ne(
         self, place: NorthEast, speed: NorthEast | None, here: Vector3 | None, gain: float
     ) -> tuple[NorthEast, NorthEast | None]:
-        """A place before what is ahead, so near that PX4 approaches it no faster than it can stop."""
+        """Moves the target in front of the obstacle, near enough that PX4 approaches it at a speed from which
+        it can stop."""
         if not self._scans or here is None:
             return place, speed
         off_m = math.dist(place, here[:2])
@@ -165,7 +166,7 @@ class ObstacleBrake:
         return (here[0] + un * near_m, here[1] + ue * near_m), slowed
 
     def limit_climb(self, velocity_down_m_s: float) -> float:
-        """Slow enough to stop below what is above."""
+        """Reduces the climb rate so that the vehicle can stop below an obstacle."""
         above_m = self._above_m() if velocity_down_m_s < 0.0 and self._scans else math.inf
         most = braking_speed(above_m - MARGIN_HEIGHT_M, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
         if -velocity_down_m_s <= most:
@@ -174,7 +175,7 @@ class ObstacleBrake:
         return -most
 
     def limit_down(self, down_m: float, here: Vector3 | None) -> float:
-        """A place below what is above."""
+        """Moves the target below an obstacle above the vehicle."""
         if here is None or down_m >= here[2] or not self._scans:
             return down_m
         highest = here[2] - max(0.0, self._above_m() - MARGIN_HEIGHT_M)
@@ -184,7 +185,7 @@ class ObstacleBrake:
         return highest
 
     def must_stop(self) -> str | None:
-        """Why a flight that steers no place must be taken over; None: it may go on."""
+        """Why a flight without position control must be taken over; None: it may continue."""
         if not self._scans:
             return None
         n, e, _ = self._velocity
@@ -202,12 +203,12 @@ class ObstacleBrake:
         self.acted = True
 
     def _back_m(self, un: float, ue: float, free_m: float) -> float:
-        """How far back it is to the margin, where there is room behind."""
+        """Distance back to the margin, if there is room behind."""
         behind_m, _ = self._free(-un, -ue, seen=False)
         return max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M))
 
     def _free(self, un: float, ue: float, *, seen: bool = True) -> tuple[float, str]:
-        """How far the way into a direction is free, as far as it is seen, and the words for it."""
+        """Free distance in a direction as far as sensors see, and the reason as text."""
         met_m = math.inf
         if len(self._points):
             north, east = self._points[:, 0], self._points[:, 1]
@@ -218,10 +219,10 @@ class ObstacleBrake:
         sees_m = self._sees_m(un, ue) if seen else math.inf
         if met_m <= sees_m:
             return met_m, "to stop before an obstacle"
-        return sees_m, "to what the obstacle sensor sees"
+        return sees_m, "to the range of the obstacle sensor"
 
     def _sees_m(self, un: float, ue: float) -> float:
-        """The range of the sensor that looks there; infinite where none does."""
+        """Range of the sensor that covers this direction; infinite if none does."""
         best: float | None = None
         for scan in self._scans:
             least = math.cos(max(scan.half_angle_rad, NARROWEST_RAD))
@@ -232,7 +233,7 @@ class ObstacleBrake:
         return math.inf if best is None else best
 
     def _above_m(self) -> float:
-        """To the nearest thing above the vehicle."""
+        """Distance to the nearest obstacle above the vehicle."""
         return min(
             (
                 -d * far_m

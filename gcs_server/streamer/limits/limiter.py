@@ -1,9 +1,9 @@
-"""Keeps what is sent finite, inside the vehicle's and the operator's limits, and inside the fence.
+"""Keeps a sent setpoint finite, within the vehicle's and the operator's limits, and inside the fence.
 
-Pure: `apply_limits` takes the setpoint that is wanted now and returns the one that may be sent now, with
-notes on what was reduced. A speed from which the vehicle could not stop before the edge is reduced to one
-from which it can. Kinds that control no position or velocity (acceleration, attitude, rates) cannot be
-reduced in that way: there `stop` says why the stream must take over.
+Pure: `apply_limits` takes the requested setpoint and returns the one that may be sent, with notes on each
+reduction. A speed from which the vehicle could not stop before the edge is reduced to one from which it can.
+Kinds that control no position or velocity (acceleration, attitude, rates) cannot be reduced in that way:
+there `stop` says why the stream must take over.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import TypeVar
 
-from gcs_server.streamer.limits.brake import Around, ObstacleBrake
+from gcs_server.streamer.limits.brake import ObstacleBrake, Surroundings
 from gcs_server.streamer.limits.region import RegionLimiter, VehicleMotion
 from gcs_server.streamer.values.bounds import Bounds
 from missions.fence import NorthEast
@@ -41,13 +41,13 @@ class LimitResult:
     """The setpoint that may be sent."""
 
     setpoint: DirectSetpoint | None
-    """None where nothing that was wanted may be."""
+    """None if no part of the request may be sent."""
     notes: tuple[str, ...] = ()
-    """What was reduced, in words."""
+    """A text for each reduction."""
     stop: str | None = None
-    """Why the order must not be followed any further; None where it may."""
+    """Why the order must not be followed any further; None if it may."""
     braked: bool = False
-    """Whether an obstacle took something away."""
+    """Whether the obstacle brake reduced the setpoint."""
 
 
 def apply_limits(
@@ -56,17 +56,17 @@ def apply_limits(
     here: VehicleMotion | None,
     before: DirectSetpoint | None = None,
     dt_s: float = 0.0,
-    around: Around | None = None,
+    around: Surroundings | None = None,
 ) -> LimitResult:
-    """What of `wanted` may be sent.
+    """The part of `wanted` that may be sent.
 
     Args:
-        wanted: as ordered, at this moment.
+        wanted: the ordered setpoint, resolved for this moment.
         bounds: in the vehicle's local frame.
-        here: the vehicle; None where it is not known.
-        before: what was sent last, for slewing; None where that is no matter.
-        dt_s: how long ago.
-        around: what the vehicle's sensors measure; None: nothing, or the brake is off.
+        here: the vehicle; None if its position is not known.
+        before: the setpoint sent last, for slewing; None: no slewing.
+        dt_s: time since then.
+        around: measured surroundings; None: nothing is measured, or the brake is off.
     """
     if not is_finite(wanted):
         return LimitResult(None, stop="The setpoint contains a value that is not a finite number")
@@ -81,7 +81,7 @@ def apply_limits(
 
 
 def is_finite(setpoint: DirectSetpoint) -> bool:
-    """Whether all its numbers are."""
+    """Whether all numbers of the setpoint are finite."""
     for field in fields(setpoint):
         value = getattr(setpoint, field.name)
         for number in value if isinstance(value, tuple) else (value,):
@@ -97,7 +97,7 @@ class _Limiter:
         here: VehicleMotion | None,
         before: DirectSetpoint | None,
         dt_s: float,
-        around: Around | None,
+        around: Surroundings | None,
     ) -> None:
         self._bounds = bounds
         self._here = here
@@ -146,7 +146,7 @@ class _Limiter:
     # --- the kinds ----------------------------------------------------------------------------------
 
     def _global(self, s: PositionGlobal) -> DirectSetpoint:
-        """Goes out as it is unless a limit changes it: then as the local place."""
+        """Sent unchanged unless a limit changes it; then sent as a local position."""
         s = self._yaw_rate(s)
         origin = self._bounds.origin
         if origin is None or s.alt_amsl_m is None:
@@ -158,7 +158,7 @@ class _Limiter:
     def _velocity_body(self, s: VelocityBody) -> VelocityBody:
         s = self._yaw_rate(s)
         yaw = None if self._here is None else self._here.yaw_ned_rad
-        if yaw is None:  # speed alone can be held to
+        if yaw is None:  # only the speed can be limited
             n, e, d = self._limit_speed(s.velocity_frd_m_s)
             if self._bounds.region.is_limited_horizontally or self._bounds.region.is_limited_vertically:
                 self.notes.append(
@@ -245,7 +245,8 @@ class _Limiter:
         return _joined(place, down), _joined(speed, velocity_down_m_s), _joined(acceleration_ne, lift)
 
     def _approach(self, place: NorthEast, speed: NorthEast | None) -> tuple[NorthEast, NorthEast | None]:
-        """A place so near that the vehicle's controller asks for no more than the operator's speed."""
+        """Moves the target so near that the vehicle's position controller commands no more than the
+        operator's speed."""
         most = self._bounds.approach_m_s
         if self._here is None or not math.isfinite(most):
             return place, speed

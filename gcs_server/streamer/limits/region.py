@@ -1,7 +1,7 @@
-"""The space that a vehicle may be in: places inside it, and speeds that can be stopped before its edge.
+"""The allowed region: limits positions to it, and velocities so that the vehicle stops before its edge.
 
-Kinds of setpoints that steer no place cannot be held back so: there `guard` says that the flight must be
-taken over.
+Setpoints without position control cannot be limited in this way: for them `require_stoppable` says when the
+flight must be taken over.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from gcs_server.streamer.limits.braking import (
+    BACK_PER_S,
     BRAKE_DELAY_S,
     BRAKE_HEIGHT_DELAY_S,
     BRAKE_HEIGHT_M_S2,
@@ -18,8 +19,7 @@ from gcs_server.streamer.limits.braking import (
     GUARD_M_S2,
     MARGIN_HEIGHT_M,
     MARGIN_M,
-    PUSH_MOST_M_S,
-    PUSH_PER_S,
+    MAX_BACK_M_S,
     braking_speed,
 )
 from gcs_server.streamer.values.bounds import Bounds
@@ -29,7 +29,7 @@ from missions.frames import Quaternion, Vector3
 
 @dataclass(frozen=True, slots=True)
 class VehicleMotion:
-    """The vehicle at this moment."""
+    """Position, velocity and attitude of the vehicle now."""
 
     position_ned_m: Vector3
     velocity_ned_m_s: Vector3
@@ -38,12 +38,12 @@ class VehicleMotion:
 
 
 class RegionLimiter:
-    """The allowed space around a vehicle at one moment.
+    """The allowed region around a vehicle at one moment.
 
     Args:
         bounds: in the vehicle's local frame.
-        here: the vehicle; None where it is not known.
-        notes: takes what was taken away, in words.
+        here: the vehicle; None if its position is not known.
+        notes: receives a text for each reduction.
     """
 
     def __init__(self, bounds: Bounds, here: VehicleMotion | None, notes: list[str]) -> None:
@@ -54,7 +54,7 @@ class RegionLimiter:
         """Why the order must not be followed any further."""
 
     def limit_position_ne(self, target: NorthEast) -> NorthEast:
-        """As far towards it as is allowed."""
+        """Moves the target as far towards the wanted position as is allowed."""
         region = self._bounds.region
         if not region.is_limited_horizontally:
             return target
@@ -72,14 +72,14 @@ class RegionLimiter:
         return inside
 
     def limit_down(self, down_m: float) -> float:
-        """Inside the limits of height."""
+        """Limits the target altitude."""
         inside = self._bounds.region.clamp_down_m(down_m)
         if inside != down_m:
             self._notes.append("altitude limited to the allowed range")
         return inside
 
     def limit_velocity_ne(self, velocity: NorthEast) -> NorthEast:
-        """Slow enough to stop inside."""
+        """Reduces the velocity so that the vehicle can stop inside."""
         n, e = velocity
         region, speed = self._bounds.region, math.hypot(n, e)
         if not region.is_limited_horizontally or speed == 0.0:
@@ -93,7 +93,7 @@ class RegionLimiter:
             back = region.nearest_inside(here)
             if back is not None and n * (back[0] - here[0]) + e * (back[1] - here[1]) > 0:
                 return (n, e)
-            self._notes.append(f"outside {breach}: only the way back inside is flown")
+            self._notes.append(f"outside {breach}: only a velocity back inside is flown")
             return (0.0, 0.0)
         way_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
         most = braking_speed(way_m, BRAKE_M_S2, BRAKE_DELAY_S)
@@ -105,7 +105,7 @@ class RegionLimiter:
         return (n * most / speed, e * most / speed)
 
     def keep_margin(self, velocity: NorthEast) -> NorthEast:
-        """Back from an edge that is nearer than the margin."""
+        """Moves the vehicle back from an edge that is nearer than the margin."""
         region = self._bounds.region
         if self._here is None or not region.is_limited_horizontally:
             return velocity
@@ -113,7 +113,7 @@ class RegionLimiter:
         for inside_m, out in region.edges((self._here.position_ned_m[0], self._here.position_ned_m[1])):
             if inside_m >= MARGIN_M:
                 continue
-            most = -min(PUSH_PER_S * (MARGIN_M - inside_m), PUSH_MOST_M_S, self._bounds.speed_m_s)
+            most = -min(BACK_PER_S * (MARGIN_M - inside_m), MAX_BACK_M_S, self._bounds.speed_m_s)
             excess = n * out[0] + e * out[1] - most
             if excess > 0.0:
                 n, e = n - excess * out[0], e - excess * out[1]
@@ -125,7 +125,8 @@ class RegionLimiter:
         return (n, e)
 
     def limit_velocity_down(self, velocity_down_m_s: float, *, keep_margin: bool) -> float:
-        """Slow enough to stop inside; `pushed` back from an edge that is nearer than the margin."""
+        """Reduces the vertical velocity so that the vehicle can stop inside; `pushed` moves it back from an
+        edge nearer than the margin."""
         region = self._bounds.region
         if not region.is_limited_vertically:
             return velocity_down_m_s
@@ -145,7 +146,7 @@ class RegionLimiter:
         return kept
 
     def require_stoppable(self, *, ground: bool = True, height: bool = True) -> None:
-        """Takes over where the vehicle, as it moves, could only just be stopped inside."""
+        """Sets `stop` if the vehicle at its current velocity could only just be stopped inside."""
         region = self._bounds.region
         if not (ground and region.is_limited_horizontally) and not (height and region.is_limited_vertically):
             return
@@ -169,7 +170,7 @@ class RegionLimiter:
             self.stop = "The vehicle would leave the altitude limits"
 
     def _cannot_stop_inside(self, here: NorthEast) -> bool:
-        """Whether the vehicle as it moves now could only just be stopped inside."""
+        """Whether the vehicle at its current velocity could only just be stopped inside."""
         assert self._here is not None
         n, e, _ = self._here.velocity_ned_m_s
         speed = math.hypot(n, e)
@@ -180,7 +181,8 @@ class RegionLimiter:
 
 
 def _height_speed(left_m: float, max_back_m_s: float) -> float:
-    """The speed towards a limit of height from which it is stopped in time; negative: back from it."""
+    """Largest speed towards an altitude limit from which the vehicle stops in time; negative: away from
+    it."""
     if left_m >= 0.0:
         return braking_speed(left_m, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
-    return max(PUSH_PER_S * left_m, -PUSH_MOST_M_S, -max_back_m_s)
+    return max(BACK_PER_S * left_m, -MAX_BACK_M_S, -max_back_m_s)

@@ -41,11 +41,11 @@ from missions.runner.runner import Runner
 from missions.runner.status import CannotDo
 from missions.trajectory.limits import MotionLimits
 
-RENEWED_WITHIN_S = 3.0
+RENEWAL_TIMEOUT_S = 3.0
 """A mission that nothing has looked after for so long holds its place, then PX4's Hold."""
 HOLD_FOR_S = 5.0
 RATE_HZ = 50.0
-MOST_PICTURES_WAITING = 5
+MAX_PICTURES_WAITING = 5
 WARNING, NOTICE = 4, 5
 
 
@@ -266,7 +266,7 @@ class MissionFlight:
         self._check_way(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
-        order = Order(request.script, RENEWED_WITHIN_S, on_expiry, name, owner="mission")
+        order = Order(request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission")
         state = self._streams.state(self._vehicle.id)
         if state.order is not None and state.order.owner == "mission" and state.phase == "streaming":
             await self._control.setpoint(order)
@@ -301,7 +301,7 @@ class MissionFlight:
         return sample.value.alt_home_m
 
     def _take_picture(self, request: Photo) -> None:
-        if self._pictures >= MOST_PICTURES_WAITING:
+        if self._pictures >= MAX_PICTURES_WAITING:
             self._do(self._runner.failed(request, self.reading(), "the camera is too slow"))
             return
         self._pictures += 1

@@ -13,7 +13,7 @@ from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 
-LOOK_PERIOD_S = 0.1
+CHECK_PERIOD_S = 0.1
 
 
 class OffboardMissions:
@@ -62,7 +62,8 @@ class OffboardMissions:
             )
         if self._streams.state(vehicle_id).phase != "idle":
             raise Refused(
-                f"Vehicle {vehicle_id} is streamed to already.", remedy="Stop the setpoint stream first."
+                f"Vehicle {vehicle_id} already has a setpoint stream.",
+                remedy="Stop the setpoint stream first.",
             )
         control.check_segments(start.timeline.segments)
 
@@ -102,7 +103,7 @@ class OffboardMissions:
     async def _look_for_ever(self) -> None:
         while True:
             self.look()
-            await self._clock.sleep(LOOK_PERIOD_S)
+            await self._clock.sleep(CHECK_PERIOD_S)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""The event loop's side: what a vehicle's `offboard` offers, its configuration, status and kept limits."""
+"""The event loop's side of a stream: control, configuration, status, and the operator's stored limits."""

@@ -1,4 +1,4 @@
-"""Whether one vehicle's stream leads it past obstacles, and how often its sensors tell what they measure."""
+"""Switches obstacle avoidance of one vehicle's stream, and requests its sensors' messages often enough."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ TOPICS = {
     "obstacle_distance": d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
 }
 RATE_HZ = 5.0
-"""PX4 sends these once in one or two seconds by itself: too seldom to brake by."""
+"""By default PX4 sends these every one or two seconds: too rarely for braking."""
 SLOW_S = 0.5
-"""What is heard less often than this is asked for again."""
+"""A message received less often than this is requested again."""
 ASK_AGAIN_S = 2.0
 HAS_SENSOR_S = 10.0
-"""A sensor heard within this time is there, however seldom it is heard."""
-HEARD_WITHIN_S, LOOK_EVERY_S = 3.0, 0.1
+"""A sensor heard within this time counts as present, however rarely it sends."""
+HEARD_WITHIN_S, CHECK_PERIOD_S = 3.0, 0.1
 
 
 class AvoidanceControl:
-    """Of one vehicle; off when the server starts.
+    """Avoidance of one vehicle; off when the server starts.
 
     Args:
         clock: the server's.
@@ -43,12 +43,12 @@ class AvoidanceControl:
         self._estimates = estimates
         self._asked_s = float("-inf")
         self.way: AvoidanceWay | None = None
-        """What is tried first; None: off."""
+        """Direction that is tried first; None: off."""
         self.mission_way: AvoidanceWay | None = None
         """The same in the steps of the present mission that ask for avoidance; it ends with the mission."""
 
     async def switch_on(self, way: AvoidanceWay) -> None:
-        """From now on, for the stream that runs too; returns once a sensor is heard often enough.
+        """Switches avoidance on, also for a running stream; returns once a sensor is heard often enough.
 
         Raises:
             Refused: no sensor sees obstacles.
@@ -66,15 +66,15 @@ class AvoidanceControl:
         self._vehicle.require_commandable()
         while self.has_sensor() and not self._sees() and self._clock.monotonic_s() < until_s:
             self.ask_for_rates()
-            await self._clock.sleep(LOOK_EVERY_S)
+            await self._clock.sleep(CHECK_PERIOD_S)
         self.require_sensor()
 
     def switch_off(self) -> None:
-        """The setpoints are flown as ordered, those of the present mission too; the obstacle brake stays."""
+        """Switches avoidance off, also for the current mission; the obstacle brake stays on."""
         self.way = self.mission_way = None
 
     def require_sensor(self) -> None:
-        """Before avoidance is relied on.
+        """Call before avoidance is relied on.
 
         Raises:
             Refused: no sensor sees obstacles.
@@ -88,7 +88,7 @@ class AvoidanceControl:
             )
 
     def ask_for_rates(self) -> None:
-        """With each beat of a stream: asks the vehicle for more of what is heard too seldom."""
+        """Called with each beat of a stream: requests a higher rate for messages received too rarely."""
         now_s = self._clock.monotonic_s()
         if now_s - self._asked_s < ASK_AGAIN_S or not self.has_sensor():
             return
@@ -106,7 +106,7 @@ class AvoidanceControl:
             )  # fmt: skip
 
     def has_sensor(self) -> bool:
-        """Whether it has a sensor that sees obstacles, by what it has sent lately."""
+        """Whether the vehicle has a sensor that sees obstacles, from its recent messages."""
         now_s = self._clock.monotonic_s()
         for topic in TOPICS:
             sample = self._vehicle.topic(topic)
@@ -122,7 +122,7 @@ class AvoidanceControl:
         return False
 
     def view(self, state: StreamState) -> AvoidanceView:
-        """As the status shows it."""
+        """Avoidance as the status shows it."""
         doing = state.avoiding
         text = "" if doing is None else doing.text
         if self.way is not None and state.phase == "idle":

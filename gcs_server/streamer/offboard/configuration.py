@@ -1,4 +1,4 @@
-"""The vehicle's own parameters that matter to a stream: its limits, and what it does when setpoints stop."""
+"""The vehicle's parameters that matter to a stream: its limits, and its action when setpoints stop."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
 from gcs_server.vehicle.numbers import number
 from gcs_server.vehicle.vehicle import Vehicle
 
-PARAMETERS_WITHIN_S = 3.0
-"""What the vehicle has not told by then stays unknown."""
+PARAMETERS_TIMEOUT_S = 3.0
+"""Parameters that have not arrived by then stay unknown."""
 ASK_AGAIN_S = 10.0
 FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 
 
 class OffboardConfiguration:
-    """Reads these parameters and keeps what was told.
+    """Reads these parameters and keeps their values.
 
     Args:
         clock: the server's.
@@ -36,7 +36,7 @@ class OffboardConfiguration:
         self._read_s: float | None = None
 
     async def read(self) -> Failsafe:
-        """Asks the vehicle for its limits and what it does when the stream stops; the rest stays unknown."""
+        """Reads the limits and the offboard-loss action from the vehicle; missing values stay unknown."""
         values: dict[str, float] = {}
 
         async def read(name: str) -> None:
@@ -46,11 +46,11 @@ class OffboardConfiguration:
                 return
 
         try:
-            async with asyncio.timeout(PARAMETERS_WITHIN_S), asyncio.TaskGroup() as group:
+            async with asyncio.timeout(PARAMETERS_TIMEOUT_S), asyncio.TaskGroup() as group:
                 for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
                     group.create_task(read(name))
         except TimeoutError:
-            pass  # what came in time counts
+            pass  # values that arrived in time are used
         except ExceptionGroup as several:
             raise several.exceptions[0] from several
         self._read = values
@@ -58,7 +58,8 @@ class OffboardConfiguration:
         return self._failsafe_of(self.parameters())
 
     async def ensure(self) -> None:
-        """As `read`, unless it is known or was asked lately; of a vehicle that refuses it stays unknown."""
+        """As `read`, unless the values are known or were requested recently; they stay unknown if the vehicle
+        refuses."""
         now_s = self._clock.monotonic_s()
         asked_lately = self._read_s is not None and now_s - self._read_s < ASK_AGAIN_S
         if "COM_OBL_RC_ACT" not in self.parameters() and not asked_lately:
@@ -66,12 +67,11 @@ class OffboardConfiguration:
                 self._vehicle.require_commandable()
                 await self.read()
             except GcsError:
-                pass  # replayed, lost or of another kind: the status says the rest
+                pass  # replayed, lost or not PX4: the status says so
 
     def parameters(self) -> dict[str, float]:
-        """As the vehicle last told them: whoever changes one changes what holds here.
-
-        What is not finite, and a limit below zero, counts as not told.
+        """Newest values from the vehicle, so a changed parameter counts at once. Values that are not finite,
+        and limits below zero, count as unknown.
         """
         values = dict(self._read)
         for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
@@ -85,7 +85,7 @@ class OffboardConfiguration:
         }
 
     def failsafe(self) -> Failsafe | None:
-        """What it does when the stream stops; None before it was asked."""
+        """The vehicle's action when the stream stops; None before it was read."""
         parameters = self.parameters()
         return self._failsafe_of(parameters) if parameters or self._read_s is not None else None
 

@@ -1,21 +1,22 @@
-"""The event loop's side of one vehicle's stream: checks, starts, stops, and says how it stands."""
+"""The event loop's side of one vehicle's stream: checks, start, stop, and status."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from gcs_server.clock import Clock
-from gcs_server.errors import GcsError, InvalidRequest, Refused, Rejected
+from gcs_server.errors import InvalidRequest, Refused, Rejected
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.failsafe import ACTION_MODES, Failsafe
 from gcs_server.streamer.offboard.health import health_of
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
+from gcs_server.streamer.offboard.snapshots import FindVehicle, VehicleSnapshots
 from gcs_server.streamer.offboard.status import (
     FailsafeView,
-    Limits,
+    OffboardLimits,
     OffboardStatus,
     expiry_view,
     setpoint_view,
@@ -24,36 +25,34 @@ from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.validation.availability import Availability, Available
 from gcs_server.streamer.validation.axes import problem_of
 from gcs_server.streamer.validation.targets import check_segments, check_target
-from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds, bounds_of
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.order import Order
-from gcs_server.streamer.values.snapshot import Leader, Snapshot
+from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
 from missions.runner.script import Script
 from missions.setpoints import Follow
 
 PRE_STREAM_S = 1.2
-"""PX4 wants more than a second of setpoints before it takes Offboard."""
-PRE_STREAM_WITHIN_S = 6.0
-"""A machine too busy to send setpoints without a pause for so long cannot fly a vehicle."""
-LOOK_EVERY_S = 0.02
-"""Whether they have gone out so long is looked at so often, once they could have."""
+"""PX4 needs more than a second of setpoints before it accepts Offboard."""
+PRE_STREAM_TIMEOUT_S = 6.0
+"""A computer that cannot send setpoints without a pause within this time is too busy to fly a vehicle."""
+CHECK_PERIOD_S = 0.02
+"""How often the end of pre-streaming is checked."""
 ENDS_IN = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
-"""The mode that a stream asks for in each phase of its end."""
+"""The mode that a stream requests in each of its final phases."""
 MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so a setpoint has nowhere to go."
-FindVehicle = Callable[[str], Vehicle]
 
 
 class OffboardControl:
-    """A vehicle's attribute `offboard`.
+    """The attribute `offboard` of a vehicle.
 
     Args:
         clock: the server's.
         vehicle: whose.
-        streams: what sends.
+        streams: sends the setpoints.
         find: other vehicles by id, for following them; raises UnknownVehicle.
-        limits: what the operator allows.
+        limits: the operator's limits.
     """
 
     def __init__(
@@ -73,10 +72,11 @@ class OffboardControl:
         self._configuration = OffboardConfiguration(clock, vehicle, self._estimates)
         self.operator = limits
         self.avoidance = AvoidanceControl(clock, vehicle, self._estimates)
-        self._bounds = UNBOUNDED
-        self._bounds_of: tuple[object, ...] = ()
+        self._snapshots = VehicleSnapshots(
+            clock, vehicle, self._estimates, self._configuration, limits, self.avoidance, find
+        )
         self._asked = 0
-        """The number of the stream for which Offboard has been asked for."""
+        """Number of the stream for which Offboard has been requested."""
         vehicle.command.on_mode_command = lambda: streams.inhibit_mode_requests(vehicle.id)
         identity = vehicle.identity
         streams.attach(vehicle.id, vehicle, (identity.system_id, identity.component_id))
@@ -84,13 +84,13 @@ class OffboardControl:
     # --- the stream -------------------------------------------------------------------------------
 
     async def start(self, order: Order, rate_hz: float = 50.0) -> OffboardStatus:
-        """Streams, asks for Offboard, and returns once the vehicle reports it; from any other mode.
+        """Streams, requests Offboard, and returns once the vehicle reports it. Works from any other mode.
 
-        Where Offboard was asked for and its coming is in doubt (no answer, another command, the caller gone),
-        the stream goes on for `UNDO_S` and puts the vehicle into Hold should it take Offboard yet.
+        If Offboard was requested but not confirmed (no answer, another command, caller cancelled), the stream
+        continues for `UNDO_S` and puts the vehicle into Hold in case it still switches to Offboard.
 
         Raises:
-            Refused: an estimate is missing, the target is too far, or somebody streams already.
+            Refused: an estimate is missing, the target is too far, or the vehicle already has a stream.
             Rejected: the vehicle refused Offboard; the stream has been stopped.
         """
         vehicle = self.vehicle
@@ -99,7 +99,7 @@ class OffboardControl:
         status = vehicle.status
         if status.mode == "offboard" and status.armed and not self._streams.state(vehicle.id).order:
             raise Refused(
-                f"Vehicle {vehicle.id} already flies Offboard by somebody else's setpoints.",
+                f"Vehicle {vehicle.id} is already in Offboard with another program's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
             )
         await self.operator.recognised()
@@ -113,19 +113,19 @@ class OffboardControl:
             raise _cannot_fly(error) from error
         if not number:
             raise Refused(
-                f"Vehicle {vehicle.id} is streamed to already.",
+                f"Vehicle {vehicle.id} already has a setpoint stream.",
                 remedy="Send a setpoint to change the target, or stop the stream first.",
             )
         try:
             self._check_rate(await self._configuration.read(), rate_hz)
             await self._streamed_steadily(number)
-            self.check(order)  # seconds may have passed, and the vehicle's limits are known now
+            self.check(order)  # seconds may have passed, and now the vehicle's limits are known
             vehicle.command.require_no_kill("start Offboard")
             self._asked = number
             await vehicle.command.set_mode("offboard")
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._still_starting(number)
-            self.operator.tell_at_start()
+            self.operator.report_at_start()
         except BaseException as error:
             if self._asked == number and not isinstance(error, Rejected):
                 self._streams.cancel_start(vehicle.id, self.snapshot(), number)
@@ -136,12 +136,12 @@ class OffboardControl:
         return self.status()
 
     async def _streamed_steadily(self, number: int) -> None:
-        """Returns once setpoints have gone out without a pause for as long as the vehicle wants.
+        """Returns once setpoints have been sent without a pause for as long as the vehicle requires.
 
         Raises:
-            Refused: they did not, or the stream has ended.
+            Refused: there was a pause, or the stream has ended.
         """
-        until_s = self._clock.monotonic_s() + PRE_STREAM_WITHIN_S
+        until_s = self._clock.monotonic_s() + PRE_STREAM_TIMEOUT_S
         while True:
             self._still_starting(number)
             short_s = PRE_STREAM_S - self._streams.state(self.vehicle.id).steady_s
@@ -149,10 +149,10 @@ class OffboardControl:
                 return
             if self._clock.monotonic_s() >= until_s:
                 raise Refused(
-                    "Setpoints did not go out without a pause: the station's machine is too busy.",
-                    remedy="Close what else runs on it, then start again.",
+                    "Setpoints could not be sent without a pause: the ground station's computer is too busy.",
+                    remedy="Close other programs on it, then start again.",
                 )
-            await self._clock.sleep(max(short_s, LOOK_EVERY_S))
+            await self._clock.sleep(max(short_s, CHECK_PERIOD_S))
 
     def _still_starting(self, number: int) -> None:
         if not self._streams.starting(self.vehicle.id, number):
@@ -161,20 +161,20 @@ class OffboardControl:
 
     @staticmethod
     def _check_rate(failsafe: Failsafe, rate_hz: float) -> None:
-        """Two setpoints must fit into the vehicle's patience, so that one may be lost."""
+        """Two setpoints must fit into COM_OF_LOSS_T, so that one may be lost."""
         patience_s = failsafe.loss_timeout_s
         if patience_s is not None and 2.0 / rate_hz > patience_s:
             raise Refused(
-                f"{rate_hz:g} setpoints a second are too few: the vehicle gives up after {patience_s:g} s "
-                "(COM_OF_LOSS_T).",
+                f"{rate_hz:g} setpoints a second are too few: the vehicle's failsafe acts after "
+                f"{patience_s:g} s (COM_OF_LOSS_T).",
                 remedy=f"Stream at {math.ceil(2.0 / max(patience_s, 0.02)):d} Hz or more.",
             )
 
     async def setpoint(self, order: Order) -> OffboardStatus:
-        """A new target, handed to the stream before anything is waited for, and sent at once.
+        """Sets a new target. It is handed to the stream without waiting, and sent at once.
 
         Raises:
-            Refused: no stream runs, it is a group's, an estimate is missing, or the target is too far.
+            Refused: no stream runs, a group owns it, an estimate is missing, or the target is too far.
         """
         self.vehicle.require_commandable()
         state = self._streams.state(self.vehicle.id)
@@ -191,7 +191,7 @@ class OffboardControl:
             )
         if state.order is not None and state.order.owner == "group" != order.owner:
             raise Refused(
-                f"Vehicle {self.vehicle.id} flies in a group already.",
+                f"Vehicle {self.vehicle.id} is already in a group.",
                 remedy="Send the setpoint to the group (groups/{g}/setpoints), or hold the group first.",
             )
         self.check(order)
@@ -201,16 +201,15 @@ class OffboardControl:
             raise _cannot_fly(error) from error
         if not taken:
             raise Refused(
-                "The stream is just ending (the vehicle is being put into Hold or Land).",
+                "The stream is ending (the vehicle is being put into Hold or Land).",
                 remedy="Wait for it to end, then call offboard/start again.",
             )
         return self.status()
 
     async def stop(self) -> OffboardStatus:
-        """Puts the vehicle into Hold, waits for its own word, then stops; nothing is sent afterwards.
+        """Puts the vehicle into Hold, waits for its confirmation, then stops; nothing is sent afterwards.
 
-        Without a stream nothing is done: the vehicle is not ours to put into Hold. A landing that the order
-        asked for on its expiry goes on.
+        Does nothing without a stream. A landing that the order requested on its expiry continues.
         """
         vehicle = self.vehicle
         state = self._streams.state(vehicle.id)
@@ -224,18 +223,18 @@ class OffboardControl:
         self._streams.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
         return self.status()
 
-    # --- what the vehicle is configured to ----------------------------------------------------------
+    # --- the vehicle's configuration ----------------------------------------------------------------
 
     def asks_for(self) -> str | None:
-        """The mode that the ending stream asks the vehicle for just now; None while it asks for none."""
+        """The mode that the ending stream requests now; None if it requests none."""
         return ENDS_IN.get(self._streams.state(self.vehicle.id).phase)
 
     async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
-        """Sets what the vehicle does by itself when the stream stops, each value verified.
+        """Sets the vehicle's action when the stream stops; each value is verified.
 
         Raises:
             InvalidRequest: no such action.
-            Refused: the stream that runs would be too slow for `after_s`.
+            Refused: the running stream would be too slow for `after_s`.
             Rejected: the vehicle keeps another value.
         """
         if action is not None and action not in ACTION_MODES[:6]:
@@ -252,23 +251,23 @@ class OffboardControl:
         return view
 
     async def ensure_parameters(self) -> None:
-        """Asks the vehicle for what is not known of its configuration and can be."""
+        """Requests the parts of the vehicle's configuration that are not known yet."""
         await self._configuration.ensure()
 
-    # --- what can be read ---------------------------------------------------------------------------
+    # --- status -------------------------------------------------------------------------------------
 
     def available(self) -> dict[str, Available]:
-        """Which types of setpoint it can be flown by now, and why not by the rest."""
+        """Which setpoint types can be flown now, and why the others cannot."""
         return self._availability.all()
 
-    def limits(self) -> Limits:
-        """What setpoints are held to."""
-        return Limits(
+    def limits(self) -> OffboardLimits:
+        """The limits for setpoints."""
+        return OffboardLimits(
             vehicle_limits(self._configuration.parameters()), self.operator.limits, self.operator.origin()
         )
 
     def failsafe(self) -> FailsafeView | None:
-        """What the vehicle does by itself when the stream stops; None before it told."""
+        """The vehicle's action when the stream stops; None before it is known."""
         return self._failsafe_view(self._configuration.failsafe())
 
     @staticmethod
@@ -276,11 +275,11 @@ class OffboardControl:
         if failsafe is None:
             return None
         return FailsafeView(
-            failsafe.loss_timeout_s, failsafe.action_mode, failsafe.transmitter, failsafe.words()
+            failsafe.loss_timeout_s, failsafe.action_mode, failsafe.transmitter, failsafe.text()
         )
 
     def status(self) -> OffboardStatus:
-        """How the stream stands, now."""
+        """Status of the stream now."""
         state = self._streams.state(self.vehicle.id)
         order, failsafe = state.order, self._configuration.failsafe()
         return OffboardStatus(
@@ -298,7 +297,7 @@ class OffboardControl:
             valid_for_s=order.valid_for_s if order else None,
             valid_left_s=state.valid_left_s,
             on_expiry=expiry_view(order.on_expiry) if order else None,
-            if_stream_stops=failsafe.words() if failsafe else None,
+            if_stream_stops=failsafe.text() if failsafe else None,
             sends_failed=state.sends_failed,
             ended=state.last_end.text if state.last_end and state.phase == "idle" else None,
             limits_origin=self.operator.origin(),
@@ -307,31 +306,12 @@ class OffboardControl:
         )
 
     def snapshot(self, order: Order | None = None) -> Snapshot:
-        """The vehicle as its stream is to know it (for an order that is about to be taken)."""
-        order = order or self._streams.state(self.vehicle.id).order
-        attitude = self._estimates.attitude()
-        return self._estimates.snapshot(
-            q_ned_frd=None if attitude is None else attitude.q_ned_frd,
-            bounds=self._current_bounds(),
-            hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
-            leader=self._leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
-            avoidance=self.avoidance.way,
-            mission_avoidance=self.avoidance.mission_way,
-        )
+        """Snapshot of the vehicle for its stream (for an order that is about to be taken)."""
+        return self._snapshots.make(order or self._streams.state(self.vehicle.id).order)
 
     def snapshot_without_estimates(self) -> Snapshot:
-        """What its heartbeat says, and the limits as they were: where nothing else can be made of it."""
-        vehicle, status = self.vehicle, self.vehicle.status
-        return Snapshot(
-            self._clock.monotonic_s(),
-            status.mode,
-            None,
-            None,
-            None,
-            armed=status.armed,
-            lost=status.link_lost or not vehicle.endpoints,
-            bounds=self._bounds,
-        )
+        """Snapshot from the heartbeat and the previous limits only, if the full one fails."""
+        return self._snapshots.without_estimates()
 
     # --- inside -------------------------------------------------------------------------------------
 
@@ -339,30 +319,8 @@ class OffboardControl:
         endpoints = self.vehicle.endpoints
         return endpoints[0].connection.protocol if endpoints else "MAVLink"
 
-    def _current_bounds(self) -> Bounds:
-        """Made anew only where their sources have changed: its stream is told of it then."""
-        made_of = (
-            self._configuration.parameters(),
-            self.operator.limits,
-            self._estimates.home(),
-            self._estimates.origin(),
-        )
-        if made_of != self._bounds_of:
-            parameters, operator, home, origin = made_of
-            gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))
-            self._bounds = bounds_of(vehicle_limits(parameters), operator, home, origin, gains)
-            self._bounds_of = made_of
-        return self._bounds
-
-    def _leader(self, follow: Follow) -> Leader | None:
-        try:
-            leader = self._find(follow.vehicle)
-        except GcsError:
-            return None
-        return VehicleEstimates(leader).as_leader(self._estimates.origin())
-
     def check(self, order: Order) -> None:
-        """Raises Refused where the order cannot be flown now, InvalidRequest where it never can."""
+        """Raises Refused if the order cannot be flown now, InvalidRequest if it can never be flown."""
         setpoint = order.setpoint
         if isinstance(setpoint, Script):
             self._availability.require_estimates(setpoint.type, setpoint.needs)
@@ -382,7 +340,7 @@ class OffboardControl:
         )
 
     def check_segments(self, segments: Sequence[Segment]) -> None:
-        """Raises Refused where these of a mission leave the limits of place."""
+        """Raises Refused if these segments of a mission leave the position limits."""
         limited = self.operator.limits.bounds_a_place
         check_segments(segments, self.snapshot(), limited_place=limited)
 
@@ -390,15 +348,16 @@ class OffboardControl:
         if follow.vehicle == self.vehicle.id:
             raise InvalidRequest("vehicle", "A vehicle cannot follow itself.")
         self._find(follow.vehicle)
-        leader = self._leader(follow)
+        leader = self._snapshots.leader(follow)
         if leader is None or (follow.offset_frd_m is not None and leader.yaw_ned_rad is None):
             raise Refused(
                 f"Vehicle {follow.vehicle} is not connected, or has no valid global position.",
-                remedy="It needs a global position, fresh within a second, to be followed.",
+                remedy="To be followed it needs a global position not older than a second.",
             )
 
 
 def _cannot_fly(error: ValueError) -> Refused:
     return Refused(
-        f"The setpoint cannot be flown now: {error}.", remedy="Send another, or wait for what is missing."
+        f"The setpoint cannot be flown now: {error}.",
+        remedy="Send another setpoint, or wait for the missing estimate.",
     )

@@ -1,4 +1,4 @@
-"""What the stream must know of its vehicle, read from the vehicle's newest samples."""
+"""The estimates that a stream needs of its vehicle, from the vehicle's newest samples."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from missions.geodesy import LocalOrigin
 
 ESTIMATE_FRESH_S = 1.0
 ACCURACY_FRESH_S = 10.0
-"""ESTIMATOR_STATUS comes every one or two seconds."""
+"""PX4 sends ESTIMATOR_STATUS every one or two seconds."""
 PAIR_WITHIN_S = 0.3
-"""Two positions heard further apart than this are not of one place."""
+"""Local and global position received further apart than this are not paired."""
 # ESTIMATOR_STATUS_FLAGS
 ATTITUDE, VELOCITY_HORIZONTAL, VELOCITY_VERTICAL = 1, 2, 4
 POSITION_HORIZONTAL = 8 | 16
@@ -33,13 +33,13 @@ POSITION_VERTICAL = 32 | 64
 
 
 class VehicleEstimates:
-    """One vehicle's state for its stream; nothing older than a second counts."""
+    """One vehicle's state for its stream; samples older than a second do not count."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
 
     def local(self) -> LocalPosition | None:
-        """Position and velocity, fresh."""
+        """Local position and velocity, if fresh."""
         value = self._fresh("local_position")
         return value if isinstance(value, LocalPosition) else None
 
@@ -54,7 +54,7 @@ class VehicleEstimates:
         return value if isinstance(value, GlobalPosition) else None
 
     def home(self) -> Home | None:
-        """However old: it says so every two seconds and seldom moves."""
+        """Home position of any age: it is sent every two seconds and rarely changes."""
         sample = self._vehicle.topic("home")
         return sample.value if sample is not None and isinstance(sample.value, Home) else None
 
@@ -73,24 +73,24 @@ class VehicleEstimates:
         return sample.value, self._age_s(sample.received_monotonic_s)
 
     def has(self, flags: int) -> bool:
-        """Whether the estimator says one of these; True too where it does not send its flags."""
+        """Whether the estimator sets one of these flags; also True if it does not send flags."""
         sample = self._vehicle.topic("estimator")
         return sample is None or not isinstance(sample.value, Estimator) or sample.value.flags & flags != 0
 
     def has_position(self) -> bool:
-        """Whether the vehicle knows where it is."""
+        """Whether the vehicle has a valid position estimate."""
         return self.local() is not None and self.has(POSITION_HORIZONTAL) and self.has(POSITION_VERTICAL)
 
     def has_velocity(self) -> bool:
-        """Whether the vehicle knows how it moves."""
+        """Whether the vehicle has a valid velocity estimate."""
         return self.local() is not None and self.has(VELOCITY_HORIZONTAL) and self.has(VELOCITY_VERTICAL)
 
     def has_heading(self) -> bool:
-        """Whether it knows how it lies."""
+        """Whether the vehicle has a valid attitude estimate."""
         return self.attitude() is not None and self.has(ATTITUDE)
 
     def accuracy_m(self) -> float | None:
-        """Of the position, one sigma: the worse of the two that the estimator reports; None where unknown."""
+        """Position accuracy, one sigma: the worse of horizontal and vertical; None if unknown [m]."""
         sample = self._vehicle.topic("estimator")
         if sample is None or not isinstance(sample.value, Estimator):
             return None
@@ -100,7 +100,7 @@ class VehicleEstimates:
         return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
 
     def scans(self) -> tuple[Scan, ...]:
-        """What its distance sensors measured last; none without an attitude, by which they look somewhere."""
+        """Newest scans of its distance sensors; empty without an attitude, which gives their direction."""
         attitude = self.attitude()
         if attitude is None:
             return ()
@@ -108,7 +108,7 @@ class VehicleEstimates:
         return scans_of(samples, attitude.q_ned_frd, self._vehicle.clock.monotonic_s())
 
     def hears_transmitter(self) -> bool:
-        """Whether a transmitter is there and healthy."""
+        """Whether an RC transmitter is connected and healthy."""
         sample = self._vehicle.topic("health")
         if sample is None or not isinstance(sample.value, Health):
             return False
@@ -116,7 +116,7 @@ class VehicleEstimates:
         return bool(health.sensors_present & health.sensors_healthy & MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
 
     def origin(self) -> LocalOrigin | None:
-        """Where the local frame lies on the earth: by home, else by where the vehicle is."""
+        """Global position of the local frame's origin: from home, else from the vehicle's position."""
         home = self.home()
         if home is not None and home.position_ned_m is not None:
             return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
@@ -127,7 +127,7 @@ class VehicleEstimates:
         return LocalOrigin.from_pair(place.lat_deg, place.lon_deg, place.alt_amsl_m, local.position_ned_m)
 
     def as_leader(self, origin: LocalOrigin | None) -> Leader | None:
-        """This vehicle in the local frame of one that follows it; None where either does not know."""
+        """This vehicle in the local frame of its follower; None if a position is missing."""
         place, heard_s = self.global_position(), self._heard_s("global_position")
         if place is None or heard_s is None or origin is None or self._vehicle.status.link_lost:
             return None
@@ -140,7 +140,7 @@ class VehicleEstimates:
         )
 
     def snapshot(self, **more: object) -> Snapshot:
-        """The vehicle as its stream is to know it."""
+        """Snapshot of the vehicle for its stream."""
         vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
         status, home = vehicle.status, self.home()
         asked = vehicle.command.asked_for(status.mode)

@@ -1,4 +1,4 @@
-"""What PX4 will do when the setpoint stream stops, said in words before anything flies."""
+"""What PX4 will do when the setpoint stream stops, described before takeoff."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ DEFAULT_COM_OF_LOSS_T_S = 1.0
 
 ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "terminate", "disarm")
 """COM_OBL_RC_ACT as modes, by their number."""
-LARGEST_LOSS_T_S = 60.0
+MAX_LOSS_T_S = 60.0
 
 # COM_OBL_RC_ACT: (with a transmitter, without one); the first line without one was seen on PX4 v1.16.
 _ACTIONS: dict[int, tuple[str, str]] = {
@@ -35,7 +35,7 @@ _ACTIONS: dict[int, tuple[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Failsafe:
-    """The vehicle's configuration for a lost stream, as read from it."""
+    """The vehicle's configuration for offboard loss, as read from it."""
 
     loss_timeout_s: float | None
     """COM_OF_LOSS_T."""
@@ -45,12 +45,12 @@ class Failsafe:
 
     @property
     def action_mode(self) -> str | None:
-        """The action as a mode; None where it is unknown."""
+        """The action as a mode; None if unknown."""
         known = self.action is not None and 0 <= self.action < len(ACTION_MODES)
         return ACTION_MODES[self.action] if known and self.action is not None else None
 
-    def words(self) -> str:
-        """One sentence for people."""
+    def text(self) -> str:
+        """The action as a sentence."""
         who = "RC connected" if self.transmitter else "no RC"
         if self.action is None:
             return (
@@ -60,7 +60,7 @@ class Failsafe:
         after_s = DEFAULT_COM_OF_LOSS_T_S if self.loss_timeout_s is None else self.loss_timeout_s
         options = _ACTIONS.get(self.action)
         what = (
-            f"does what COM_OBL_RC_ACT {self.action} means, which is not known here"
+            "does an action that is unknown to this server"
             if options is None
             else options[0 if self.transmitter else 1]
         )

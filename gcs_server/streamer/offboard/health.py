@@ -1,4 +1,4 @@
-"""Whether the stream does what it should, and the vehicle what the stream says."""
+"""Compares a stream with its rate, and the vehicle with the sent setpoints."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from missions.setpoints import (
 
 
 def health_of(state: StreamState, estimates: VehicleEstimates, failsafe: Failsafe | None) -> StreamHealth:
-    """Of a stream as it stands, beside the vehicle's newest samples."""
+    """Health of a stream, from its state and the vehicle's newest samples."""
     sent = state.sent
     patience_s = failsafe.loss_timeout_s if failsafe is not None else None
     left_s = None
@@ -54,7 +54,7 @@ def health_of(state: StreamState, estimates: VehicleEstimates, failsafe: Failsaf
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
-    """The one turn that takes an attitude to another [rad]."""
+    """Angle of the single rotation between two attitudes [rad]."""
     dot = abs(sum(x * y for x, y in zip(a, b, strict=True)))
     return 2.0 * math.acos(min(1.0, dot))
 
@@ -113,6 +113,6 @@ def _velocity_error(sent: DirectSetpoint, estimates: VehicleEstimates) -> float 
 
 
 def _distance(wanted: Partial3, there: Vector3) -> float | None:
-    """Over the axes that are controlled; None where none is."""
+    """Distance over the controlled axes; None if no axis is controlled."""
     parts = [(w - t) ** 2 for w, t in zip(wanted, there, strict=True) if w is not None]
     return math.sqrt(sum(parts)) if parts else None

@@ -1,4 +1,4 @@
-"""The operator's limits of each vehicle, kept in the data folder so that a restart brings them back.
+"""Stores the operator's limits of each vehicle in the data folder and restores them after a restart.
 
 A vehicle is recognised by its autopilot's uid. One without a uid of its own (every PX4 simulator reports one
 and the same) is recognised by its MAVLink system id.
@@ -13,34 +13,34 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import cast
 
-from gcs_server.storage.records import MOST_RECORDS, Records, Unreadable
+from gcs_server.storage.records import MAX_RECORDS, Records, Unreadable
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.vehicle.identity import PX4_SITL_UID, Identity
 
 log = logging.getLogger(__name__)
 
 FORMAT = 1
-LONGEST_NAME = 200
-LATEST_UNIX_S = 1e11
+MAX_NAME_LENGTH = 200
+MAX_UNIX_S = 1e11
 _SHARED_UID = f"{PX4_SITL_UID:016x}"
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleKey:
-    """What stays the same of a vehicle across restarts."""
+    """Identifies a vehicle across restarts."""
 
     system_id: int
     uid: str | None
-    """None: it has no uid of its own."""
+    """None: the vehicle has no unique uid."""
 
     @property
     def by(self) -> str:
-        """`uid` or `system_id`: what the vehicle is recognised by."""
+        """How the vehicle is recognised: `uid` or `system_id`."""
         return "system_id" if self.uid is None else "uid"
 
     @property
     def name(self) -> str:
-        """Of its record."""
+        """Name of its record."""
         return f"system-{self.system_id}" if self.uid is None else f"uid-{self.uid}"
 
 
@@ -54,7 +54,7 @@ class LimitRecord:
 
 
 def key_of(identity: Identity) -> VehicleKey | None:
-    """None while the vehicle has not told its identity (AUTOPILOT_VERSION), and for a recording."""
+    """None until the vehicle has sent AUTOPILOT_VERSION, and for a recording."""
     if identity.replayed or identity.firmware is None:
         return None
     own = identity.uid is not None and identity.uid != _SHARED_UID
@@ -62,11 +62,11 @@ def key_of(identity: Identity) -> VehicleKey | None:
 
 
 class LimitStore:
-    """Of all vehicles.
+    """Limits of all vehicles.
 
     Args:
-        records: where; None keeps nothing.
-        parse: limits from the body of `PUT …/offboard/limits`; raises ValueError.
+        records: where they are stored; None: nowhere.
+        parse: reads limits from the body of `PUT …/offboard/limits`; raises ValueError.
     """
 
     def __init__(
@@ -78,26 +78,26 @@ class LimitStore:
         self._parse = parse
         self._kept: dict[str, LimitRecord | Unreadable] = {}
         self._system_ids: dict[str, int] = {}
-        """Of the vehicle of each record, where the record says so."""
+        """Key of each record's vehicle, if the record has one."""
         self._folder_problem: str | None = None
         self._write_problems: dict[str, str] = {}
 
     async def load(self) -> None:
-        """Reads what was kept; what cannot be read becomes a warning."""
+        """Reads the stored limits; unreadable records become warnings."""
         if self._records is None:
             return
         try:
             found = await asyncio.to_thread(self._records.read_all)
         except OSError as error:
             self._folder_problem = (
-                f"The kept limits in {self._records.folder} cannot be read: {error.strerror or error}."
+                f"The stored limits in {self._records.folder} cannot be read: {error.strerror or error}."
             )
             return
         for name, content in found.items():
             self._kept[name] = content if isinstance(content, Unreadable) else self._record(name, content)
 
     def find(self, key: VehicleKey) -> LimitRecord | Unreadable | None:
-        """What is kept of a vehicle; None where nothing is."""
+        """The stored record of a vehicle; None if there is none."""
         kept = self._kept.get(key.name)
         if isinstance(kept, Unreadable):
             return Unreadable(f"The file {self._file(key.name)} cannot be read: {kept}.")
@@ -106,17 +106,17 @@ class LimitStore:
         return kept
 
     def may_know(self, system_id: int) -> bool:
-        """Whether something may be kept of a vehicle that has told no more than its system id."""
+        """Whether a record may exist for a vehicle of which only the system id is known."""
         unnamed = [name for name in self._kept if name not in self._system_ids]
         return bool(self._folder_problem or unnamed) or system_id in self._system_ids.values()
 
     async def keep(self, key: VehicleKey, record: LimitRecord) -> str | None:
-        """On the disk when it returns; else why not, in words."""
+        """Stores a record; returns None when it is on disk, else the reason why not."""
         if self._records is None:
-            return "This server keeps no data."
+            return "This server has no data folder."
         none_set = record.limits == OperatorLimits()
-        if not none_set and key.name not in self._kept and len(self._kept) >= MOST_RECORDS:
-            return f"Limits of {MOST_RECORDS} vehicles are kept already."
+        if not none_set and key.name not in self._kept and len(self._kept) >= MAX_RECORDS:
+            return f"Limits of {MAX_RECORDS} vehicles are already stored."
         content = None if none_set else _content(key, record)
         writing = self._records.write(key.name, content)
         try:
@@ -135,7 +135,7 @@ class LimitStore:
         return None
 
     def warnings(self) -> list[str]:
-        """What cannot be read or written, in words."""
+        """Texts for everything that cannot be read or written."""
         said = [
             f"Limits of a vehicle cannot be restored: the file {self._file(name)} cannot be read: {kept}. "
             "Set them again; that replaces the file."
@@ -143,12 +143,17 @@ class LimitStore:
             if isinstance(kept, Unreadable)
         ]
         if self._folder_problem is not None:
-            said.append(f"{self._folder_problem} No vehicle's limits could be restored: set them again.")
-        said += [f"{problem} A restart forgets these limits." for problem in self._write_problems.values()]
+            said.append(
+                f"{self._folder_problem} Limits could not be restored for any vehicle: set them again."
+            )
+        said += [
+            f"{problem} These limits are lost when the server restarts."
+            for problem in self._write_problems.values()
+        ]
         return said
 
     def close(self) -> None:
-        """Waits for what is being written."""
+        """Waits for pending writes."""
         if self._records is not None:
             self._records.close()
 
@@ -175,7 +180,7 @@ def _content(key: VehicleKey, record: LimitRecord) -> dict[str, object]:
         "system_id": key.system_id,
         "uid": key.uid,
         "set_unix_s": record.set_unix_s,
-        "set_by": record.set_by[:LONGEST_NAME],
+        "set_by": record.set_by[:MAX_NAME_LENGTH],
         "limits": limits,
     }
 
@@ -193,16 +198,16 @@ def _read(
         raise ValueError("uid")
     if isinstance(set_unix_s, bool) or not isinstance(set_unix_s, int | float):
         raise ValueError("set_unix_s")
-    if not math.isfinite(set_unix_s) or not 0 <= set_unix_s <= LATEST_UNIX_S:
+    if not math.isfinite(set_unix_s) or not 0 <= set_unix_s <= MAX_UNIX_S:
         raise ValueError("set_unix_s")
-    if not isinstance(set_by, str) or len(set_by) > LONGEST_NAME or not isinstance(limits, dict):
+    if not isinstance(set_by, str) or len(set_by) > MAX_NAME_LENGTH or not isinstance(limits, dict):
         raise ValueError("set_by or limits")
     record = LimitRecord(parse(cast(dict[str, object], limits)), float(set_unix_s), set_by)
     return VehicleKey(system_id, uid), record
 
 
-def words_of(limits: OperatorLimits) -> str:
-    """For people: `speed_max_m_s 5, fence polygon`."""
+def limits_text(limits: OperatorLimits) -> str:
+    """The limits as text: `speed_max_m_s 5, fence polygon`."""
     said = [
         f"{field.name} {value:g}"
         for field in fields(limits)

@@ -1,4 +1,4 @@
-"""What a vehicle's distance sensors measured, as its stream is to know it: rays in NED."""
+"""Converts a vehicle's distance measurements into scans for its stream: rays in NED."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from missions.avoidance.scans import Scan
 from missions.frames import Quaternion, Vector3, rotate
 
 KEPT_S = 3.0
-"""Older measurements are left out."""
+"""Older measurements are dropped."""
 
 
 def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: float) -> tuple[Scan, ...]:
-    """The newest measurement of each sensor.
+    """The newest scan of each sensor.
 
     Args:
-        samples: of the topics `distance_sensors` and `obstacle_distance`.
-        q_ned_frd: how the vehicle lies.
+        samples: samples of the topics `distance_sensors` and `obstacle_distance`.
+        q_ned_frd: attitude of the vehicle.
         now_s: monotonic.
     """
     found: list[Scan] = []

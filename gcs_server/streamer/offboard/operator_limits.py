@@ -1,4 +1,4 @@
-"""The operator's limits of one vehicle: in force, kept, restored once the vehicle is recognised, and told."""
+"""The operator's limits of one vehicle: applied, stored, and restored once the vehicle is recognised."""
 
 from __future__ import annotations
 
@@ -6,47 +6,49 @@ import time
 from dataclasses import dataclass
 
 from gcs_server.storage.records import Unreadable
-from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, VehicleKey, key_of, words_of
+from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, VehicleKey, key_of, limits_text
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.vehicle import Vehicle
 
 NOTICE, WARNING = 5, 4
-RECOGNISED_WITHIN_S = 2.0
-LOOK_EVERY_S = 0.05
-SET_AGAIN = "Set the limits again before you fly."
+RECOGNITION_TIMEOUT_S = 2.0
+CHECK_PERIOD_S = 0.05
+SET_LIMITS_AGAIN = "Set the limits again before you fly."
 
 
 @dataclass(frozen=True, slots=True)
 class LimitsOrigin:
-    """Where the operator's limits come from, and what became of those set before a restart."""
+    """Origin of the operator's limits, and whether limits from before a restart were restored."""
 
     active: bool
-    """Whether limits of the operator's are in force."""
+    """Whether the operator has set limits."""
     restored: bool
-    """They were set before the server's last start and read back from its data folder."""
+    """They were set before the server's last start and restored from its data folder."""
     set_by: str | None
-    """The client that set them; null where none was ever set."""
+    """Client that set them; null if none were ever set."""
     set_unix_s: float | None
-    """When it did [s since 1970 UTC]."""
+    """Time when they were set [s since 1970 UTC]."""
     kept: bool
-    """They are in the data folder: a restart brings them back."""
+    """They are stored in the data folder and are restored after a restart."""
     recognised_by: str | None
-    """How a restarted server knows the vehicle: `uid` (its autopilot's), `system_id` (it has no uid of its
-    own); null before it told its identity."""
+    """How a restarted server recognises the vehicle: `uid` (of the autopilot), `system_id` (no unique uid);
+    null before the vehicle is identified."""
     warning: str | None
-    """Why limits that were set are not in force, or would be lost by a restart; null where all is well."""
+    """Why limits that were set are not in force, or would be lost in a restart; null if there is no
+    problem."""
     text: str
-    """All of this in a sentence."""
+    """Summary in a sentence."""
 
 
 class VehicleOperatorLimits:
-    """Of one vehicle.
+    """The operator's limits of one vehicle.
 
     Args:
         vehicle: whose.
-        store: of all vehicles.
-        owners: which vehicle has the record of a name, shared by all: twins without a uid cannot share one.
+        store: the stored limits of all vehicles.
+        owners: which vehicle uses the record of each name, shared by all vehicles: two vehicles without a
+            unique uid cannot share one record.
     """
 
     def __init__(self, vehicle: Vehicle, store: LimitStore, owners: dict[str, str]) -> None:
@@ -62,18 +64,18 @@ class VehicleOperatorLimits:
 
     @property
     def limits(self) -> OperatorLimits:
-        """Those in force."""
+        """The limits in force."""
         return OperatorLimits() if self._record is None else self._record.limits
 
     async def set(self, limits: OperatorLimits, by: str) -> None:
-        """In force at once; returns when they are kept, or `origin` says why they are not."""
+        """Applies limits at once; returns when they are stored, or `origin` says why they are not."""
         self.recognise()
         record = LimitRecord(limits, self._vehicle.clock.unix_s(), by)
         self._record, self._restored, self._not_restored = record, False, None
         await self._keep(record)
 
     def recognise(self) -> None:
-        """With each beat: restores what was kept once the vehicle has told who it is."""
+        """Called with each beat: restores stored limits once the vehicle is identified."""
         identity = self._vehicle.identity
         if identity is self._seen:
             return
@@ -83,39 +85,42 @@ class VehicleOperatorLimits:
             return
         if self._owners.setdefault(key.name, self._vehicle.id) != self._vehicle.id:
             self._not_kept = (
-                f"Vehicle {self._owners[key.name]} has the same system id and neither has a uid of its own: "
-                "limits of this one are not kept."
+                f"Vehicle {self._owners[key.name]} has the same system id and neither has a unique uid: "
+                "limits of this vehicle are not stored."
             )
             return
         before, self._key = self._key, key
-        if before is None and self._record is not None:  # set before it told who it is: newer than any file
+        if before is None and self._record is not None:  # set before the vehicle was identified: newer
             record = self._record
             self._vehicle.in_background("keep limits", self._keep(record))
             return
         if before is not None:
-            self._tell("limits_other_vehicle", "Another vehicle has come in its place.", WARNING)
+            self._publish(
+                "limits_other_vehicle", "Another vehicle now uses this id; its limits are loaded.", WARNING
+            )
         self._restore(key)
 
     async def recognised(self) -> None:
-        """Before a stream begins: waits a moment for a vehicle of which something may be kept."""
+        """Called before a stream begins: waits a moment for the identity of a vehicle that may have a
+        record."""
         clock, identity = self._vehicle.clock, self._vehicle.identity
-        until_s = clock.monotonic_s() + RECOGNISED_WITHIN_S
+        until_s = clock.monotonic_s() + RECOGNITION_TIMEOUT_S
         if identity.replayed or self._record is not None or not self._store.may_know(identity.system_id):
             return
         while self._vehicle.identity.firmware is None and clock.monotonic_s() < until_s:
-            await clock.sleep(LOOK_EVERY_S)
+            await clock.sleep(CHECK_PERIOD_S)
         self.recognise()
 
-    def tell_at_start(self) -> None:
-        """As a stream begins: restored limits and missing ones are never a surprise."""
+    def report_at_start(self) -> None:
+        """Called when a stream begins: reports restored and missing limits."""
         origin = self.origin()
         if origin.warning is not None:
-            self._tell("limits_warning", origin.text, WARNING)
+            self._publish("limits_warning", origin.text, WARNING)
         elif origin.active and origin.restored:
-            self._tell("limits_restored", origin.text, NOTICE)
+            self._publish("limits_restored", origin.text, NOTICE)
 
     def origin(self) -> LimitsOrigin:
-        """Where they come from, for status and answers."""
+        """Origin of the limits, for status and answers."""
         record = self._record
         warning = self._not_restored or (self._not_kept if record is not None else None)
         if record is None and self._key is None and warning is None:
@@ -123,8 +128,8 @@ class VehicleOperatorLimits:
             unknown = not identity.replayed and identity.firmware is None
             if unknown and self._store.may_know(identity.system_id):
                 warning = (
-                    "The vehicle has not told its identity (AUTOPILOT_VERSION), so limits that were kept for "
-                    f"it could not be found. {SET_AGAIN}"
+                    "The vehicle has not sent its identity (AUTOPILOT_VERSION), so its stored limits "
+                    f"could not be found. {SET_LIMITS_AGAIN}"
                 )
         active = record is not None and record.limits != OperatorLimits()
         kept = active and self._key is not None and self._not_kept is None
@@ -146,23 +151,25 @@ class VehicleOperatorLimits:
         self._record, self._restored = None, False
         self._not_restored = self._not_kept = None
         if isinstance(found, Unreadable):
-            self._not_restored = f"Limits kept for this vehicle are not in force. {found} {SET_AGAIN}"
-            self._tell("limits_warning", self._not_restored, WARNING)
+            self._not_restored = f"Stored limits of this vehicle are not in force. {found} {SET_LIMITS_AGAIN}"
+            self._publish("limits_warning", self._not_restored, WARNING)
         elif found is not None:
             self._record, self._restored = found, True
-            self._tell("limits_restored", self.origin().text, NOTICE)
+            self._publish("limits_restored", self.origin().text, NOTICE)
 
     async def _keep(self, record: LimitRecord) -> None:
         if self._vehicle.identity.replayed:
-            self._not_kept = "A recording's limits are not kept."
+            self._not_kept = "Limits of a recording are not stored."
             return
         if self._key is None:
             twin = self._not_kept
-            self._not_kept = twin or "They are kept once the vehicle has told its identity."
+            self._not_kept = twin or "They are stored once the vehicle is identified."
             return
         problem = await self._store.keep(self._key, record)
         if self._record is record:
-            self._not_kept = None if problem is None else f"{problem} A restart forgets these limits."
+            self._not_kept = (
+                None if problem is None else f"{problem} These limits are lost when the server restarts."
+            )
 
     def _text(self, active: bool, warning: str | None) -> str:
         record = self._record
@@ -170,12 +177,11 @@ class VehicleOperatorLimits:
             return warning or "No limits set here; the vehicle's own limits apply."
         when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(record.set_unix_s))
         how = "restored after a restart, " if self._restored else ""
-        said = (
-            f"Limits in force: {words_of(record.limits)} ({how}set by {record.set_by or 'a client'}, {when})."
-        )
-        return said if warning is None else f"{said} {warning}"
+        who = record.set_by or "a client"
+        text = f"Limits in force: {limits_text(record.limits)} ({how}set by {who}, {when})."
+        return text if warning is None else f"{text} {warning}"
 
-    def _tell(self, code: str, text: str, severity: int) -> None:
+    def _publish(self, code: str, text: str, severity: int) -> None:
         kind = "warning" if severity <= WARNING else "command"
         data = {"source": "offboard", "code": code}
         self._vehicle.events.add(kind, self._vehicle.clock.unix_s(), text, severity=severity, data=data)

@@ -1,4 +1,4 @@
-"""How a stream stands, as the API, the telemetry and the page see it."""
+"""Status of a stream, as API, telemetry and page show it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from missions.setpoints import DirectSetpoint, Partial3
 
 @dataclass(frozen=True, slots=True)
 class Echo:
-    """The target that the vehicle's controllers say they follow."""
+    """The target that the vehicle's controllers report."""
 
     age_s: float
-    """Since it was heard; the page's word for a vehicle that ignores us."""
+    """Time since it was received; large if the vehicle ignores the setpoints."""
     position_ned_m: Partial3 | None = None
     velocity_ned_m_s: Partial3 | None = None
     acceleration_ned_m_s2: Partial3 | None = None
@@ -29,28 +29,31 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class StreamHealth:
-    """Whether the stream does what it should, and the vehicle what the stream says."""
+    """Whether the stream reaches its rate, and the vehicle follows the setpoints."""
 
     rate_achieved_hz: float | None
-    """Over the last two seconds, as handed to the link; a slow link leaves out what a newer one replaces."""
+    """Setpoints handed to the link over the last two seconds; a slow link drops a setpoint when a newer one
+    replaces it."""
     setpoint_age_s: float | None
-    """Since the order was taken."""
+    """Time since the order was accepted."""
     sent_age_s: float | None
-    """Since a setpoint last went out."""
+    """Time since the last sent setpoint."""
     valid_left_s: float | None
-    """Until the order expires."""
+    """Time until the order expires."""
     failsafe_in_s: float | None
-    """Until the vehicle's own failsafe (COM_OF_LOSS_T after the last one), were nothing sent from now on."""
+    """Time until the vehicle's own failsafe (COM_OF_LOSS_T after the last setpoint), if sending stopped
+    now."""
     echo: Echo | None
-    """POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, whichever fits what is sent; None while nothing is."""
+    """POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None while nothing is
+    sent."""
     position_error_m: float | None
-    """From where it is to the position that is sent."""
+    """Distance from the vehicle to the sent position."""
     velocity_error_m_s: float | None
-    """Between its velocity and the one that is sent."""
+    """Difference between the vehicle's velocity and the sent one."""
     attitude_error_rad: float | None
-    """Angle between its attitude and the one that is sent."""
+    """Angle between the vehicle's attitude and the sent one."""
     yaw_error_rad: float | None
-    """Between its heading and the one that is sent."""
+    """Angle between the vehicle's heading and the sent one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,36 +62,37 @@ class AvoidanceView:
 
     on: bool
     way: AvoidanceWay
-    """What is tried first: over an obstacle, or around it at the same altitude."""
+    """Direction that is tried first: over an obstacle, or around it at the same altitude."""
     state: AvoidanceState | None
-    """What it does now; null while it is off or nothing is streamed."""
+    """Current state; null while avoidance is off or nothing is streamed."""
     text: str
-    """The same for people; empty while it flies as ordered."""
+    """The state as text; empty while the vehicle flies as ordered."""
     sensor: bool
-    """Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one, too."""
+    """Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one as well."""
 
 
 @dataclass(frozen=True, slots=True)
 class OffboardStatus:
-    """The topic `offboard`, and what the calls below `…/offboard` answer."""
+    """The topic `offboard`, and the answer of the calls below `…/offboard`."""
 
     streaming: bool
-    """Whether setpoints go out to the vehicle now."""
+    """Whether setpoints are being sent."""
     state: str
-    """idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
-    (the start failed, but the vehicle may yet take Offboard)."""
+    """idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
+    (the start failed, but the vehicle may still switch to Offboard)."""
     client: str | None
-    """Whose setpoint it is."""
+    """Client that sent the setpoint."""
     client_key: str | None
-    """Tells the client from others of its name."""
+    """Distinguishes clients of the same name."""
     owner: StreamOwner | None
-    """operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only."""
+    """operator: a client flies this vehicle; group: setpoints come through `/groups` only; mission: an
+    offboard mission flies it."""
     ordered_type: str | None
-    """The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry)."""
+    """Type of the ordered setpoint; the sent type may differ (path, follow, after expiry)."""
     setpoint: dict[str, object] | None
-    """What goes out now: the client's within its limits, or the place held after it expired."""
+    """The setpoint sent now: the client's, limited, or the position held after expiry."""
     limited: tuple[str, ...]
-    """What the limits take away from the order now, in words; empty where nothing."""
+    """Texts of what the limits reduce now; empty if nothing is limited."""
     rate_hz: float
     rate_achieved_hz: float | None
     age_s: float | None
@@ -96,50 +100,49 @@ class OffboardStatus:
     valid_left_s: float | None
     on_expiry: dict[str, object] | None
     if_stream_stops: str | None
-    """What the vehicle will do by itself, in words; None before it was asked."""
+    """The vehicle's own action when the stream stops; null before it is known."""
     sends_failed: int
-    """Setpoints that could not be handed to the link."""
+    """Number of setpoints that could not be handed to the link."""
     ended: str | None
-    """Why the last stream ended; None while one runs or before the first."""
+    """Why the last stream ended; null while one runs and before the first."""
     limits_origin: LimitsOrigin
-    """Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
-    them."""
+    """Whether operator limits are in force, who set them and when, and whether they survive a restart."""
     avoidance: AvoidanceView
     health: StreamHealth
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class OffboardLimits:
     """What setpoints are held to."""
 
     vehicle: VehicleLimits
     operator: OperatorLimits
     origin: LimitsOrigin
-    """Of the operator's."""
+    """Origin of the operator's limits."""
 
 
 @dataclass(frozen=True, slots=True)
 class FailsafeView:
-    """What the vehicle does by itself when the stream stops."""
+    """The vehicle's own action when the stream stops."""
 
     after_s: float | None
-    """COM_OF_LOSS_T; None where it did not tell."""
+    """COM_OF_LOSS_T; null if unknown."""
     action: str | None
     """COM_OBL_RC_ACT as a mode: position, altitude, stabilized, rtl, land, hold, terminate, disarm."""
     transmitter: bool
-    """Whether a transmitter is heard: without one the modes flown by sticks come down by themselves."""
+    """Whether an RC transmitter is connected: without one the vehicle descends in modes that need sticks."""
     words: str
 
 
 def expiry_view(on_expiry: OnExpiry) -> dict[str, object]:
-    """As the API takes it."""
+    """Expiry action as in the API's requests."""
     if on_expiry.action == "hold":
         return {"action": "hold", "hold_for_s": on_expiry.hold_for_s}
     return {"action": on_expiry.action}
 
 
 def setpoint_view(sent: DirectSetpoint | None) -> dict[str, object] | None:
-    """A setpoint as the API shows it, what it does not control left out."""
+    """A setpoint as the API shows it, without uncontrolled fields."""
     if sent is None:
         return None
     return {"type": sent.type, **{k: v for k, v in asdict(sent).items() if v is not None}}

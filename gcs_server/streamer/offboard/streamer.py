@@ -1,4 +1,4 @@
-"""All vehicles' setpoint streams: the loop's beat that keeps them informed, and a clean end."""
+"""All vehicles' setpoint streams: the event loop's beat, which updates them, and a clean shutdown."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ log = logging.getLogger(__name__)
 
 BEAT_PERIOD_S = 0.1
 STOP_ALL_S = 3.0
-"""How long the server's end may wait for all vehicles to be in Hold."""
+"""How long a shutdown may wait for all vehicles to be in Hold."""
 
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
-    """What became of one vehicle's stream when the server ended."""
+class StopResult:
+    """Result of stopping one vehicle's stream at shutdown."""
 
     vehicle: str
     error: GcsError | None
-    """None where the vehicle is in Hold."""
+    """None if the vehicle is in Hold."""
     duration_s: float
 
 
 class Streamer:
-    """The streams and the loop's beat that keeps them informed; builds each vehicle's `offboard`.
+    """Owns the streams and the event loop's beat, and creates each vehicle's `offboard`.
 
     Args:
-        streams: runs them: a process of its own, or a scheduler that a test runs.
-        limits: keeps the operator's limits; in memory only unless given.
+        streams: runs them: the streams' process, or a scheduler in tests.
+        limits: stores the operator's limits; if not given, they are kept in memory only.
     """
 
     def __init__(self, clock: Clock, streams: Streams, limits: LimitStore | None = None) -> None:
@@ -58,13 +58,13 @@ class Streamer:
         self.groups = Groups(clock, self._streams, self.offboard)
 
     def attach(self, vehicle: Vehicle) -> None:
-        """Gives a vehicle its offboard control."""
+        """Creates a vehicle's offboard control."""
         limits = VehicleOperatorLimits(vehicle, self.limits, self._limit_owners)
         control = OffboardControl(self._clock, vehicle, self._streams, self._find, limits)
         vehicle.offboard = self._controls[vehicle.id] = control
 
     def detach(self, vehicle: Vehicle) -> None:
-        """It is not known any more; a stream to it ends first, with a word."""
+        """The vehicle was removed; its stream ends first, with an event."""
         control = self._controls.get(vehicle.id)
         known = control is not None and control.vehicle is vehicle
         if known and self._streams.state(vehicle.id).phase == "idle":
@@ -72,21 +72,21 @@ class Streamer:
             self._streams.forget(vehicle.id)
 
     def start(self, supervisor: Supervisor) -> None:
-        """Begins the streams and their beat."""
+        """Starts the streams and their beat."""
         self._streams.start()
         supervisor.start("offboard-beat", self._beat)
 
     def close(self) -> None:
-        """Stops all streams: the vehicles fail safe."""
+        """Stops all streams: the vehicles' failsafes take over."""
         self._streams.close()
         self.limits.close()
 
     def links_changed(self) -> None:
-        """A link was opened or closed: what streams gives the sockets of closed ones back."""
+        """A link was opened or closed: the streams release sockets of closed links."""
         self._streams.links_changed()
 
     def target(self, vehicle_id: str) -> tuple[Vector3 | None, Vector3 | None, float | None] | None:
-        """(position, velocity, yaw) streamed now, for the scene's ghost; None while nothing is."""
+        """(position, velocity, yaw) streamed now, for the scene's ghost; None while nothing is streamed."""
         sent = self._streams.state(vehicle_id).sent
         if sent is None:
             return None
@@ -108,11 +108,11 @@ class Streamer:
     def _find(self, vehicle_id: str) -> Vehicle:
         return self.offboard(vehicle_id).vehicle
 
-    async def stop_all(self) -> list[Stopped]:
+    async def stop_all(self) -> list[StopResult]:
         """Puts every vehicle that is streamed to into Hold, all at once (a clean end of the server).
 
-        One that is not there within `STOP_ALL_S` loses its stream and fails safe. A Stop motors that is not
-        confirmed yet is sent for as long, to whichever vehicle.
+        A vehicle that is not in Hold within `STOP_ALL_S` loses its stream, and its failsafe takes over. An
+        unconfirmed Stop motors command is repeated for the same time.
         """
         self.groups.disable_guard()
         async with asyncio.TaskGroup() as group:
@@ -126,7 +126,7 @@ class Streamer:
                 for control in self._controls.values():
                     await control.vehicle.command.kill_over()
 
-    async def _stop_one(self, vehicle_id: str) -> Stopped:
+    async def _stop_one(self, vehicle_id: str) -> StopResult:
         began_s = self._clock.monotonic_s()
         error: GcsError | None = None
         try:
@@ -136,12 +136,15 @@ class Streamer:
             error = problem
         except TimeoutError:
             error = NoReply(
-                f"Vehicle {vehicle_id} did not report Hold before the server ended; its failsafe takes over.",
+                f"Vehicle {vehicle_id} did not report Hold before the server shut down; its failsafe "
+                f"takes over.",
                 deadline_s=STOP_ALL_S,
             )
         if error is not None:
-            self._tell(vehicle_id, f"It could not be put into Hold at the server's end: {error}", 4)
-        return Stopped(vehicle_id, error, self._clock.monotonic_s() - began_s)
+            self._publish(
+                vehicle_id, f"The vehicle could not be put into Hold when the server shut down: {error}", 4
+            )
+        return StopResult(vehicle_id, error, self._clock.monotonic_s() - began_s)
 
     async def _beat(self) -> None:
         while True:
@@ -149,35 +152,37 @@ class Streamer:
             await self._clock.sleep(BEAT_PERIOD_S)
 
     def beat_once(self) -> None:
-        """Shows that the loop lives, renews the snapshots, restores limits and tells what was reported."""
+        """Signals that the event loop is alive, updates the snapshots, restores limits and publishes
+        reports."""
         for vehicle_id, control in self._controls.items():
             self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator.recognise)
         to_come = self._streams.watched()
         seen = dict.fromkeys(self._streams.active()) | to_come
         known = [vehicle_id for vehicle_id in seen if vehicle_id in self._controls]
         self._streams.beat({vid: s for vid in known if (s := self._snapshot(vid, seen[vid])) is not None})
-        self._isolation.run("the look after groups", self.groups.look)
+        self._isolation.run("the check of the groups", self.groups.look)
         for vehicle_id in known:
             control = self._controls[vehicle_id]
-            control.vehicle.isolation.run("the rate of its sensors", control.avoidance.ask_for_rates)
+            control.vehicle.isolation.run(
+                "the rates of its distance sensors", control.avoidance.ask_for_rates
+            )
         for vehicle_id, report in self._streams.take_reports():
-            self._tell(vehicle_id, report.text, report.severity, report.code)
+            self._publish(vehicle_id, report.text, report.severity, report.code)
 
     def faults(self) -> list[str]:
-        """What fails now, in words."""
+        """Texts of current faults."""
         return self._isolation.faults
 
     def _snapshot(self, vehicle_id: str, order: Order | None) -> Snapshot | None:
-        """The vehicle for its stream; one whose snapshot fails is a vehicle without any valid estimate.
-
-        None where not even that can be made: the stream goes by what it knew, which is too old in a second.
+        """Snapshot of the vehicle for its stream. If it fails, a snapshot without estimates. None if that
+        fails as well: then the stream uses the previous one, which is too old after a second.
         """
         control = self._controls[vehicle_id]
         run = control.vehicle.isolation.run
         whole = run("the snapshot for its stream", control.snapshot, order)
         return whole or run("the status for its stream", control.snapshot_without_estimates)
 
-    def _tell(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:
+    def _publish(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:
         kind = "warning" if severity <= 4 else "command"
         control = self._controls.get(vehicle_id)
         if control is not None:

@@ -1,1 +1,1 @@
-"""The process that runs the schedule, and the server's side of it."""
+"""The process that runs the stream scheduler, and the server's side of it."""

@@ -1,7 +1,7 @@
-"""The server's messages to the process that flies the streams, and the answers that come back.
+"""The server's messages to the streams' process, and its answers.
 
-Whoever posts goes on at once; whoever asks awaits a future. The process is started when it is wanted, ended
-when it takes nothing any more, and started again.
+`post` returns at once; `request` returns a future. The process is started when it is needed, killed when it
+stops reading, and started again.
 """
 
 from __future__ import annotations
@@ -14,43 +14,42 @@ from typing import Any, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.streamer.process.handle import WORKER_GONE, Relay, WorkerHandle
-from gcs_server.streamer.process.messages import Answer, Hello, Post, Request, Update
+from gcs_server.streamer.process.messages import Answer, Post, Request, Update, WorkerStarted
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
 
-ANSWERS_WITHIN_S = 2.0
-"""A process that takes nothing for so long counts as gone: the vehicles fail safe rather than fly on
-unseen."""
+ANSWER_TIMEOUT_S = 2.0
+"""A process that reads nothing for this long counts as dead: the vehicles' failsafes take over."""
 LOOP_STALLED_S = 0.5
-"""A loop that itself stood still for so long between two beats has not seen the process stand still."""
-STARTED_AGAIN_AFTER_S = 1.0
-"""No sooner after its last start is the process started again."""
+"""If the event loop itself stalled for this long between two beats, it cannot judge the process."""
+RESTART_PERIOD_S = 1.0
+"""Shortest time between two starts of the process."""
 
 
 class WorkerDied(Exception):
-    """The process has gone, or does not answer."""
+    """The process has died, or does not answer."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
-    """A request that is not answered yet."""
+class _PendingRequest:
+    """A request that has no answer yet."""
 
     future: asyncio.Future[Any]
     then: Callable[[Any], None] | None
-    """Called with the answer, even where nobody awaits it any more."""
+    """Called with the answer, even if nobody awaits it any more."""
 
 
 class WorkerCalls:
-    """All runs of the process, one after the other.
+    """Starts the process, and sends it messages over all its restarts.
 
     Args:
         clock: the machine's.
-        own_ids: system and component id of what is sent.
-        silent_limit_s: the loop's silence after which sending stops.
-        on_update: gets what the process says of the streams.
-        on_gone: called when the process has ended or does not answer; what was asked of it fails afterwards.
-        relay: sends what the process cannot; called in a thread.
+        own_ids: system and component id of the sent messages.
+        silent_limit_s: silence of the event loop after which sending stops.
+        on_update: called with each update from the process.
+        on_gone: called when the process has ended or does not answer; pending requests fail afterwards.
+        relay: sends setpoints that the process cannot send; called in a thread.
     """
 
     def __init__(
@@ -66,33 +65,33 @@ class WorkerCalls:
         self._own_ids = own_ids
         self._silent_limit_s = silent_limit_s
         self._on_update, self._on_gone, self._relay = on_update, on_gone, relay
-        self._asked: dict[int, _Asked] = {}
+        self._asked: dict[int, _PendingRequest] = {}
         self._started_s = self._beat_s = self._silent_since_s = float("-inf")
         self.worker: WorkerHandle | None = None
-        """The run that there is now."""
+        """The current run; None if there is none."""
 
     def spawn(self) -> None:
-        """Starts the process where there is none; not again and again without a pause."""
+        """Starts the process if there is none, at most once per `RESTART_PERIOD_S`."""
         now_s = self._clock.monotonic_s()
-        if self.worker is not None or now_s - self._started_s < STARTED_AGAIN_AFTER_S:
+        if self.worker is not None or now_s - self._started_s < RESTART_PERIOD_S:
             return
         self._started_s = now_s
         try:
             self.worker = WorkerHandle(
                 self._own_ids, self._silent_limit_s, self._heard, self._gone, self._relay
             )
-        except OSError:  # no descriptor left: tried again with a later beat
-            log.exception("the process that flies setpoint streams could not be started")
+        except OSError:  # no file descriptor left: a later beat tries again
+            log.exception("the setpoint streams' process could not be started")
 
     def close(self) -> None:
-        """Ends it; what was asked of it fails."""
+        """Ends the process; pending requests fail."""
         worker, self.worker = self.worker, None
         if worker is not None:
             worker.end()
         self._fail_all()
 
     def judge(self) -> None:
-        """With each beat: ends a process that takes nothing, unless it was the loop that stood still."""
+        """Called with each beat: kills a process that reads nothing, unless the event loop itself stalled."""
         now_s = self._clock.monotonic_s()
         stalled, self._beat_s = now_s - self._beat_s > LOOP_STALLED_S, now_s
         worker = self.worker
@@ -101,11 +100,11 @@ class WorkerCalls:
         if stalled:
             self._silent_since_s = now_s
         worker.read()
-        if self.worker is worker and worker.owes and now_s - self._silent_since_s >= ANSWERS_WITHIN_S:
+        if self.worker is worker and worker.owes and now_s - self._silent_since_s >= ANSWER_TIMEOUT_S:
             self._gone()
 
     def post(self, message: Post | Request[Any]) -> int:
-        """Sends without waiting; the message's number, 0 where there is no process."""
+        """Sends without waiting; returns the message's number, 0 if there is no process."""
         worker = self.worker
         if worker is None:
             return 0
@@ -118,30 +117,30 @@ class WorkerCalls:
             return 0
 
     def request(self, message: Request[T], then: Callable[[T], None] | None = None) -> asyncio.Future[T]:
-        """Sends at once; the future gets the answer, or WorkerDied.
+        """Sends at once; the future receives the answer, or WorkerDied.
 
         Args:
-            message: what is asked.
-            then: called with the answer as it comes, even where the future was cancelled.
+            message: the request.
+            then: called with the answer when it arrives, even if the future was cancelled.
         """
         future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
         number = self.post(message)
         if number:
-            self._asked[number] = _Asked(future, then)
+            self._asked[number] = _PendingRequest(future, then)
         else:
             future.set_exception(WorkerDied())
         return future
 
     async def answer(self, future: asyncio.Future[T]) -> T:
-        """Waits for it; a process that does not give one in time is ended.
+        """Waits for the answer; a process that does not answer in time is killed.
 
         Raises:
-            WorkerDied: there is none.
-            ValueError: what was asked for cannot be.
-            RuntimeError: it failed otherwise; the process has logged how.
+            WorkerDied: there is no process.
+            ValueError: the request is not possible.
+            RuntimeError: another failure, which the process has logged.
         """
         try:
-            await asyncio.wait({future}, timeout=ANSWERS_WITHIN_S)
+            await asyncio.wait({future}, timeout=ANSWER_TIMEOUT_S)
         except asyncio.CancelledError:
             future.cancel()
             raise
@@ -156,10 +155,10 @@ class WorkerCalls:
             self._on_update(value)
         elif isinstance(value, Answer):
             self._answered(value)
-        elif isinstance(value, Hello) and self.worker is not None:
+        elif isinstance(value, WorkerStarted) and self.worker is not None:
             self.worker.up = True
             if not value.real_time:
-                log.info("setpoint streams have no real-time priority: see docs/performance.md")
+                log.info("setpoint streams run without real-time priority: see docs/performance.md")
 
     def _answered(self, answer: Answer) -> None:
         asked = self._asked.pop(answer.number, None)
@@ -179,7 +178,7 @@ class WorkerCalls:
         worker, self.worker = self.worker, None
         if worker is None:
             return
-        log.error("the process that flies setpoint streams (%s) ended", worker.pid)
+        log.error("the setpoint streams' process (%s) ended", worker.pid)
         worker.kill()
         self._on_gone()
         self._fail_all()

@@ -1,6 +1,6 @@
 """One run of the process of the streams (`worker.py`): starts it, writes to it, reads from it, ends it.
 
-Nothing here waits for that process. A thread starts it, passes on what it reports and waits for its end.
+Nothing here waits for that process. A thread starts it, passes on its reports and waits for its end.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from gcs_server.streamer.transport.sender import PayloadSender
 
 log = logging.getLogger(__name__)
 
-MOST_WAITING_BYTES = 8_000_000
-"""A process that leaves so much unread counts as gone."""
-ENDS_WITHIN_S = 1.0
-LONGEST_MAIL = 1 << 20
+MAX_WAITING_BYTES = 8_000_000
+"""A process that leaves this much unread counts as dead."""
+END_TIMEOUT_S = 1.0
+MAX_REPORT_BYTES = 1 << 20
 LATE_MAIL_SOCKETS = 20
-"""Of so many sockets given up last it may still be told what went out by them."""
+"""How many released sockets are remembered for late reports of what was sent through them."""
 
 
 Relay = Callable[[str, int, bytes, float], None]
-"""Vehicle, message id, payload, when it was made (monotonic)."""
+"""Called with vehicle id, message id, payload and creation time (monotonic)."""
 WORKER_GONE = (EOFError, PipeFull)
-"""What `WorkerHandle.send` raises."""
+"""Errors that `WorkerHandle.send` raises."""
 
 
 class WorkerHandle:
@@ -46,9 +46,9 @@ class WorkerHandle:
     Args:
         own_ids: system and component id of what is sent.
         silent_limit_s: the loop's silence after which sending stops.
-        on_value: gets each thing that the process says, in the loop.
-        on_end: called in the loop, once, when the process has ended by itself.
-        relay: sends what the process cannot, in a thread.
+        on_value: called in the event loop with each value from the process.
+        on_end: called once in the event loop when the process has ended by itself.
+        relay: sends setpoints that the process cannot send; called in a thread.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class WorkerHandle:
         self._on_value, self._on_end, self._relay = on_value, on_end, relay
         messages, its_messages = socket.socketpair()
         self._way, its_way = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._pipe = MessagePipe(messages, MOST_WAITING_BYTES)
+        self._pipe = MessagePipe(messages, MAX_WAITING_BYTES)
         self._process: subprocess.Popen[bytes] | None = None
         self._faults = FaultLog("setpoint streams")
         self._closed = False
@@ -72,13 +72,13 @@ class WorkerHandle:
         self._writing = False
         self._handed_over = 0
         self._numbers: dict[socket.socket, int] = {}
-        """Of the sockets that the process has now."""
+        """Numbers of the sockets that the process has now."""
         self.connections: dict[int, Connection] = {}
-        """By the number of their socket."""
+        """By socket number."""
         self.attached: set[str] = set()
-        """Vehicles that the process knows."""
+        """Ids of the vehicles that the process knows."""
         self.up = False
-        """Whether it has said that it has started."""
+        """Whether the process has reported that it started."""
         self._loop.add_reader(self._pipe.fileno(), self.read)
         self._thread = threading.Thread(
             target=self._attend,
@@ -90,24 +90,24 @@ class WorkerHandle:
 
     @property
     def pid(self) -> int | None:
-        """Of the process; None before it is there."""
+        """Process id; None before the process exists."""
         return None if self._process is None else self._process.pid
 
     @property
     def owes(self) -> bool:
-        """Whether the process has not yet taken all that was sent to it."""
+        """Whether the process has not yet handled all messages."""
         return self._handled < self._posted
 
     def handled(self, number: int) -> bool:
-        """The process has taken all up to there. Whether that is more than was known."""
+        """The process has handled all messages up to this number. Returns whether that is news."""
         before, self._handled = self._handled, max(self._handled, number)
         return number > before
 
     def send(self, message: Post | Request[Any]) -> int:
-        """Writes a message and numbers it.
+        """Numbers a message and writes it.
 
         Raises:
-            EOFError: the process has gone.
+            EOFError: the process has died.
             PipeFull: it does not read.
         """
         self._pipe.send(Numbered(self._posted + 1, message))
@@ -116,7 +116,7 @@ class WorkerHandle:
         return self._posted
 
     def read(self) -> None:
-        """Takes what has arrived."""
+        """Reads what has arrived."""
         if self._closed:
             return
         try:
@@ -129,13 +129,12 @@ class WorkerHandle:
             for value in several:  # pyright: ignore[reportUnknownVariableType]
                 try:
                     self._on_value(value)  # pyright: ignore[reportUnknownArgumentType]
-                except Exception as error:  # what else it says is heard
-                    self._faults.add(error, "taking what the process says")
+                except Exception as error:  # its other values are still read
+                    self._faults.add(error, "handling a value from the streams' process")
 
     def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, Route | None]:
-        """Each vehicle's way as the process takes it, its socket handed over; None: by the server.
-
-        To be told to the process, which keeps the sockets of these alone.
+        """Each vehicle's route for the process, after handing over its socket; None: the server sends. The
+        process closes all other sockets.
         """
         routes = {vehicle_id: self._route(sender) for vehicle_id, sender in senders.items()}
         used = {route.socket_number for route in routes.values() if route is not None}
@@ -152,11 +151,12 @@ class WorkerHandle:
 
     @property
     def holds_closed_sockets(self) -> bool:
-        """Whether it has one that the server has closed since: the port stays taken while it does."""
+        """Whether the process has a socket that the server has closed since: its port stays in use until
+        then."""
         return any(link_socket.fileno() < 0 for link_socket in self._numbers)
 
     def _route(self, sender: PayloadSender) -> Route | None:
-        way = sender.way_out()
+        way = sender.send_path()
         if way is None or way.peer.address is None:
             return None
         link_socket = way.connection.link.datagrams()
@@ -167,7 +167,7 @@ class WorkerHandle:
             rights = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [link_socket.fileno()]))
             try:
                 self._way.sendmsg([b"%d" % number], [rights], socket.MSG_DONTWAIT)
-            except OSError:  # it does not read, or has gone: told by other means, tried again with the next
+            except OSError:  # it does not read, or has died: tried again with the next
                 return None
             self._handed_over = self._numbers[link_socket] = number
             self.connections[number] = way.connection
@@ -176,15 +176,15 @@ class WorkerHandle:
     # --- its end ----------------------------------------------------------------------------------
 
     def kill(self) -> None:
-        """At once, whatever it does; nothing is heard of it afterwards."""
+        """Kills the process at once; nothing is read from it afterwards."""
         self._close()
         if self._process is not None:
             self._process.kill()
 
     def end(self) -> None:
-        """Closes its messages, at which it ends by itself; waits for it, as the server ends, too."""
+        """Closes the message pipe, so that the process ends by itself, and waits for it."""
         self._close()
-        self._thread.join(2 * ENDS_WITHIN_S)
+        self._thread.join(2 * END_TIMEOUT_S)
 
     def _close(self) -> None:
         if self._closed:
@@ -195,7 +195,7 @@ class WorkerHandle:
             self._loop.remove_writer(self._pipe.fileno())
         self._pipe.close()
         with contextlib.suppress(OSError):
-            self._way.shutdown(socket.SHUT_RDWR)  # wakes the thread
+            self._way.shutdown(socket.SHUT_RDWR)  # wakes the report thread
 
     def _lost(self) -> None:
         if not self._closed:
@@ -203,7 +203,7 @@ class WorkerHandle:
             self._on_end()
 
     def _write_on(self) -> None:
-        """The rest when the process reads."""
+        """Writes the rest when the process reads."""
         if self._pipe.waits and not self._writing:
             self._writing = True
             self._loop.add_writer(self._pipe.fileno(), self._flush)
@@ -239,20 +239,20 @@ class WorkerHandle:
         except OSError:
             log.exception("the process that flies setpoint streams could not be started")
         finally:
-            its_messages.close()  # at which the loop hears of an end, too
+            its_messages.close()  # so that the event loop also notices the end
             its_way.close()
         while data := self._mail():
             try:
                 self._pass_on(*pickle.loads(data))
             except Exception as error:  # the thread goes on: other vehicles' setpoints pass through it
-                self._faults.add(error, "passing on what the process sends")
+                self._faults.add(error, "passing on a report of the streams' process")
         self._reap()
         self._way.close()
 
     def _mail(self) -> bytes:
-        """Waits for the next; empty when the process has ended."""
+        """Waits for the next report; empty when the process has ended."""
         try:
-            return self._way.recv(LONGEST_MAIL)
+            return self._way.recv(MAX_REPORT_BYTES)
         except OSError:
             return b""
 
@@ -269,7 +269,7 @@ class WorkerHandle:
         if self._process is None:
             return
         try:
-            self._process.wait(ENDS_WITHIN_S)
+            self._process.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -279,5 +279,5 @@ def _signing(connection: Connection) -> RouteSigning | None:
     signing = connection.signing
     if signing is None:
         return None
-    ahead_s = signing.signer.clock.ahead_ticks // TICKS_PER_S  # seldom another one
+    ahead_s = signing.signer.clock.ahead_ticks // TICKS_PER_S  # rarely a different one
     return RouteSigning(signing.signer.key.reveal(), signing.signer.link_id, ahead_s * TICKS_PER_S)

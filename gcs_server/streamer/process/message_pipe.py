@@ -1,4 +1,4 @@
-"""Values between the server and the process of the streams, by a socket that never makes anybody wait."""
+"""Exchanges values between the server and the streams' process over a socket that never blocks."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import struct
 
 _LENGTH = struct.Struct("!I")
 READ_BYTES = 1 << 16
-READS_A_WAKE = 64
-"""So much is read before the caller does something else."""
+READS_PER_WAKE = 64
+"""Most reads per call, so that the caller can do other work."""
 
 
 class PipeFull(Exception):
-    """The other side does not read, and as much waits for it as may."""
+    """The other side does not read, and the buffer is full."""
 
 
 class MessagePipe:
-    """One end. Both ends are our own processes: what arrives is trusted.
+    """One end of the pipe. Both ends are processes of this server, so received values are trusted.
 
     Args:
-        sock: a connected stream socket, owned from now on.
-        most_waiting_bytes: what may wait here when the system's own buffer is full.
+        sock: a connected stream socket; the pipe owns it.
+        most_waiting_bytes: size of the buffer that is used when the system's own buffer is full.
     """
 
     def __init__(self, sock: socket.socket, most_waiting_bytes: int) -> None:
@@ -33,20 +33,20 @@ class MessagePipe:
         self._in = bytearray()
 
     def fileno(self) -> int:
-        """For `select`."""
+        """File descriptor for `select`."""
         return self._socket.fileno()
 
     @property
     def waits(self) -> bool:
-        """Whether something is yet to be written: call `flush` when the socket takes more."""
+        """Whether data waits to be written: call `flush` when the socket is writable."""
         return bool(self._out)
 
     def send(self, value: object) -> None:
-        """Writes what the socket takes now and keeps the rest.
+        """Writes what the socket accepts now and buffers the rest.
 
         Raises:
-            PipeFull: too much waits already; the value was not taken.
-            EOFError: the other side has gone.
+            PipeFull: the buffer is full; the value was not accepted.
+            EOFError: the other side has closed the pipe.
         """
         data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
         if self._out and len(self._out) + len(data) > self._most_waiting_bytes:
@@ -56,7 +56,7 @@ class MessagePipe:
         self.flush()
 
     def flush(self) -> None:
-        """Writes on. Raises EOFError where the other side has gone."""
+        """Writes more of the buffer. Raises EOFError if the other side has closed the pipe."""
         try:
             while self._out:
                 del self._out[: self._socket.send(self._out)]
@@ -66,7 +66,7 @@ class MessagePipe:
             raise EOFError from error
 
     def receive(self) -> list[object]:
-        """All that has arrived completely. Raises EOFError where the other side has gone."""
+        """Returns all complete values. Raises EOFError if the other side has closed the pipe."""
         ended = self._read()
         values: list[object] = []
         begin = 0
@@ -83,13 +83,13 @@ class MessagePipe:
         return values
 
     def close(self) -> None:
-        """What still waits is lost."""
+        """Closes the pipe; buffered data is lost."""
         self._socket.close()
 
     def _read(self) -> bool:
-        """Whether the other side has gone."""
+        """Reads into the buffer; returns whether the other side has closed the pipe."""
         with contextlib.suppress(BlockingIOError):
-            for _ in range(READS_A_WAKE):
+            for _ in range(READS_PER_WAKE):
                 try:
                     data = self._socket.recv(READ_BYTES)
                 except ConnectionError:

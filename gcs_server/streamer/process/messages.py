@@ -1,8 +1,8 @@
-"""All that the server and the process of the streams say to each other, one frozen class a message.
+"""All messages between the server and the streams' process, one frozen class each.
 
-The server's are `Post` (nobody waits for an answer) or `Request` (a coroutine awaits it); each says itself
-which method of the process it means, so that a type checker sees every call. They are taken in the order in
-which they were sent. The process sends tuples of `Hello`, `Update` and `Answer`.
+The server sends `Post` (no answer) or `Request` (a coroutine awaits the answer). Each message calls its
+method of the process itself, so a type checker sees every call. Messages are handled in the order in which
+they were sent. The process sends tuples of `WorkerStarted`, `Update` and `Answer`.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class RouteSigning:
-    """What the process needs to sign as the server does; it comes by the server's socket only."""
+    """What the process needs to sign frames as the server does; sent over the message pipe only."""
 
     key: bytes = field(repr=False)
     link_id: int
     ahead_ticks: int
-    """How far the server's timestamps run before the machine's clock, in whole seconds."""
+    """How far the server's signing timestamps are ahead of the system clock, in whole seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Where a vehicle's datagrams go."""
+    """Socket and address for a vehicle's datagrams."""
 
     socket_number: int
     address: Address
     signing: RouteSigning | None = None
-    """None: frames leave unsigned."""
+    """None: frames are sent unsigned."""
 
 
-class WorkerSide(Protocol):
-    """What the messages find in the process."""
+class WorkerInterface(Protocol):
+    """The interface of the process that messages are applied to."""
 
     @property
     def scheduler(self) -> StreamScheduler: ...
@@ -64,32 +64,32 @@ class WorkerSide(Protocol):
 
 
 class Message:
-    """From the server."""
+    """A message from the server."""
 
     __slots__ = ()
 
 
 class Post(Message, ABC):
-    """Nobody waits for an answer."""
+    """A message without an answer."""
 
     __slots__ = ()
 
     @abstractmethod
-    def apply(self, worker: WorkerSide) -> None:
-        """Carries the message out, in the process."""
+    def apply(self, worker: WorkerInterface) -> None:
+        """Executes the message, in the process."""
 
 
 class Request(Message, ABC, Generic[T]):
-    """A coroutine of the server's awaits the answer."""
+    """A message whose answer a coroutine of the server awaits."""
 
     __slots__ = ()
 
     @abstractmethod
-    def apply(self, worker: WorkerSide) -> T:
-        """Carries the message out, in the process."""
+    def apply(self, worker: WorkerInterface) -> T:
+        """Executes the message, in the process."""
 
     def vehicles(self) -> tuple[str, ...]:
-        """Whose state the server shall know before it has the answer."""
+        """Vehicles whose state the server must receive before the answer."""
         return ()
 
 
@@ -98,35 +98,35 @@ class Request(Message, ABC, Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Attach(Post):
-    """A vehicle becomes known by its (system, component) id; `number` is that of its last stream."""
+    """Makes a vehicle known by its (system, component) id; `number` is the number of its last stream."""
 
     vehicle_id: str
     target: tuple[int, int]
     number: int
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.attach(self.vehicle_id, self.target, self.number)
 
 
 @dataclass(frozen=True, slots=True)
 class Routes(Post):
-    """Where the datagrams of all streamed vehicles go (None: by the server); no other socket is kept."""
+    """Routes of all streamed vehicles (None: the server sends); all other sockets are closed."""
 
     routes: Mapping[str, Route | None]
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.set_routes(self.routes)
 
 
 @dataclass(frozen=True, slots=True)
 class Beat(Post):
-    """The event loop lives; the snapshots are pickled each by itself, so that a bad one costs itself only."""
+    """The event loop is alive. Each snapshot is pickled separately, so that a bad one affects only itself."""
 
     snapshots: Mapping[str, bytes]
 
     @staticmethod
     def of(snapshots: Mapping[str, Snapshot]) -> Beat:
-        """Leaves out, with a word in the log, what cannot be pickled."""
+        """Pickles snapshots; logs and leaves out those that cannot be pickled."""
         packed: dict[str, bytes] = {}
         for vehicle_id, snapshot in snapshots.items():
             try:
@@ -135,7 +135,7 @@ class Beat(Post):
                 log.exception("the snapshot of vehicle %s cannot be handed over", vehicle_id)
         return Beat(packed)
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         snapshots: dict[str, Snapshot] = {}
         for vehicle_id, packed in self.snapshots.items():
             try:
@@ -153,18 +153,18 @@ class CancelStart(Post):
     snapshot: Snapshot
     number: int
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.cancel_start(self.vehicle_id, self.snapshot, self.number)
 
 
 @dataclass(frozen=True, slots=True)
-class Steer(Post):
+class SteerMission(Post):
     """See `Streams.steer`."""
 
     vehicle_id: str
     steering: Steering
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.steer(self.vehicle_id, self.steering)
 
 
@@ -175,7 +175,7 @@ class RequestStop(Post):
     vehicle_id: str
     snapshot: Snapshot
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.request_stop(self.vehicle_id, self.snapshot)
 
 
@@ -185,7 +185,7 @@ class InhibitModeRequests(Post):
 
     vehicle_id: str
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.inhibit_mode_requests(self.vehicle_id)
 
 
@@ -196,12 +196,12 @@ class ForceHold(Post):
     vehicle_id: str
     why: str
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.force_hold(self.vehicle_id, self.why)
 
 
 @dataclass(frozen=True, slots=True)
-class End(Post):
+class EndStream(Post):
     """See `Streams.end`."""
 
     vehicle_id: str
@@ -209,27 +209,27 @@ class End(Post):
     text: str
     number: int | None
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.end(self.vehicle_id, self.code, self.text, self.number)
 
 
 @dataclass(frozen=True, slots=True)
-class Watch(Post):
+class WatchGroup(Post):
     """See `Streams.watch`."""
 
     guard: GroupGuard
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.watch(self.guard)
 
 
 @dataclass(frozen=True, slots=True)
-class Unwatch(Post):
+class UnwatchGroup(Post):
     """See `Streams.unwatch`."""
 
     name: str
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.unwatch(self.name)
 
 
@@ -239,7 +239,7 @@ class DisableGuard(Post):
 
     name: str
 
-    def apply(self, worker: WorkerSide) -> None:
+    def apply(self, worker: WorkerInterface) -> None:
         worker.scheduler.disable_guard(self.name)
 
 
@@ -247,7 +247,7 @@ class DisableGuard(Post):
 
 
 @dataclass(frozen=True, slots=True)
-class Begin(Request[int]):
+class BeginStream(Request[int]):
     """See `Streams.begin`."""
 
     vehicle_id: str
@@ -255,7 +255,7 @@ class Begin(Request[int]):
     rate_hz: float
     snapshot: Snapshot
 
-    def apply(self, worker: WorkerSide) -> int:
+    def apply(self, worker: WorkerInterface) -> int:
         return worker.scheduler.begin(self.vehicle_id, self.order, self.rate_hz, self.snapshot)
 
     def vehicles(self) -> tuple[str, ...]:
@@ -263,14 +263,14 @@ class Begin(Request[int]):
 
 
 @dataclass(frozen=True, slots=True)
-class Engage(Request[bool]):
+class EngageStream(Request[bool]):
     """See `Streams.engage`."""
 
     vehicle_id: str
     snapshot: Snapshot
     number: int | None
 
-    def apply(self, worker: WorkerSide) -> bool:
+    def apply(self, worker: WorkerInterface) -> bool:
         return worker.scheduler.engage(self.vehicle_id, self.snapshot, self.number)
 
     def vehicles(self) -> tuple[str, ...]:
@@ -278,14 +278,14 @@ class Engage(Request[bool]):
 
 
 @dataclass(frozen=True, slots=True)
-class Change(Request[bool]):
+class ChangeSetpoint(Request[bool]):
     """See `Streams.change`."""
 
     vehicle_id: str
     order: Order
     snapshot: Snapshot
 
-    def apply(self, worker: WorkerSide) -> bool:
+    def apply(self, worker: WorkerInterface) -> bool:
         return worker.scheduler.change(self.vehicle_id, self.order, self.snapshot)
 
     def vehicles(self) -> tuple[str, ...]:
@@ -293,7 +293,7 @@ class Change(Request[bool]):
 
 
 @dataclass(frozen=True, slots=True)
-class ChangeTogether(Request[bool]):
+class ChangeSetpoints(Request[bool]):
     """See `Streams.change_together`."""
 
     name: str
@@ -301,9 +301,9 @@ class ChangeTogether(Request[bool]):
     snapshots: Mapping[str, Snapshot]
     until_s: float
     members: tuple[str, ...]
-    """All of the group: those without a new setpoint are renewed."""
+    """All members of the group: those without a new setpoint are renewed."""
 
-    def apply(self, worker: WorkerSide) -> bool:
+    def apply(self, worker: WorkerInterface) -> bool:
         return worker.scheduler.change_together(self.name, self.orders, self.snapshots, self.until_s)
 
     def vehicles(self) -> tuple[str, ...]:
@@ -315,40 +315,40 @@ class ChangeTogether(Request[bool]):
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """A message of the server's as it travels."""
+    """A numbered message, as it is sent."""
 
     number: int
     message: Post | Request[object]
 
 
 @dataclass(frozen=True, slots=True)
-class Hello:
-    """It has started."""
+class WorkerStarted:
+    """The process has started."""
 
     real_time: bool
-    """Whether the system granted it real-time priority."""
+    """Whether the system granted real-time priority."""
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """How streams and groups stand, and what has happened since the last update."""
+    """State of streams and groups, and what has happened since the last update."""
 
     handled: int
-    """Number of the last message that was taken."""
+    """Number of the last handled message."""
     at_s: float
     states: Mapping[str, StreamState]
-    """Of those that are streamed to or have just ended."""
+    """States of running streams and of those that have just ended."""
     same_order: frozenset[str]
-    """Of these the order, left out here, is as last told."""
+    """Vehicles whose order has not changed since the last update, and is left out here."""
     guards: Mapping[str, GuardState]
-    """Of all groups that are watched."""
+    """States of all watched groups."""
     reports: tuple[tuple[str, StreamEvent], ...] = ()
     findings: tuple[tuple[str, Finding], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """To the request of that number; an error is its class's name and text."""
+    """Answer to the request of that number; an error is its class name and text."""
 
     number: int
     result: object

@@ -1,8 +1,8 @@
 """The server's side of the process that runs all setpoint streams (`worker.py`).
 
 Measured with ten streams beside 5,000 messages a second, ten WebSocket clients and a browser's 3D view on
-two cores (docs/performance.md): a thread of the server's was late by 12 ms and more (p99), since whoever
-holds the interpreter lock may itself wait for a processor; a process with real-time priority is not.
+two cores (docs/performance.md): a thread of the server was late by 12 ms and more (p99), because the holder
+of the interpreter lock may itself wait for a processor. A process with real-time priority is not.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.runner.script import Steering
 
-STARTS_WITHIN_S = 10.0
+START_TIMEOUT_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
-"""What the process hands back (for serial and TCP links) is sent by a thread, which must not wait long for
-the loop: Python's own 5 ms are a quarter of a stream's period."""
-LOOK_EVERY_S = 0.02
-"""Whether the process has started is looked at so often."""
-NOT_UP = "The process that sends setpoints is being started again."
-ENDED = (
-    "The process that sends setpoints ended; nothing is sent any more, and the vehicle's failsafe takes over."
+"""A thread sends what the process cannot (serial and TCP links). It must not wait long for the interpreter
+lock: Python's default of 5 ms is a quarter of a stream's period."""
+CHECK_PERIOD_S = 0.02
+"""How often the start of the process is checked."""
+RESTARTING = "The setpoint streams' process is being restarted."
+PROCESS_ENDED = (
+    "The setpoint streams' process ended: the setpoint stream stopped, and the vehicle's failsafe takes over."
 )
 
 
 @dataclass(slots=True)
 class _Known:
-    """What the server keeps of a vehicle's streams."""
+    """What the server stores of a vehicle's streams."""
 
     sender: PayloadSender
     target: tuple[int, int]
     last: StreamState = field(default_factory=StreamState)
-    """As it stood when it was last seen idle."""
+    """State when it was last idle."""
     number: int = 0
-    """Of its newest stream."""
+    """Number of its newest stream."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
-    """A stream as the process last told it."""
+class _ReportedState:
+    """The state of a stream as the process last reported it."""
 
     state: StreamState
     at_s: float
@@ -57,23 +57,22 @@ class _Told:
 
 @dataclass(slots=True)
 class _Group:
-    """What the server keeps of a group that is watched."""
+    """What the server stores of a watched group."""
 
     orders: Mapping[str, Order | None]
-    """By member: what it begins with at the instant."""
+    """By member: its first order, at the common start."""
     state: GuardState | None
 
 
 class StreamProcess(Streams):
-    """See `Streams`. Should the process end, it is started again; no stream is.
-
-    It says by itself how the streams stand (`worker_messages.Update`): what is read here is what it said
-    last, at most 50 ms old, and no older than the last answer. Nothing here waits for it but a coroutine.
+    """Runs the streams in a process of their own; see `Streams`. If the process ends, it is started again;
+    its streams are not. It sends updates of all streams by itself (`messages.Update`): the state read here is
+    at most 50 ms old, and no older than the last answer. Only coroutines wait for the process.
 
     Args:
-        clock: the machine's: the process has the same.
-        own_ids: system and component id of what is sent. The component is not the server's own, so that each
-            has its own sequence numbers.
+        clock: the system's monotonic clock, which the process shares.
+        own_ids: system and component id of what is sent. The component differs from the server's own, so that
+            each has its own sequence numbers.
         server_silent_limit_s: the loop's silence after which sending stops.
     """
 
@@ -85,21 +84,21 @@ class StreamProcess(Streams):
         self._wanted = False
         self._vehicles: dict[str, _Known] = {}
         self._begun: set[str] = set()
-        """Who may be streamed to; of all others it is known that nobody does."""
+        """Vehicles that may have a stream; all others have none."""
         self._beginning: list[str] = []
-        """Whose begin is not answered yet."""
-        self._told: dict[str, _Told] = {}
+        """Vehicles whose `begin` has no answer yet."""
+        self._reported: dict[str, _ReportedState] = {}
         self._groups: dict[str, _Group] = {}
         self._reports: list[tuple[str, StreamEvent]] = []
         self._findings: list[tuple[str, Finding]] = []
 
     @property
     def pid(self) -> int | None:
-        """Of the process; None where there is none."""
+        """Process id; None if there is no process."""
         return None if self._calls.worker is None else self._calls.worker.pid
 
     def start(self) -> None:
-        """The process itself begins with the first vehicle."""
+        """The process itself is started with the first vehicle."""
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         self._wanted = True
         self._spawn()
@@ -129,7 +128,7 @@ class StreamProcess(Streams):
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
         self._vehicles[vehicle_id] = _Known(sender, target)
         if self._calls.worker is not None and vehicle_id not in self._begun:
-            self._calls.worker.attached.discard(vehicle_id)  # it may have another component now
+            self._calls.worker.attached.discard(vehicle_id)  # its component may have changed
         self._spawn()
 
     def forget(self, vehicle_id: str) -> None:
@@ -139,18 +138,18 @@ class StreamProcess(Streams):
         return [vehicle_id for vehicle_id in sorted(self._begun) if self.state(vehicle_id).phase != "idle"]
 
     def state(self, vehicle_id: str) -> StreamState:
-        told = self._told.get(vehicle_id) if vehicle_id in self._begun else None
+        told = self._reported.get(vehicle_id) if vehicle_id in self._begun else None
         if told is None:
             return self._vehicles[vehicle_id].last
         return _older(told.state, self._clock.monotonic_s() - told.at_s)
 
     async def ready(self) -> None:
-        until_s = self._clock.monotonic_s() + STARTS_WITHIN_S
+        until_s = self._clock.monotonic_s() + START_TIMEOUT_S
         while self._calls.worker is None or not self._calls.worker.up:
             self._spawn()
             if not self._wanted or self._clock.monotonic_s() >= until_s:
-                raise Refused(NOT_UP, remedy="Try again in a second.")
-            await self._clock.sleep(LOOK_EVERY_S)
+                raise Refused(RESTARTING, remedy="Try again in a second.")
+            await self._clock.sleep(CHECK_PERIOD_S)
 
     async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
         await self.ready()
@@ -168,30 +167,30 @@ class StreamProcess(Streams):
                 self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
 
         self._post_routes()
-        asked = self._calls.request(to.Begin(vehicle_id, order, rate_hz, snapshot), begun)
+        asked = self._calls.request(to.BeginStream(vehicle_id, order, rate_hz, snapshot), begun)
         asked.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
         try:
             return await self._calls.answer(asked)
         except WorkerDied:
-            raise Refused(NOT_UP, remedy="Try again in a second.") from None
+            raise Refused(RESTARTING, remedy="Try again in a second.") from None
 
     def starting(self, vehicle_id: str, number: int) -> bool:
         state = self.state(vehicle_id)
         return state.number == number and state.phase == "starting"
 
     async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
-        return vehicle_id in self._begun and await self._ask(to.Engage(vehicle_id, snapshot, number))
+        return vehicle_id in self._begun and await self._ask(to.EngageStream(vehicle_id, snapshot, number))
 
     def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
         if vehicle_id in self._begun:
             self._post(to.CancelStart(vehicle_id, snapshot, number))
 
     async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        return vehicle_id in self._begun and await self._ask(to.Change(vehicle_id, order, snapshot))
+        return vehicle_id in self._begun and await self._ask(to.ChangeSetpoint(vehicle_id, order, snapshot))
 
     def steer(self, vehicle_id: str, steering: Steering) -> None:
         if vehicle_id in self._begun:
-            self._post(to.Steer(vehicle_id, steering))
+            self._post(to.SteerMission(vehicle_id, steering))
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
         if vehicle_id in self._begun:
@@ -208,10 +207,10 @@ class StreamProcess(Streams):
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
         if vehicle_id not in self._begun:
             return
-        self._post(to.End(vehicle_id, code, text, number))
+        self._post(to.EndStream(vehicle_id, code, text, number))
         state = self.state(vehicle_id)
-        if state.phase != "idle" and number in (None, state.number):  # known here before the process says so
-            self._begun.discard(vehicle_id)
+        if state.phase != "idle" and number in (None, state.number):
+            self._begun.discard(vehicle_id)  # before the process reports it
             self._vehicles[vehicle_id].last = StreamState(
                 rate_hz=state.rate_hz,
                 sends_failed=state.sends_failed,
@@ -228,11 +227,11 @@ class StreamProcess(Streams):
     def watch(self, guard: GroupGuard) -> None:
         orders = {vehicle_id: guard.order_to_come(vehicle_id) for vehicle_id in guard.members}
         self._groups[guard.name] = _Group(orders, guard.state())
-        self._post(to.Watch(guard))
+        self._post(to.WatchGroup(guard))
 
     def unwatch(self, name: str) -> None:
         if self._groups.pop(name, None) is not None:
-            self._post(to.Unwatch(name))
+            self._post(to.UnwatchGroup(name))
 
     def disable_guard(self, name: str) -> None:
         if name in self._groups:
@@ -249,7 +248,7 @@ class StreamProcess(Streams):
         if group is None:
             return False
         members = tuple(group.orders)
-        return await self._ask(to.ChangeTogether(name, dict(orders), dict(snapshots), until_s, members))
+        return await self._ask(to.ChangeSetpoints(name, dict(orders), dict(snapshots), until_s, members))
 
     def watched(self) -> dict[str, Order | None]:
         return {
@@ -278,7 +277,7 @@ class StreamProcess(Streams):
             self._post(to.Routes(worker.routes({v: self._vehicles[v].sender for v in streamed})))
 
     async def _ask(self, message: to.Request[bool]) -> bool:
-        """What the process answers; False where it has ended."""
+        """The answer of the process; False if it has ended."""
         try:
             return await self._calls.answer(self._calls.request(message))
         except WorkerDied:
@@ -286,10 +285,10 @@ class StreamProcess(Streams):
 
     def _updated(self, update: to.Update) -> None:
         for vehicle_id, told in update.states.items():
-            before, state = self._told.get(vehicle_id), told
+            before, state = self._reported.get(vehicle_id), told
             if vehicle_id in update.same_order and before is not None:
                 state = replace(told, order=before.state.order)
-            self._told[vehicle_id] = _Told(state, update.at_s)
+            self._reported[vehicle_id] = _ReportedState(state, update.at_s)
             known = self._vehicles[vehicle_id]
             if vehicle_id in self._begun and state.phase == "idle" and state.number >= known.number:
                 self._begun.discard(vehicle_id)
@@ -302,8 +301,8 @@ class StreamProcess(Streams):
         self._findings += update.findings
 
     def _gone(self) -> None:
-        """The process ended: nothing is streamed any more, and who was is told."""
-        report = StreamEvent("fault", WARNING, ENDED)
+        """The process ended: all streams have stopped, and each gets an event."""
+        report = StreamEvent("fault", WARNING, PROCESS_ENDED)
         for vehicle_id in sorted(self._begun):
             known = self._vehicles[vehicle_id]
             known.last = StreamState(last_end=report, number=known.number)
@@ -314,15 +313,15 @@ class StreamProcess(Streams):
     def _forget(self) -> None:
         self._begun.clear()
         self._groups.clear()
-        self._told.clear()
+        self._reported.clear()
 
     def _send_for_it(self, vehicle_id: str, msg_id: int, payload: bytes, made_s: float) -> None:
-        """In a thread: what is no datagram; a setpoint that was made too long ago is not sent."""
+        """Runs in a thread: sends over links without datagrams. A setpoint that is too old is not sent."""
         self._vehicles[vehicle_id].sender.send_payload(msg_id, payload, made_s=made_s)
 
 
 def _older(state: StreamState, by_s: float) -> StreamState:
-    """As it stands a moment after it was read."""
+    """A state with its ages advanced to now."""
     if by_s <= 0:
         return state
     left_s = state.valid_left_s

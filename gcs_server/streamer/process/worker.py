@@ -1,9 +1,9 @@
-"""The process that runs all setpoint streams, so that nothing the server does can delay one.
+"""The process that runs all setpoint streams, so that no work of the server can delay them.
 
 `handle.py` starts it with two sockets. The first carries the server's messages (`messages.py`), and the
-answers and updates back. The second carries the sockets of the server's links to the process, and reports
-of what was sent by them back (for the recordings). What a link without datagrams is to carry goes back to
-the server, where a thread passes it on. Neither side ever waits for the other to read.
+answers and updates back. The second carries the sockets of the server's links to the process, and reports of
+sent frames back (for the recordings). Setpoints for a link without datagrams go back to the server, where a
+thread sends them. Neither side ever waits for the other to read.
 
 The process ends with the server: when the first socket closes, it sends nothing more.
 """
@@ -29,36 +29,45 @@ from gcs_server.clock import Clock, SystemClock
 from gcs_server.mavlink.codec import encode_frame
 from gcs_server.mavlink.signing import FrameSigner, SecretKey, SigningClock
 from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
-from gcs_server.streamer.process.messages import Answer, Hello, Numbered, Request, Route, RouteSigning, Update
+from gcs_server.streamer.process.messages import (
+    Answer,
+    Numbered,
+    Request,
+    Route,
+    RouteSigning,
+    Update,
+    WorkerStarted,
+)
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.values.order import Order
 
 log = logging.getLogger(__name__)
 
-SENT_EVERY_S = 0.01
-"""What went out is told no more often than this."""
+SENT_REPORT_PERIOD_S = 0.01
+"""Shortest time between two reports of sent frames."""
 SENT_AT_ONCE = 100
 SENT_WAITING = 20_000
-"""So many frames wait for a server that stands still; more are missing from its recording."""
-UPDATE_EVERY_S = 0.05
-"""How the streams stand is told so often while there are any, and at once when a phase changes."""
+"""Frames that wait for a stalled server; more are missing from its recording."""
+UPDATE_PERIOD_S = 0.05
+"""Period of updates while there are streams; a changed phase is reported at once."""
 AWAKE_ANYWAY_S = 0.01
-"""So much earlier where the process is awake for a setpoint: what wakes for an update delays the next one."""
-MOST_WAITING_BYTES = 8_000_000
-"""For a server that stands still; answers alone wait, so that this is never reached by one that lives."""
-LONGEST_RUN_US = 1_000_000
-"""With real-time priority: of processor time without a pause, after which the system ends the process."""
-LONGEST_SPELL_S, REST_S = 0.05, 0.005
-"""Streams that want more than a processor are late rather than leave nothing to the server."""
-LONGEST_HANDOVER = 64
+"""An update is sent this much earlier if the process is awake for a setpoint: waking for it would delay the
+next one."""
+MAX_WAITING_BYTES = 8_000_000
+"""Buffer for a stalled server; only answers wait, so a server that is alive never reaches this."""
+MAX_RUN_US = 1_000_000
+"""With real-time priority: uninterrupted processor time after which the system kills the process."""
+MAX_SPELL_S, REST_S = 0.05, 0.005
+"""Streams that need more than one processor become late, so that the server still gets processor time."""
+MAX_ROUTES_BYTES = 64
 
 Sent = tuple[int, int, bytes]
-"""Number of the link's socket, time since 1970 [us], frame."""
+"""Socket number, time since 1970 [us], frame."""
 
 
 class WorkerReports:
-    """What the server is told without being waited for."""
+    """Reports to the server, which are never waited for."""
 
     def __init__(self, way: socket.socket) -> None:
         self._way = way
@@ -67,23 +76,24 @@ class WorkerReports:
 
     @property
     def due_s(self) -> float:
-        """When what waits is to be told; infinity where nothing does."""
-        return self._told_s + SENT_EVERY_S if self._sent else float("inf")
+        """When waiting reports are due; infinity if there are none."""
+        return self._told_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
 
     def sent(self, what: Sent) -> None:
-        """A frame went out."""
+        """A frame was sent."""
         self._sent.append(what)
 
     def relay(self, vehicle_id: str, msg_id: int, payload: bytes) -> bool:
-        """The server shall send it, unless it comes to it too late. False where it takes nothing more."""
+        """Asks the server to send a payload, unless it is too late by then. False if the server's buffer is
+        full."""
         try:
             self._way.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
-        except OSError:  # it does not read, or is gone
+        except OSError:  # the server does not read, or has died
             return False
         return True
 
-    def tell(self, now_s: float) -> None:
-        """Tells what went out, unless it did so just now."""
+    def send_sent(self, now_s: float) -> None:
+        """Reports sent frames, at most once per `SENT_REPORT_PERIOD_S`."""
         if now_s < self.due_s:
             return
         self._told_s = now_s
@@ -97,7 +107,7 @@ class WorkerReports:
 
 
 class WorkerSender:
-    """One vehicle's way out of this process."""
+    """Sends to one vehicle from this process."""
 
     def __init__(self, vehicle_id: str, worker: Worker) -> None:
         self._vehicle_id = vehicle_id
@@ -106,7 +116,7 @@ class WorkerSender:
         self.route: Route | None = None
 
     def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
-        """Sends a datagram, or has the server send it by another way."""
+        """Sends a datagram, or asks the server to send it."""
         worker, route = self._worker, self.route
         if route is None:
             return worker.reports.relay(self._vehicle_id, msg_id, payload)
@@ -120,19 +130,20 @@ class WorkerSender:
         worker.reports.sent((route.socket_number, int(worker.clock.unix_s() * 1e6), raw))
         return True
 
-    def way_out(self) -> None:
-        """The server's side knows."""
+    def send_path(self) -> None:
+        """Known to the server only."""
         return None
 
 
 class Worker:
-    """The loop: runs the scheduler when a step is due, takes the server's messages, sends updates.
+    """The process's loop: runs the scheduler when a step is due, handles the server's messages, sends
+    updates.
 
     Args:
-        messages: from and to the server.
-        way: for sockets in, and for what went out by them.
+        messages: the pipe to and from the server.
+        way: receives sockets, and sends reports of sent frames.
         own_ids: system and component id of the frames.
-        scheduler: what is run.
+        scheduler: the streams.
     """
 
     def __init__(
@@ -153,11 +164,12 @@ class Worker:
         self.reports = WorkerReports(way)
         self.sockets: dict[int, socket.socket] = {}
         self._signing_clock = SigningClock(lambda: clock.unix_s())
-        """One for all vehicles: a link's setpoints are one stream of signatures."""
+        """One signer per key and link for all vehicles, because a link's setpoints share one signing
+        stream."""
         self._signers: dict[RouteSigning, FrameSigner] = {}
 
     def signer(self, signing: RouteSigning) -> FrameSigner:
-        """Of a route."""
+        """The signer of a route."""
         signer = self._signers.get(signing)
         if signer is None:
             self._signing_clock.run_ahead(signing.ahead_ticks)
@@ -167,19 +179,19 @@ class Worker:
         return signer
 
     def run(self) -> None:
-        """Returns when the server has gone."""
+        """Runs until the server closes the pipe."""
         rested_s = self.clock.monotonic_s()
         try:
             while True:
                 due_s = self.scheduler.step()
                 now_s = self.clock.monotonic_s()
-                self.reports.tell(now_s)
+                self.reports.send_sent(now_s)
                 if self._updates.is_due(now_s) and not self._messages.waits:
                     self._messages.send((self._updates.update(now_s),))
                 news_due_s = float("inf") if self._messages.waits else self._updates.due_s
                 wake_s = min(due_s, news_due_s, self.reports.due_s)
-                now_s = self.clock.monotonic_s()  # what was told took time, by which the wait is shorter
-                if now_s - rested_s > LONGEST_SPELL_S:
+                now_s = self.clock.monotonic_s()  # sending took time
+                if now_s - rested_s > MAX_SPELL_S:
                     wake_s = max(wake_s, now_s + REST_S)
                 wait_s = wake_s - now_s
                 if wait_s > 0:
@@ -199,7 +211,7 @@ class Worker:
                 self._take(numbered)
 
     def _take(self, numbered: Numbered) -> None:
-        """Carries a message out, and sends what it has made due before the server hears of it."""
+        """Executes a message, and sends setpoints that became due before the server gets its update."""
         message, error, result = numbered.message, None, None
         try:
             result = message.apply(self)
@@ -213,15 +225,15 @@ class Worker:
             self._messages.send((update, Answer(numbered.number, result, error)))
 
     def attach(self, vehicle_id: str, target: tuple[int, int], number: int) -> None:
-        """A vehicle becomes known."""
+        """See `Attach`."""
         sender = self._senders[vehicle_id] = WorkerSender(vehicle_id, self)
         self.scheduler.attach(vehicle_id, sender, target, number)
 
     def set_routes(self, routes: Mapping[str, Route | None]) -> None:
-        """Ways out of the vehicles that are streamed to; sockets of no other are kept."""
-        with contextlib.suppress(BlockingIOError):  # all that were handed over are here
+        """See `Routes`."""
+        with contextlib.suppress(BlockingIOError):  # all handed-over sockets have arrived
             while True:
-                head, descriptors, _, _ = socket.recv_fds(self._way, LONGEST_HANDOVER, 1)
+                head, descriptors, _, _ = socket.recv_fds(self._way, MAX_ROUTES_BYTES, 1)
                 if not descriptors:
                     break
                 self.sockets[int(head)] = socket.socket(fileno=descriptors[0])
@@ -234,10 +246,10 @@ class Worker:
 
 
 class StreamUpdates:
-    """What the server is yet to be told of the streams, and when.
+    """Decides which updates the server still needs, and when.
 
     Args:
-        scheduler: whose.
+        scheduler: the streams.
     """
 
     def __init__(self, scheduler: StreamScheduler) -> None:
@@ -248,35 +260,35 @@ class StreamUpdates:
         self._guards: list[tuple[str, str, int]] = []
         self._orders: dict[str, Order | None] = {}
         self.due_s = float("inf")
-        """When the next update is due if nothing happens until then."""
+        """When the next update is due if nothing changes."""
 
     def handled(self, number: int) -> None:
-        """A message of the server's was taken."""
+        """A message of the server was handled."""
         self._handled = number
 
     def is_due(self, now_s: float) -> bool:
-        """Whether something has happened, or it is time."""
+        """Whether something has changed, or an update is due."""
         scheduler = self._scheduler
         phases = scheduler.phases()
         going = any(phase != "idle" for phase, _ in phases.values())
-        self.due_s = self._told_s + UPDATE_EVERY_S if going else float("inf")
+        self.due_s = self._told_s + UPDATE_PERIOD_S if going else float("inf")
         changed = (
             phases != self._phases
             or scheduler.guard_phases() != self._guards
             or scheduler.has_news
-            or (self._handled != self._told_handled and not going)  # else the next one says so
+            or (self._handled != self._told_handled and not going)  # otherwise the next update contains it
         )
         return changed or now_s >= self.due_s - AWAKE_ANYWAY_S
 
     def update(self, now_s: float, only: tuple[str, ...] | None = None) -> Update:
-        """Of these vehicles, or of all that are streamed to or have just ended."""
+        """An update of these vehicles, or of all with a stream that runs or has just ended."""
         scheduler = self._scheduler
         phases = scheduler.phases()
         if only is None:
             told = [v for v, at in phases.items() if at[0] != "idle" or at != self._phases.get(v)]
             self._phases, self._guards = phases, scheduler.guard_phases()
             self._told_handled, self._told_s = self._handled, now_s
-            self.due_s = max(self.due_s, now_s + UPDATE_EVERY_S)
+            self.due_s = max(self.due_s, now_s + UPDATE_PERIOD_S)
         else:
             told = [v for v in only if v in phases]
         states: dict[str, StreamState] = {}
@@ -284,8 +296,8 @@ class StreamUpdates:
         for vehicle_id in told:
             try:
                 state = scheduler.state(vehicle_id)
-            except Exception:  # of one; the others are to be told
-                log.exception("how the stream to vehicle %s stands cannot be told", vehicle_id)
+            except Exception:  # one failed; the others are still reported
+                log.exception("the state of the stream to vehicle %s cannot be reported", vehicle_id)
                 continue
             if state.order is not None and state.order is self._orders.get(vehicle_id):
                 same.add(vehicle_id)
@@ -305,13 +317,13 @@ class StreamUpdates:
 
 
 def take_priority() -> bool:
-    """Asks for the lowest real-time priority; False where the system does not grant it.
+    """Requests the lowest real-time priority; False if the system does not grant it.
 
-    With it a setpoint leaves on time however busy the machine is; without, it waits for its turn like any
-    other process. See docs/performance.md.
+    With it setpoints are sent on time however busy the computer is; without it the process waits like any
+    other. See docs/performance.md.
     """
     with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_RTTIME, (LONGEST_RUN_US, LONGEST_RUN_US))
+        resource.setrlimit(resource.RLIMIT_RTTIME, (MAX_RUN_US, MAX_RUN_US))
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(os.sched_get_priority_min(os.SCHED_FIFO)))
         return True
     return False
@@ -322,7 +334,7 @@ def main(arguments: list[str]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):  # the server's: it puts the vehicles into Hold first
         signal.signal(number, signal.SIG_IGN)
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
-    messages = MessagePipe(socket.socket(fileno=int(arguments[0])), MOST_WAITING_BYTES)
+    messages = MessagePipe(socket.socket(fileno=int(arguments[0])), MAX_WAITING_BYTES)
     way = socket.socket(fileno=int(arguments[1]))
     way.setblocking(False)
     clock = SystemClock()
@@ -330,7 +342,7 @@ def main(arguments: list[str]) -> None:
     worker = Worker(messages, way, (int(arguments[2]), int(arguments[3])), clock, scheduler)
     gc.collect()
     gc.freeze()
-    messages.send((Hello(take_priority()),))
+    messages.send((WorkerStarted(take_priority()),))
     worker.run()
 
 

@@ -1,1 +1,1 @@
-"""When each stream sends, and what: one state machine a vehicle, one scheduler for all. No I/O."""
+"""Decides when each stream sends what: one state machine per vehicle, one scheduler for all. No I/O."""

@@ -1,4 +1,4 @@
-"""Obstacle avoidance of one stream: between the setpoint that is resolved and its limits."""
+"""Obstacle avoidance of one stream: runs between resolving a setpoint and limiting it."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from missions.setpoints import (
 )
 
 AHEAD_S = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-"""So far ahead a path is looked at."""
-NOT_AVOIDED = "Setpoints of this type are not led around obstacles; the obstacle brake still acts."
+"""How far ahead a path is checked."""
+NOT_AVOIDED = "Avoidance does not apply to setpoints of this type; the obstacle brake still acts."
 Later = Callable[[float], DirectSetpoint | None]
-"""The setpoint at another time; for setpoints that move."""
+"""Returns the setpoint at another time; for setpoints that change with time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Avoiding:
-    """What avoidance does now."""
+    """The current state of avoidance."""
 
     state: AvoidanceState
     text: str
-    """Empty while it flies as ordered."""
+    """Empty while the vehicle flies as ordered."""
 
 
 class AvoidanceStage:
-    """Of one stream; off until a snapshot or an order switches it on."""
+    """Avoidance of one stream; off until a snapshot or an order switches it on."""
 
     def __init__(self) -> None:
         self._avoider: Avoider | None = None
@@ -52,11 +52,11 @@ class AvoidanceStage:
         return self.doing is not None and self.doing.state != "clear"
 
     def forget(self) -> None:
-        """A new stream begins, or no order is followed any more."""
+        """Resets: a new stream begins, or no order is followed any more."""
         self._avoider = self.doing = None
 
     def take_reports(self) -> list[StreamEvent]:
-        """What it did since the last call."""
+        """Returns the reports since the last call."""
         taken, self._reports = self._reports, []
         return taken
 
@@ -69,15 +69,15 @@ class AvoidanceStage:
         way: AvoidanceWay | None,
         fence: FenceArea | None = None,
     ) -> DirectSetpoint:
-        """What to send instead of what is ordered.
+        """The setpoint to send instead of the ordered one.
 
         Args:
             now_s: the moment.
-            snapshot: the vehicle, with what its sensors measured.
-            ordered: at this moment.
-            later: what is ordered at other moments; None: the same.
-            way: what is tried first; None: avoidance is off.
-            fence: of the mission that is flown.
+            snapshot: the vehicle, with its sensors' scans.
+            ordered: the ordered setpoint now.
+            later: returns the ordered setpoint at other times; None: it does not change.
+            way: direction that is tried first; None: avoidance is off.
+            fence: geofence of the mission being flown.
         """
         if way is None:
             self.forget()
@@ -86,11 +86,11 @@ class AvoidanceStage:
             self._avoider = Avoider(way)
         place = _place(ordered, snapshot)
         if place is None:
-            self._tell(Avoiding("clear", NOT_AVOIDED))
+            self._report(Avoiding("clear", NOT_AVOIDED))
             return ordered
         here = _here(now_s, snapshot)
         if here is None:
-            self._tell(Avoiding("stopped", "No valid position estimate: the vehicle is stopped."))
+            self._report(Avoiding("stopped", "No valid position estimate: the vehicle is stopped."))
             return Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
         feed = (
             zeros_for_none(ordered.velocity_ned_m_s) if isinstance(ordered, Trajectory) else (0.0, 0.0, 0.0)
@@ -98,10 +98,10 @@ class AvoidanceStage:
         yaw = getattr(ordered, "yaw_ned_rad", None)
         wanted = Wanted(place, feed, yaw, _ahead(now_s, later, snapshot))
         adjusted = self._avoider.adjust(now_s, here, wanted, snapshot.scans, _allowed(snapshot, fence))
-        self._tell(Avoiding(adjusted.state, adjusted.text))
+        self._report(Avoiding(adjusted.state, adjusted.text))
         return _flown(ordered, adjusted)
 
-    def _tell(self, doing: Avoiding) -> None:
+    def _report(self, doing: Avoiding) -> None:
         before, self.doing = self.doing, doing
         if before is not None and before.state == doing.state:
             return
@@ -122,7 +122,7 @@ def _flown(ordered: DirectSetpoint, adjusted: Adjusted) -> DirectSetpoint:
 
 
 def _place(setpoint: DirectSetpoint, snapshot: Snapshot) -> Vector3 | None:
-    """Where a setpoint leads; None for one that steers no place."""
+    """Target position of a setpoint; None if it controls no position."""
     if isinstance(setpoint, Position | Trajectory):
         return complete(setpoint.position_ned_m)
     origin = snapshot.bounds.origin

@@ -1,4 +1,4 @@
-"""When setpoints go out: a grid in time that a late thread keeps, and what rate has come of it."""
+"""When setpoints are sent: a fixed time grid, also if a thread is late; and the achieved rate."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ from collections import deque
 
 _REMEMBERED = 101
 RECENT_S = 2.0
-"""The rate achieved is that of so much time."""
+"""Time over which the achieved rate is measured."""
 PAUSE_S = 0.5
-"""A longer gap (at slow rates, of more than two periods) is a pause: PX4 wants two setpoints a second."""
+"""A longer gap (at slow rates, more than two periods) is a pause: PX4 needs two setpoints a second."""
 
 
 class Cadence:
-    """Sends on a grid of `1 / rate_hz`; what was missed is not made up for."""
+    """Sends on a grid of `1 / rate_hz`; missed setpoints are not sent later."""
 
     def __init__(self) -> None:
         self.rate_hz = 50.0
         self.next_s = 0.0
-        """When the next one is due."""
+        """When the next setpoint is due."""
         self._sent_at: deque[float] = deque(maxlen=_REMEMBERED)
         self._steady_from_s = 0.0
 
     def begin(self, rate_hz: float) -> None:
-        """A new stream."""
+        """Starts a new stream."""
         self.rate_hz = rate_hz
         self._sent_at.clear()
 
     def at_once(self, now_s: float) -> None:
-        """The next one goes out now, and the grid begins anew."""
+        """Makes the next setpoint due now, and restarts the grid."""
         self.next_s = now_s
 
     def sent(self, now_s: float) -> None:
-        """One has gone out."""
+        """Records a sent setpoint."""
         if not self._sent_at or now_s - self._sent_at[-1] > max(PAUSE_S, 2.0 / self.rate_hz):
             self._steady_from_s = now_s
         self._sent_at.append(now_s)
@@ -40,15 +40,15 @@ class Cadence:
         self.next_s += (missed + 1) / self.rate_hz
 
     def achieved_hz(self, now_s: float) -> float | None:
-        """Over the last setpoints sent; None before there were two within two seconds."""
+        """Rate of the last sent setpoints; None before two were sent within two seconds."""
         recent = [sent_s for sent_s in tuple(self._sent_at) if now_s - sent_s <= RECENT_S]
         return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) >= 2 else None
 
     @property
     def steady_s(self) -> float:
-        """From the first to the last setpoint that went out without a pause; 0 before there were two."""
+        """Time from the first to the last setpoint sent without a pause; 0 before there were two."""
         return self._sent_at[-1] - self._steady_from_s if self._sent_at else 0.0
 
     def age_s(self, now_s: float) -> float | None:
-        """Since one last went out."""
+        """Time since the last sent setpoint."""
         return now_s - self._sent_at[-1] if self._sent_at else None

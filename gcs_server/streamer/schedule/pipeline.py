@@ -1,11 +1,11 @@
-"""What goes out to one vehicle now: the order's setpoint at this moment, within its limits, as bytes."""
+"""What is sent to one vehicle now: the order's setpoint resolved, limited and packed."""
 
 from __future__ import annotations
 
 import math
 
 from gcs_server.streamer.frames.resolve import ResolvedSetpoint, keeps_heading
-from gcs_server.streamer.limits.brake import SEES_FOR_S, Around, BrakeMemory
+from gcs_server.streamer.limits.brake import SCAN_VALID_S, BrakeMemory, Surroundings
 from gcs_server.streamer.limits.limiter import LimitResult, apply_limits
 from gcs_server.streamer.limits.region import VehicleMotion
 from gcs_server.streamer.schedule.avoidance import AvoidanceStage, Avoiding
@@ -18,15 +18,15 @@ from missions.avoidance.values import AvoidanceWay
 from missions.runner.script import Played, Script, Steering
 from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
 
-TOLD_EVERY_S = 10.0
-"""The same limit is told no more often."""
+REPORT_PERIOD_S = 10.0
+"""Shortest time between two reports of the same limit."""
 
 
 class SetpointPipeline:
-    """Follows an order, or stands still.
+    """Follows an order, or holds the position.
 
     Args:
-        loader: the transport; prepares each setpoint that is to be sent.
+        loader: the transport; packs each setpoint that is to be sent.
     """
 
     def __init__(self, loader: SetpointLoader) -> None:
@@ -35,7 +35,7 @@ class SetpointPipeline:
         self.limited: tuple[str, ...] = ()
         self._resolved: ResolvedSetpoint | None = None
         self._still: DirectSetpoint | None = None
-        """What is sent where no order is followed any more."""
+        """Sent when no order is followed any more."""
         self._yaw_kept = False
         self._wanted: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
@@ -45,17 +45,17 @@ class SetpointPipeline:
         self._avoidance = AvoidanceStage()
         self._brake_sees = self._braked = False
         self._blind: DirectSetpoint | None = None
-        """What is held where the sensor fell silent while the brake held the vehicle."""
+        """Position held because the obstacle sensor fell silent while the brake held the vehicle."""
         self._measured = BrakeMemory()
 
     def forget(self) -> None:
-        """A new stream begins."""
+        """Resets for a new stream."""
         self.sent, self.limited, self._wanted = None, (), None
         self._brake_sees = self._braked = False
         self._avoidance.forget()
 
     def take(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
-        """From now on this one."""
+        """Follows this order from now on."""
         keeps = keeps_heading(setpoint)
         before = getattr(self.sent, "yaw_ned_rad", None) if keeps and self._yaw_kept else None
         resolved = ResolvedSetpoint(
@@ -63,17 +63,17 @@ class SetpointPipeline:
         )
         first = resolved.at(now_s, snapshot, waiting=True)
         if first is None:
-            raise ValueError(f"vehicle {resolved.follows} is not heard")
+            raise ValueError(f"vehicle {resolved.follows} sends no position")
         self._resolved, self._still, self._yaw_kept, self._blind = resolved, None, keeps, None
         self._load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
 
     def begin_anew(self, now_s: float) -> None:
-        """The flight begins now: a path has waited so far."""
+        """The flight begins now: until now a path has stayed at its first point."""
         if self._resolved is not None:
             self._resolved.begin_anew(now_s)
 
     def steer(self, steering: Steering) -> bool:
-        """Steers the mission that is flown; False: none is."""
+        """Controls the mission being flown; False if there is none."""
         player = None if self._resolved is None else self._resolved.player
         if player is None:
             return False
@@ -82,15 +82,15 @@ class SetpointPipeline:
 
     @property
     def played(self) -> Played | None:
-        """How far the mission is flown; None where none is."""
+        """Progress of the mission being flown; None if there is none."""
         player = None if self._resolved is None else self._resolved.player
         return None if player is None else player.played
 
     def hold_position(self, now_s: float, snapshot: Snapshot) -> None:
-        """Follows no order any more.
+        """Stops following an order and holds the position.
 
-        Sends the place reached; without an estimate no speed; in a flight by attitude or rates, where there
-        may not be an estimate of speed either, level with the thrust that hovers.
+        Sends the current position; without a position estimate, zero velocity; in a flight by attitude or
+        rates, where a velocity estimate may be missing too, level attitude with hover thrust.
         """
         position, yaw, sent = snapshot.position_at(now_s), snapshot.yaw_ned_rad, self.sent
         if position is not None:
@@ -104,7 +104,7 @@ class SetpointPipeline:
         self._load(now_s, snapshot, still)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
-        """Looks again what to send; says why the order must not be followed any further.
+        """Updates the setpoint to send; returns why the order must not be followed any further, or None.
 
         Args:
             now_s: the moment.
@@ -121,30 +121,31 @@ class SetpointPipeline:
         return self._load(now_s, snapshot, wanted).stop
 
     def take_reports(self) -> list[StreamEvent]:
-        """What limits and avoidance did since the last call."""
+        """Returns the reports of limits and avoidance since the last call."""
         taken, self._reports = [*self._reports, *self._avoidance.take_reports()], []
         return taken
 
     @property
     def avoiding(self) -> Avoiding | None:
-        """What obstacle avoidance does now; None: it is off."""
+        """State of obstacle avoidance; None: it is off."""
         return self._avoidance.doing
 
     @property
     def follows(self) -> str | None:
-        """The vehicle that is followed."""
+        """Id of the followed vehicle."""
         return None if self._resolved is None else self._resolved.follows
 
     def leader_is_gone(self, now_s: float, snapshot: Snapshot) -> bool:
-        """Whether a vehicle is followed that is not heard."""
+        """Whether the followed vehicle sends no position."""
         return (
             self._resolved is not None
             and self.follows is not None
             and self._resolved.at(now_s, snapshot) is None
         )
 
-    def means_a_local_place(self) -> bool:
-        """Whether what is sent is a place by the vehicle's local origin (a leader's is found anew)."""
+    def depends_on_local_origin(self) -> bool:
+        """Whether the sent setpoint is a position relative to the vehicle's local origin (a leader's position
+        is looked up again)."""
         sent = self.sent
         if self.follows is not None or not isinstance(sent, Position | Trajectory):
             return False
@@ -186,7 +187,7 @@ class SetpointPipeline:
         self._wanted, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
         self.limited = result.notes
         for note in result.notes:
-            if now_s - self._told_s.get(note, -math.inf) > TOLD_EVERY_S:
+            if now_s - self._told_s.get(note, -math.inf) > REPORT_PERIOD_S:
                 self._reports.append(StreamEvent("limited", NOTICE, f"Setpoint limited: {note}."))
             self._told_s[note] = now_s
         if result.setpoint is not None:
@@ -195,19 +196,22 @@ class SetpointPipeline:
             self.sent = result.setpoint
         return result
 
-    def _around(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Around | None:
-        """What the brake goes by; None where it is off (avoidance keeps it on) or no sensor is heard."""
+    def _around(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Surroundings | None:
+        """The surroundings for the brake; None if it is off (avoidance keeps it on) or no sensor is heard."""
         if not bounds.obstacle_brake and self._way(snapshot) is None:
             return None
-        sees = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SEES_FOR_S))
+        sees = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SCAN_VALID_S))
         position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
         if self._brake_sees and not sees:
-            then = "the obstacle brake sees nothing"
+            then = "the obstacle brake has no measurements"
             if self._braked:
-                then = "held here, before an obstacle, until it is heard again or another setpoint comes"
+                then = (
+                    "the vehicle holds here, before an obstacle, until the sensor is back or a new "
+                    "setpoint arrives"
+                )
                 still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
                 self._blind = still if position is None else Position(position, snapshot.yaw_ned_rad)
-            text = f"Obstacle sensor silent for {SEES_FOR_S:g} s: {then}."
+            text = f"Obstacle sensor silent for {SCAN_VALID_S:g} s: {then}."
             self._reports.append(StreamEvent("obstacle_sensor_lost", WARNING, text))
         self._brake_sees = sees
         if not sees:
@@ -217,13 +221,13 @@ class SetpointPipeline:
 
 
 def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:
-    """No tilt."""
+    """Level attitude."""
     half = (yaw_ned_rad or 0.0) / 2.0
     return Attitude((math.cos(half), 0.0, 0.0, math.sin(half)), thrust)
 
 
 def _here(now_s: float, snapshot: Snapshot) -> VehicleMotion | None:
-    """The vehicle at this moment; None where it is not known where it is."""
+    """Motion of the vehicle now; None if its position is not known."""
     position = snapshot.position_at(now_s)
     if position is None:
         return None

@@ -1,7 +1,7 @@
-"""All vehicles' setpoint streams and groups: `step` sends what is due and says when to call it again.
+"""All vehicles' setpoint streams and groups: `step` sends what is due and returns when to call it again.
 
-It knows no thread, socket or process: `process/worker.py` runs it in a process of its own, tests call it
-themselves.
+It uses no thread, socket or process: `process/worker.py` runs it in a process of its own, tests call it
+directly.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.streamer.schedule.stream import VehicleStream
 from gcs_server.streamer.schedule.streams import StreamState
-from gcs_server.streamer.separation.guard import Actions, Finding, GroupGuard, GuardState, Seen
+from gcs_server.streamer.separation.guard import Actions, Finding, GroupGuard, GuardState, MemberView
 from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
 from gcs_server.streamer.transport.sender import NoSender, PayloadSender
 from gcs_server.streamer.values.events import WARNING, StreamEvent
@@ -31,18 +31,18 @@ class _Stream:
     snapshot: Snapshot
     sends_failed: int = 0
     number: int = 0
-    """Of the newest `begin`: whoever began an earlier stream has no say in this one."""
+    """Number of the newest `begin`: calls that name an earlier stream have no effect."""
 
 
 class StreamScheduler:
-    """What `Streams` says, done at once; whoever calls anything here calls `step` soon afterwards.
+    """Implements `Streams` synchronously; after any call, call `step` soon.
 
-    Whatever fails is one vehicle's or one group's: its stream ends (the vehicle fails safe), a group's
-    members are held, and all others go on.
+    A fault affects one vehicle or group only: its stream ends (the vehicle's failsafe takes over) or the
+    group's members are held; all others continue.
 
     Args:
-        clock: `monotonic_s` alone is used.
-        server_silent_limit_s: the loop's silence after which sending stops.
+        clock: only `monotonic_s` is used.
+        server_silent_limit_s: silence of the event loop after which sending stops.
     """
 
     def __init__(self, clock: Clock, *, server_silent_limit_s: float = 1.5) -> None:
@@ -61,7 +61,7 @@ class StreamScheduler:
         self._guards.clear()
 
     def step(self) -> float:
-        """One round over all streams; returns when the next is due (monotonic), infinity where none is."""
+        """Runs all streams once; returns when the next step is due (monotonic), infinity if there is none."""
         due_s = float("inf")
         for guard in self._guards.values():
             self._run_guard(guard)
@@ -87,7 +87,7 @@ class StreamScheduler:
                 continue
             try:
                 stream.snapshot = snapshot.plausible()
-            except Exception as error:  # the others' are taken
+            except Exception as error:  # the other snapshots are still taken
                 self._failed(vehicle_id, error)
 
     # --- one vehicle's stream ---------------------------------------------------------------------
@@ -95,7 +95,7 @@ class StreamScheduler:
     def attach(
         self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int], number: int = 0
     ) -> None:
-        """See `Streams`; `number` is that of its last stream, where it had some before."""
+        """See `Streams`; `number` is the number of its last stream."""
         transport = MavlinkTransport(sender, target)
         core = VehicleStream(transport, server_silent_limit_s=self._silent_limit_s)
         nothing = Snapshot(-1.0, "", None, None, None)
@@ -136,16 +136,16 @@ class StreamScheduler:
         }
 
     def guard_states(self) -> dict[str, GuardState]:
-        """Of all groups that are watched."""
+        """Guard state of all watched groups."""
         return {name: guard.state() for name, guard in self._guards.items()}
 
     def guard_phases(self) -> list[tuple[str, str, int]]:
-        """Name, phase and number of those held of each group that is watched."""
+        """Name, phase and number of held members of each watched group."""
         return [(name, guard.phase, len(guard.held)) for name, guard in self._guards.items()]
 
     @property
     def has_news(self) -> bool:
-        """Whether reports or findings wait to be taken."""
+        """Whether there are reports or findings to take."""
         return any(stream.core.reports for stream in self._streams.values()) or any(
             guard.findings for guard in self._guards.values()
         )
@@ -157,7 +157,7 @@ class StreamScheduler:
         stream.snapshot = snapshot.plausible()
         stream.number += 1
         stream.sends_failed = 0
-        self._loop_alive(now_s)  # the loop is here
+        self._loop_alive(now_s)  # the event loop is alive
         try:
             stream.core.begin(now_s, order, rate_hz, stream.snapshot)
         except Exception as error:
@@ -252,7 +252,7 @@ class StreamScheduler:
         if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
             return False
         if not set(orders) <= set(flying) or ("holding" in phases and set(orders) != set(flying)):
-            return False  # what has expired is not revived unasked: a path would begin again
+            return False  # an expired order is not renewed: a path would begin again
         for vehicle_id in orders:
             self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
         self._carry_out(guard, now_s, Actions(take=dict(orders)), until_s)
@@ -263,32 +263,32 @@ class StreamScheduler:
         if now_s < guard.due_s:
             return
         try:
-            actions = guard.look(now_s, {v: self._seen(v) for v in guard.members})
-        except Exception as error:  # what keeps them apart must not fail in silence
-            guard.look_later(now_s)
-            actions = guard.fault(now_s, f"What keeps the group apart failed ({error})")
+            actions = guard.check(now_s, {v: self._seen(v) for v in guard.members})
+        except Exception as error:  # a failure of the guard must be reported
+            guard.skip_check(now_s)
+            actions = guard.fault(now_s, f"The check that keeps the group apart failed ({error})")
             if actions.hold:
                 log.exception("the guard of group %s failed", guard.name)
         self._carry_out(guard, now_s, actions, guard.until_s)
 
-    def _seen(self, vehicle_id: str) -> Seen:
+    def _seen(self, vehicle_id: str) -> MemberView:
         stream = self._streams[vehicle_id]
         core = stream.core
         ended = core.last_end.text if core.last_end is not None and not core.streaming else None
-        return Seen(core.phase, core.order if core.streaming else None, stream.snapshot, ended)
+        return MemberView(core.phase, core.order if core.streaming else None, stream.snapshot, ended)
 
     def _carry_out(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
-        """All in one go, before any of them is sent anything else."""
+        """Applies all actions before any member is sent anything else."""
         refused = None
         for vehicle_id, order in actions.take.items():
             stream = self._streams[vehicle_id]
             try:
                 if not stream.core.change(now_s, order, stream.snapshot):
-                    refused = f"Vehicle {vehicle_id} could not begin"
+                    refused = f"Vehicle {vehicle_id} could not start"
             except Exception as error:
                 if not isinstance(error, ValueError):
                     log.exception("the setpoint of vehicle %s failed", vehicle_id)
-                refused = f"Vehicle {vehicle_id} could not begin ({error})"
+                refused = f"Vehicle {vehicle_id} could not start ({error})"
         if refused is not None:
             actions = guard.fault(now_s, refused)
         elif actions.take or until_s != guard.until_s:
@@ -300,17 +300,18 @@ class StreamScheduler:
             stream = self._streams[vehicle_id]
             try:
                 stream.core.force_hold(now_s, stream.snapshot, actions.code, why)
-            except Exception as error:  # the others are to be held all the same
+            except Exception as error:  # the other members must still be held
                 self._failed(vehicle_id, error)
 
     def _failed(self, vehicle_id: str, error: Exception) -> None:
-        """One vehicle's fault ends its stream and nobody else's."""
+        """Ends only the stream of the vehicle that failed."""
         log.exception("the stream to vehicle %s failed", vehicle_id)
         text = f"The setpoint stream failed: {error}"
         self._streams[vehicle_id].core.end("fault", text, WARNING)
 
     def _loop_alive(self, now_s: float) -> None:
-        """The loop lives; streams that its silence should have ended (the process stood still) end first."""
+        """The event loop is alive. Streams that its silence should have ended (the process stalled) end
+        first."""
         if now_s - self._beat_s >= self._silent_limit_s:
             for vehicle_id, stream in self._streams.items():
                 try:

@@ -1,4 +1,4 @@
-"""One vehicle's stream as a pure state machine: what goes out now, and when to stop.
+"""One vehicle's stream as a pure state machine: what is sent now, and when to stop.
 
     idle ── begin ──► starting ── engage ──► streaming ◄── change ──┐
       ▲                                         │ expiry            │
@@ -6,10 +6,10 @@
       │              landing                 holding ── time ──► to_hold
       └── end ◄─────────┴───────────────────────┴───────────────────┘
 
-A start that fails once Offboard has been asked for is `undoing` for a while: the vehicle may take Offboard
-late, and must not then find the stream gone.
+A start that fails after Offboard was requested is `undoing` for a while: the vehicle may switch to Offboard
+late, and the stream must still be there then.
 
-It knows no clock, thread or socket: `tick` is handed the time and an immutable snapshot of the vehicle.
+It uses no clock, thread or socket: `tick` gets the time and an immutable snapshot of the vehicle.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from gcs_server.streamer.schedule.pipeline import SetpointPipeline
 from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue, SetpointLoader
-from gcs_server.streamer.values.snapshot import LONGEST_EXTRAPOLATION_S, Snapshot
+from gcs_server.streamer.values.snapshot import MAX_EXTRAPOLATION_S, Snapshot
 from missions.frames import Vector3
 from missions.runner.script import Played, Script, Steering
 from missions.setpoints import DirectSetpoint
 
 MODE_REQUEST_PERIOD_S = 1.0
 MAX_MODE_REQUESTS = 5
-"""Asked this often without the vehicle's word, the stream stops and PX4's own failsafe takes over."""
-LONGEST_START_S = 20.0
-STOP_WITHIN_S = 7.0
-"""A stop that the loop has not brought about by then is brought about by the stream itself."""
+"""After this many unconfirmed mode requests the stream stops and PX4's own failsafe takes over."""
+MAX_START_S = 20.0
+STOP_TIMEOUT_S = 7.0
+"""If the event loop has not completed a stop by then, the stream stops by itself."""
 UNDO_S = 2.5
-"""So long a vehicle may yet report an Offboard that nobody waits for: two heartbeats, one of them lost."""
+"""How long a vehicle may still report Offboard after a failed start: two heartbeats, one of them lost."""
 INHIBIT_MODE_REQUESTS_S = 6.5
-"""A command of a person's has so long to be done before the stream asks for a mode of its own."""
+"""How long a person's mode command has before the stream requests a mode itself."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
-"""A local position that moves by more than this (and this a second) did not fly: its origin was moved."""
+"""A local position that changes by more than this (and faster than this) was not flown: its origin moved."""
 
 
 class VehicleStream:
     """See the module's drawing.
 
     Args:
-        loader: the transport; prepares each setpoint that is to be sent.
+        loader: the transport; packs each setpoint that is to be sent.
         server_silent_limit_s: how long the event loop may be silent before the stream stops.
     """
 
@@ -55,11 +55,11 @@ class VehicleStream:
         self._silent_limit_s = server_silent_limit_s
         self._pipeline = SetpointPipeline(loader)
         self._why = ""
-        """What made the stream end the flight by itself, for who asks afterwards."""
+        """Why the stream ended the flight by itself; reported when it ends."""
         self.phase = "idle"
         self.order: Order | None = None
         self.cadence = Cadence()
-        """When setpoints go out, and went out; of the last stream while idle."""
+        """Times of setpoints; those of the last stream while idle."""
         self.reports: deque[StreamEvent] = deque(maxlen=50)
         self.last_end: StreamEvent | None = None
         self._since_s = 0.0
@@ -72,20 +72,20 @@ class VehicleStream:
         self._was_armed = False
         self._last_estimate: tuple[float, Vector3] | None = None
 
-    # --- what the loop asks for -------------------------------------------------------------------
+    # --- calls of the event loop ------------------------------------------------------------------
 
     def begin(self, now_s: float, order: Order, rate_hz: float, snapshot: Snapshot) -> None:
-        """Starts to stream before Offboard is asked for; validity counts from `engage`."""
+        """Starts streaming before Offboard is requested; validity counts from `engage`."""
         self.cadence.begin(rate_hz)
         self._requested_mode, self.last_end = None, None
         self._engaged_s = math.inf
         self._was_armed, self._last_estimate = False, None
-        self._enter("starting", now_s, LONGEST_START_S)
+        self._enter("starting", now_s, MAX_START_S)
         self._pipeline.forget()
         self._take(now_s, order, snapshot)
 
     def engage(self, now_s: float) -> bool:
-        """The vehicle reports Offboard: validity counts from now. False: the stream has ended meanwhile."""
+        """The vehicle reports Offboard: validity counts from now. False if the stream has ended meanwhile."""
         if self.phase != "starting" or self.order is None:
             return False
         self._engaged_s = self._since_s = now_s
@@ -94,7 +94,7 @@ class VehicleStream:
         return True
 
     def change(self, now_s: float, order: Order, snapshot: Snapshot) -> bool:
-        """A new setpoint, at once; False where the stream is not (or no longer) to be had."""
+        """Applies a new setpoint at once; False if there is no stream that can take it."""
         if self.phase not in ("starting", "streaming", "holding") or self._requested_mode is not None:
             return False
         self._take(now_s, order, snapshot)
@@ -103,48 +103,49 @@ class VehicleStream:
         return True
 
     def steer(self, now_s: float, steering: Steering) -> None:
-        """The mission that is flown is looked after: it is steered, and counts from now."""
+        """Controls the mission being flown, and renews its validity."""
         if self.phase in ("starting", "streaming") and self._pipeline.steer(steering):
             self._since_s = now_s
             if self.order is not None and self.phase == "streaming":
                 self._enter("streaming", now_s, self.order.lasts_s)
 
     def prolong(self, until_s: float) -> None:
-        """The order counts until then, as those of a group that expire together."""
+        """Sets when the order expires; used by groups, whose orders expire together."""
         if self.phase == "streaming" and self.order is not None:
             own_s = self.order.lasts_s - self.order.valid_for_s
             self.order = replace(self.order, valid_for_s=max(0.0, until_s - self._since_s - own_s))
             self._phase_until_s = self._since_s + self.order.lasts_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Stops at once and asks for Hold (Land where no place can be held), whatever the order says."""
+        """Stops at once and requests Hold (Land if no position can be held), not the order's expiry
+        action."""
         if self.phase in ("streaming", "holding") and self._requested_mode is None:
             self._why = why
             self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
 
     def request_stop(self, now_s: float, snapshot: Snapshot) -> None:
-        """Somebody asked to stop: hold the place while the loop asks the vehicle for Hold.
+        """A client requested a stop: holds the position while the event loop requests Hold.
 
-        If the loop then fails to, the stream asks itself, as after an expiry.
+        If the event loop fails to do so, the stream requests Hold itself, as after an expiry.
         """
         if self.phase in ("streaming", "holding"):
             self._hold_position(now_s, snapshot)
-            self._enter("holding", now_s, STOP_WITHIN_S)
+            self._enter("holding", now_s, STOP_TIMEOUT_S)
             self._requested_mode = "hold"
 
     def cancel_start(self, now_s: float, snapshot: Snapshot) -> None:
-        """Offboard was asked for and not confirmed: should it come yet, the vehicle is put into Hold."""
+        """Offboard was not confirmed: if the vehicle still switches to it, it is put into Hold."""
         if self.phase == "starting":
             self._since_s = now_s
             self._hold_position(now_s, snapshot)
             self._enter("undoing", now_s, UNDO_S)
 
     def inhibit_mode_requests(self, now_s: float) -> None:
-        """Somebody commands a mode: what the stream asks for must not come after it and undo it."""
+        """A mode is being commanded: a later mode request of the stream must not undo it."""
         self._inhibited_until_s = now_s + INHIBIT_MODE_REQUESTS_S
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, report: bool = True) -> None:
-        """Nothing is sent from here on."""
+        """Ends the stream: nothing more is sent."""
         if self.phase == "idle":
             return
         self.phase = "idle"
@@ -153,21 +154,21 @@ class VehicleStream:
         if report:
             self.reports.append(self.last_end)
 
-    # --- what the scheduler asks for --------------------------------------------------------------
+    # --- calls of the scheduler -------------------------------------------------------------------
 
     def due_s(self, beat_s: float) -> float:
-        """When `tick` wants to be called next; infinity while idle."""
+        """When `tick` must be called next; infinity while idle."""
         if self.phase == "idle":
             return math.inf
         return min(self.cadence.next_s, self._phase_until_s, beat_s + self._silent_limit_s)
 
     def tick(self, now_s: float, snapshot: Snapshot, beat_s: float) -> list[Outgoing]:
-        """What goes out now.
+        """Returns what to send now.
 
         Args:
             now_s: monotonic time.
             snapshot: the newest one.
-            beat_s: when the event loop last showed that it lives.
+            beat_s: time of the event loop's last beat.
         """
         if self.phase == "idle":
             return []
@@ -195,16 +196,16 @@ class VehicleStream:
             self.cadence.sent(now_s)
         return outgoing
 
-    # --- what can be read -------------------------------------------------------------------------
+    # --- state ------------------------------------------------------------------------------------
 
     @property
     def sent(self) -> DirectSetpoint | None:
-        """What goes out now: what was ordered within its limits, or the place held after it expired."""
+        """The setpoint sent now: the ordered one, limited, or the position held after expiry."""
         return self._pipeline.sent
 
     @property
     def limited(self) -> tuple[str, ...]:
-        """What the limits take away from the order now, in words."""
+        """Texts of what the limits reduce now."""
         return self._pipeline.limited
 
     @property
@@ -219,7 +220,7 @@ class VehicleStream:
 
     @property
     def streaming(self) -> bool:
-        """Whether setpoints go out."""
+        """Whether setpoints are sent."""
         return self.phase != "idle"
 
     def age_s(self, now_s: float) -> float | None:
@@ -227,7 +228,7 @@ class VehicleStream:
         return None if self.order is None or self.phase == "idle" else now_s - self._since_s
 
     def valid_left_s(self, now_s: float) -> float | None:
-        """Until the order expires (it has not begun to while starting); None while idle."""
+        """Time until the order expires (it does not count down while starting); None while idle."""
         if self.order is None or self.phase == "idle":
             return None
         if self.phase == "starting":
@@ -247,7 +248,7 @@ class VehicleStream:
         self.cadence.at_once(now_s)
 
     def _refresh_setpoint(self, now_s: float, snapshot: Snapshot) -> None:
-        """Looks after what goes out at this very moment."""
+        """Updates the setpoint that is sent now."""
         follows_order = self.phase in ("starting", "streaming")
         stop = self._pipeline.refresh(now_s, snapshot, waiting=self.phase == "starting")
         self.reports.extend(self._pipeline.take_reports())
@@ -259,13 +260,13 @@ class VehicleStream:
             self._fall_back(now_s, snapshot, "fence", stop)
 
     def _left_offboard(self, snapshot: Snapshot) -> bool:
-        """Ends where the vehicle flies another mode than Offboard, by whoever's will: never fights for it."""
+        """Ends the stream if the vehicle has left Offboard for any reason; never requests Offboard again."""
         if snapshot.taken_s < self._engaged_s:
             return False
         if snapshot.mode == "offboard":
             disarmed = self._was_armed and not snapshot.armed
             self._was_armed = snapshot.armed
-            if disarmed:  # armed again, it would fly off at once
+            if disarmed:  # if armed again, the vehicle would fly off at once
                 self.end("disarmed", "The vehicle disarmed; the setpoint stream has ended.")
             return disarmed
         if snapshot.mode == self._requested_mode:
@@ -284,12 +285,10 @@ class VehicleStream:
         return True
 
     def _react_to(self, now_s: float, snapshot: Snapshot) -> None:
-        """What the vehicle's news mean for what is sent to it."""
+        """Reacts to a lost link, a lost leader and a moved origin."""
         jumped_m = self._jumped_m(snapshot)
         if self.phase == "undoing" and snapshot.taken_s > self._since_s:
-            if (
-                snapshot.mode == "offboard" or snapshot.lost
-            ):  # lost: the last word it may hear is not Offboard
+            if snapshot.mode == "offboard" or snapshot.lost:  # lost: its last command must not be Offboard
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
             self._engaged_s = now_s
@@ -298,15 +297,15 @@ class VehicleStream:
         elif self.phase == "streaming" and self._pipeline.leader_is_gone(now_s, snapshot):
             why = f"No connection to vehicle {self._pipeline.follows}, which it follows"
             self._fall_back(now_s, snapshot, "leader_lost", why)
-        elif jumped_m is not None and self._pipeline.means_a_local_place():
+        elif jumped_m is not None and self._pipeline.depends_on_local_origin():
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
             if self.phase == "streaming":
-                self._end_flight(now_s, snapshot, "jumped", f"{why}: the setpoint means another place now")
+                self._end_flight(now_s, snapshot, "jumped", f"{why}: the setpoint would now lead elsewhere")
             elif self.phase in ("holding", "to_hold", "landing", "undoing"):
                 self._hold_position(now_s, snapshot)
 
     def _jumped_m(self, snapshot: Snapshot) -> float | None:
-        """How far the local position moved without flying there; None where it did not."""
+        """How far the local position jumped; None if it did not."""
         if snapshot.position_ned_m is None:
             return None
         before, self._last_estimate = self._last_estimate, (snapshot.heard_s, snapshot.position_ned_m)
@@ -335,7 +334,7 @@ class VehicleStream:
         self._fall_back(now_s, snapshot, "expired", why)
 
     def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Does what the order says for its end, with the place held where that can be."""
+        """Executes the order's expiry action; holds the position first if possible."""
         assert self.order is not None
         self._why = why
         if self.order.on_expiry.action == "hold" and snapshot.position_at(now_s) is not None:
@@ -347,7 +346,7 @@ class VehicleStream:
             self._end_flight(now_s, snapshot, code, why)
 
     def _end_flight(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Ends the flight as the order says, where setpoints of ours cannot hold its place."""
+        """Executes the order's expiry action when setpoints cannot hold the position."""
         assert self.order is not None
         self._why = why
         action = self.order.on_expiry.action
@@ -360,19 +359,19 @@ class VehicleStream:
         self, now_s: float, snapshot: Snapshot, code: str, why: str, *, land: bool
     ) -> None:
         self._hold_position(now_s, snapshot)
-        heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.heard_s <= LONGEST_EXTRAPOLATION_S
+        heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.heard_s <= MAX_EXTRAPOLATION_S
         if land:
             self._report(code, f"{why}: landing.")
             self._request_mode("land", now_s)
         elif heard and snapshot.position_ned_m is None:
             self._report(code, f"{why}: landing (no position estimate to hold).")
             self._request_mode("land", now_s)
-        else:  # where it is may be known to itself, though not to us
+        else:  # the vehicle itself may still know its position
             self._report(code, f"{why}: requesting Hold mode.")
             self._request_mode("hold", now_s)
 
     def _hold_position(self, now_s: float, snapshot: Snapshot) -> None:
-        """What is sent until the mode has changed."""
+        """Holds the position until the mode has changed."""
         self._pipeline.hold_position(now_s, snapshot)
         self.cadence.at_once(now_s)
 

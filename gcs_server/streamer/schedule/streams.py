@@ -1,4 +1,4 @@
-"""What the event loop asks of whatever flies the setpoint streams, and what it is told of them."""
+"""The interface between the event loop and whatever runs the setpoint streams."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from missions.setpoints import DirectSetpoint
 
 @dataclass(frozen=True, slots=True)
 class StreamState:
-    """How a stream stands, read in one moment."""
+    """The state of a stream at one moment."""
 
     phase: str = "idle"
     order: Order | None = None
     sent: DirectSetpoint | None = None
-    """What goes out; None while nothing does."""
+    """The sent setpoint; None while nothing is sent."""
     limited: tuple[str, ...] = ()
-    """What the limits take away from the order now."""
+    """Texts of what the limits reduce now."""
     rate_hz: float = 50.0
     rate_achieved_hz: float | None = None
     age_s: float | None = None
@@ -34,37 +34,37 @@ class StreamState:
     sends_failed: int = 0
     last_end: StreamEvent | None = None
     number: int = 0
-    """Counts a vehicle's streams."""
+    """Number of this stream; counts per vehicle."""
     steady_s: float = 0.0
-    """For how long setpoints have gone out without a pause."""
+    """How long setpoints have been sent without a pause."""
     avoiding: Avoiding | None = None
-    """What obstacle avoidance does now; None: it is off."""
+    """State of obstacle avoidance; None: it is off."""
     played: Played | None = None
-    """How far an offboard mission is flown; None where none is."""
+    """Progress of an offboard mission; None if there is none."""
 
 
 class Streams(Protocol):
     """All streams of the server.
 
     In a running server they run in a process of their own (`process/stream_process.py`); tests run the
-    scheduler themselves. Only the event loop calls this. A plain method returns at once, whatever that
-    process does; a coroutine waits for its answer.
+    scheduler directly. Only the event loop calls this. A plain method never waits for that process; a
+    coroutine waits for its answer.
     """
 
     def start(self) -> None:
-        """Begins; nothing is sent before a `begin`."""
+        """Starts; nothing is sent before a `begin`."""
         ...
 
     def close(self) -> None:
-        """Ends; nothing is sent afterwards."""
+        """Closes; nothing is sent afterwards."""
         ...
 
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
-        """The loop lives, and this is what it knows of the vehicles that are streamed to."""
+        """The event loop is alive; passes on snapshots of the vehicles with a stream."""
         ...
 
     def links_changed(self) -> None:
-        """A link was opened or closed: no socket of a closed one is kept."""
+        """A link was opened or closed: sockets of closed links are released."""
         ...
 
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
@@ -72,104 +72,105 @@ class Streams(Protocol):
         ...
 
     def forget(self, vehicle_id: str) -> None:
-        """It has gone, and nothing is streamed to it: its way out is not kept."""
+        """The vehicle was removed and has no stream: its route is dropped."""
         ...
 
     def active(self) -> list[str]:
-        """Ids of the vehicles that are streamed to."""
+        """Ids of the vehicles with a stream."""
         ...
 
     def state(self, vehicle_id: str) -> StreamState:
-        """How a vehicle's stream stands."""
+        """State of a vehicle's stream."""
         ...
 
     async def ready(self) -> None:
-        """Returns once a stream can begin without making the event loop wait.
+        """Returns once a stream can begin without blocking the event loop.
 
         Raises:
-            Refused: that is not to be had.
+            Refused: streams cannot run now.
         """
         ...
 
     async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
-        """Starts a stream and numbers it; 0 where there is one already.
+        """Starts a stream and returns its number; 0 if there is already one.
 
         Raises:
-            Refused: what streams is just being started again.
+            Refused: the streams' process is being restarted.
             ValueError: the order cannot be flown.
         """
         ...
 
     def starting(self, vehicle_id: str, number: int) -> bool:
-        """Whether that stream is still being started."""
+        """Whether this stream is still starting."""
         ...
 
     async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
-        """The vehicle reports Offboard; False: that stream has ended meanwhile."""
+        """The vehicle reports Offboard; False if this stream has ended meanwhile."""
         ...
 
     def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
-        """That stream's start failed after Offboard had been asked for."""
+        """The start of this stream failed after Offboard had been requested."""
         ...
 
     async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        """A new setpoint, sent at once; False where there is no stream to change.
+        """Sets a new setpoint, sent at once; False if there is no stream.
 
         Raises:
-            ValueError: the order cannot be flown; what was flown is flown on.
+            ValueError: the order cannot be flown; the previous one continues.
         """
         ...
 
     def steer(self, vehicle_id: str, steering: Steering) -> None:
-        """Steers the offboard mission that is flown, and renews it."""
+        """Controls the offboard mission being flown, and renews it."""
         ...
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
-        """Holds the place until Hold is confirmed."""
+        """Holds the position until Hold is confirmed."""
         ...
 
     def inhibit_mode_requests(self, vehicle_id: str) -> None:
-        """A mode is being commanded: the stream asks for none meanwhile."""
+        """A mode is being commanded: the stream requests none meanwhile."""
         ...
 
     def force_hold(self, vehicle_id: str, why: str) -> None:
-        """Stops a vehicle at its place and asks for Hold, without waiting for the loop."""
+        """Stops a vehicle at its position and requests Hold, without waiting for the event loop."""
         ...
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
-        """Stops sending now (that stream, where it is named); the caller tells whom it concerns."""
+        """Stops sending now (only the stream with this number, if given); the caller reports it."""
         ...
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
-        """What happened since the last call, for the loop to tell."""
+        """Returns the stream events since the last call."""
         ...
 
     def watch(self, guard: GroupGuard) -> None:
-        """From now on a group's vehicles are kept apart, and begin together at their instant."""
+        """From now on the guard keeps a group's vehicles apart and starts them together."""
         ...
 
     def unwatch(self, name: str) -> None:
-        """A group is over."""
+        """A group has ended: its guard is dropped."""
         ...
 
     def disable_guard(self, name: str) -> None:
-        """Somebody stops a whole group."""
+        """A whole group is being stopped: its guard does not act any more."""
         ...
 
     def guard(self, name: str) -> GuardState | None:
-        """How a group's guard stands; None where it is watched no more."""
+        """State of a group's guard; None if it was dropped."""
         ...
 
     async def change_together(
         self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
     ) -> bool:
-        """New setpoints for some of a group, sent at once and expiring with all others; False: none taken."""
+        """Sets new setpoints for members of a group, sent at once and expiring together; False if none was
+        accepted."""
         ...
 
     def watched(self) -> dict[str, Order | None]:
-        """Vehicles of groups, each with the order that it is to begin with."""
+        """Vehicles of groups, each with its first order."""
         ...
 
     def take_findings(self) -> list[tuple[str, Finding]]:
-        """What went wrong in groups since the last call, for the loop to tell."""
+        """Returns the findings of groups since the last call."""
         ...

@@ -1,9 +1,9 @@
-"""How near two vehicles would come if both were stopped now: what a group keeps apart by.
+"""How near two vehicles would come if both were stopped now: the distance that a group's guard checks.
 
-A distance that is still kept is of no use where it cannot be kept any more, so it is always asked with the
-way of braking ahead, each by its own deceleration: a formation of equals that flies in parallel stays as far
-apart. What is known of both is not exact, so that the guard adds a margin (`margin_m`): with it the true
-distance keeps the minimum, as long as the accuracies that the vehicles report are true.
+The distance now is not enough, because stopping takes room. So both braking distances are included, each with
+the vehicle's own deceleration; a formation of equal vehicles in parallel flight keeps its distance. Positions
+and velocities are not exact, so the guard adds a margin (`margin_m`). With it the true distance stays above
+the minimum, as long as the accuracies that the vehicles report are correct.
 """
 
 from __future__ import annotations
@@ -19,61 +19,61 @@ from numpy.typing import NDArray
 from missions.frames import Vector3
 
 STOP_M_S2, STOP_DELAY_S = 2.5, 0.8
-"""How position setpoints at the place reached stop a multicopter. Measured with the simulator:
+"""How a multicopter stops when it is sent its current position. Measured with the simulator:
 from 2.5 m/s in 3.0 m, from 4.2 m/s in 6.1 m, from 6.6 m/s in 12.8 m; this allows 3.2, 6.9 and 14.1 m."""
 STOP_TILT_SHARE = 0.45
-"""Of the acceleration that the vehicle's largest tilt allows (g tan MPC_TILTMAX_AIR), so much brakes it at
-least: 45 degrees, PX4's default, allow more than `STOP_M_S2`; 10 degrees allow 0.8 m/s²."""
+"""Share of the acceleration at the vehicle's largest tilt (g tan MPC_TILTMAX_AIR) that brakes it at least: 45
+degrees, PX4's default, allow more than `STOP_M_S2`; 10 degrees allow 0.8 m/s²."""
 UNSTEERED_SHARE = 0.6
-"""Flown by acceleration, attitude or rates, it brakes by so much of it: its controllers of speed and place
-begin anew, against a wind that they do not know yet."""
+"""Share of that deceleration for a vehicle flown by acceleration, attitude or rates: its velocity and
+position controllers restart, in a wind that they have not compensated yet."""
 SIGMAS = 2.0
-"""Of the accuracy (one sigma) of both estimates together. In the simulator the error of the distance had a
-sigma of 0.2 m where the reported accuracies together are 0.4 m: twice those are four times the error's."""
+"""Multiple of both estimates' combined accuracy (one sigma). In the simulator the error of the distance had a
+sigma of 0.2 m, and the combined reported accuracy was 0.4 m: twice that is four sigma of the error."""
 UNKNOWN_ACCURACY_M = 1.0
-"""Of a vehicle that reports none."""
+"""Accuracy of a vehicle that reports none."""
 UNSTEADY_M = 0.4
-"""Of each vehicle: what wind and the end of braking move it by beyond `STOP_M_S2` and `STOP_DELAY_S`."""
+"""Per vehicle: distance that wind and the end of braking add to `STOP_M_S2` and `STOP_DELAY_S`."""
 SURPRISE_M_S2 = 1.5
-"""The velocity that was heard may have changed by so much a second since."""
+"""How much the velocity may have changed per second since it was received."""
 TURNED_AFTER_S = 0.3
-"""A vehicle flown by attitude or rates goes on gaining speed for so long after it was told to stop."""
+"""How long a vehicle flown by attitude or rates keeps accelerating after a stop was sent."""
 TREND_S = 0.4
-"""Over so long a vehicle's acceleration is measured: over less, the noise of its velocity is all there is."""
+"""Time over which a vehicle's acceleration is measured: shorter times would only measure noise."""
 STEP_S = 0.1
 G_M_S2 = 9.81
 
 Vectors = NDArray[np.float64]
-"""North, east, down in the last axis; any axes before it."""
+"""North, east, down in the last axis; any leading axes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Moving:
-    """One vehicle, as it is kept apart from another."""
+class MovingVehicle:
+    """Motion of one vehicle for the separation check."""
 
     place_ned_m: Vector3
-    """In a frame common to all."""
+    """In the common frame of the group."""
     velocity_ned_m_s: Vector3
     accuracy_m: float
-    """Of the place, one sigma."""
+    """Accuracy of the position, one sigma."""
     age_s: float
-    """Of the estimate, over which it was moved on with its velocity."""
+    """Age of the estimate, over which it was extrapolated with its velocity."""
     brakes_m_s2: float = STOP_M_S2
 
     @property
     def unsure_m(self) -> float:
-        """By how much it may be elsewhere, its accuracy left out."""
+        """Position uncertainty without the estimate's accuracy."""
         return UNSTEADY_M + SURPRISE_M_S2 * self.age_s * (self.age_s / 2.0 + STOP_DELAY_S)
 
 
 class SpeedTrend:
-    """How a vehicle's velocity changes, which it goes on doing until a stop takes hold of it."""
+    """How a vehicle's velocity changes; it continues to do so until a stop takes effect."""
 
     def __init__(self) -> None:
         self._heard: deque[tuple[float, Vector3]] = deque(maxlen=100)
 
     def add(self, heard_s: float, velocity_ned_m_s: Vector3) -> None:
-        """A velocity, and when it was heard; one that is not newer is left out."""
+        """Adds a velocity and its time of reception; one that is not newer is ignored."""
         if self._heard and heard_s <= self._heard[-1][0]:
             return
         self._heard.append((heard_s, velocity_ned_m_s))
@@ -81,7 +81,7 @@ class SpeedTrend:
             self._heard.popleft()
 
     def faster_ned_m_s(self, by_s: float) -> Vector3:
-        """The newest velocity, or what becomes of it in `by_s` seconds where that is faster."""
+        """The newest velocity, or the one extrapolated by `by_s` seconds if that is faster."""
         (first_s, old), (last_s, new) = self._heard[0], self._heard[-1]
         if last_s - first_s < TREND_S / 2.0:
             return new
@@ -90,25 +90,26 @@ class SpeedTrend:
         return (n, e, d) if math.hypot(n, e, d) > math.hypot(*new) else new
 
 
-def margin_m(a: Moving, b: Moving) -> float:
-    """What is added to the minimum between two: for both estimates' accuracy and age, and for the wind."""
+def margin_m(a: MovingVehicle, b: MovingVehicle) -> float:
+    """Margin added to the minimum between two vehicles: for accuracy and age of both estimates, and for
+    wind."""
     return SIGMAS * math.hypot(a.accuracy_m, b.accuracy_m) + a.unsure_m + b.unsure_m
 
 
 def brakes_m_s2(tilt_rad: float) -> float:
-    """How it slows down when it is stopped, by the largest tilt that it allows itself."""
+    """Deceleration when the vehicle is stopped, from its largest tilt."""
     if tilt_rad >= math.pi / 4:
         return STOP_M_S2
     return max(0.2, min(STOP_M_S2, STOP_TILT_SHARE * G_M_S2 * math.tan(tilt_rad)))
 
 
 def stopping_m(speed_m_s: Any, decel_m_s2: float = STOP_M_S2) -> Any:
-    """The way from a speed to standing; of one or of several."""
+    """Braking distance from a speed; of one vehicle or several."""
     return speed_m_s * STOP_DELAY_S + speed_m_s**2 / (2.0 * decel_m_s2)
 
 
 def samples(longest_s: float) -> int:
-    """At how many moments the way of braking is looked at, where the longer one takes so long."""
+    """Number of samples of the braking distance, from the longer braking time."""
     return math.ceil((STOP_DELAY_S + longest_s) / STEP_S) + 1
 
 
@@ -120,15 +121,15 @@ def closest_m(
     decel_a_m_s2: Any = STOP_M_S2,
     decel_b_m_s2: Any = STOP_M_S2,
 ) -> Vectors:
-    """The smallest distance from now until both stand, should both be stopped now.
+    """Smallest distance from now until both stand still, if both are stopped now.
 
     Args:
-        place_a: in a frame common to both [m].
+        place_a: position in the common frame [m].
         velocity_a: [m/s].
-        place_b: of the other.
-        velocity_b: of the other.
-        decel_a_m_s2: how it slows down; a number, or one for each.
-        decel_b_m_s2: of the other.
+        place_b: of the other vehicle.
+        velocity_b: of the other vehicle.
+        decel_a_m_s2: deceleration; one number, or one per sample.
+        decel_b_m_s2: of the other vehicle.
     """
     speed_a, speed_b = _norm(velocity_a), _norm(velocity_b)
     longest_s = max(float(np.max(speed_a / decel_a_m_s2)), float(np.max(speed_b / decel_b_m_s2)))
@@ -151,7 +152,7 @@ def _way(velocity: Vectors, speed: Vectors, after_s: Vectors, decel_m_s2: Any) -
 
 
 def _nearest_on(begin: Vectors, end: Vectors) -> Vectors:
-    """From zero to the straight pieces between: a fast pass is not missed between two samples."""
+    """Smallest distance from zero to the segments between samples, so that a fast pass is not missed."""
     step = end - begin
     square = np.maximum(np.sum(step * step, axis=-1), 1e-12)
     part = np.clip(-np.sum(begin * step, axis=-1) / square, 0.0, 1.0)

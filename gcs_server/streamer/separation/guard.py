@@ -1,13 +1,13 @@
-"""Keeps a group's vehicles apart while they fly, and lets them start together: pure, run by the scheduler.
+"""Keeps a group's vehicles apart in flight, and starts them together. Pure; the scheduler runs it.
 
     waiting ── the instant ──► flying ── setpoints ──┐
        │                         │ ▲                 │
        └── trouble ──► over ◄────┘ └─────────────────┘
 
-It knows no clock, thread or socket: `look` is handed the time and what is known of each member, and says
-what to begin and whom to stop. Trouble is: two come too near (with the way of braking ahead), a member's
-place is not known, or a member flies its setpoints no more. Before the instant any trouble stops all; none
-has moved then.
+It uses no clock, thread or socket: `check` gets the time and a view of each member, and returns which orders
+to start and which members to stop. A problem is: two vehicles come too near (braking distance included), a
+member's position is not known, or a member no longer follows its setpoints. Before the common start any
+problem stops all members; none has moved then.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gcs_server.streamer.separation.distance import (
     TURNED_AFTER_S,
     UNKNOWN_ACCURACY_M,
     UNSTEERED_SHARE,
-    Moving,
+    MovingVehicle,
     SpeedTrend,
     brakes_m_s2,
     closest_m,
@@ -38,20 +38,20 @@ from missions.geodesy import LocalOrigin
 from missions.runner.script import Script
 from missions.setpoints import Acceleration, Attitude, Rates, Setpoint
 
-LOOK_PERIOD_S = 0.05
+CHECK_PERIOD_S = 0.05
 LATE_S = 1.0
-"""Woken later than this after the instant, nobody begins."""
+"""If the guard runs later than this after the common start, no member starts."""
 EXPIRY_WITHIN_S = 0.1
-"""Members whose setpoints end so near to the group's end have expired with it."""
+"""Members whose setpoints end this near to the group's expiry have expired with it."""
 FOLLOWS_ORDER = ("starting", "streaming")
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """What the streams know of one member."""
+class MemberView:
+    """The streams' view of one member."""
 
     phase: str
-    """Of its stream."""
+    """Phase of its stream."""
     order: Order | None
     snapshot: Snapshot
     ended: str | None
@@ -60,43 +60,43 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that went wrong in a group."""
+    """A problem in a group."""
 
     at_s: float
     code: str
     """separation, place_unknown, left, late, fault."""
     vehicles: tuple[str, ...]
-    """Whom it is about."""
+    """Vehicles concerned."""
     held: tuple[str, ...]
-    """Who was stopped for it."""
+    """Vehicles that were stopped because of it."""
     text: str
     distance_m: float | None = None
 
 
 @dataclass(slots=True)
 class Actions:
-    """What the streams shall do now."""
+    """What the streams must do now."""
 
     take: dict[str, Order] = field(default_factory=dict[str, Order])
     hold: dict[str, str] = field(default_factory=dict[str, str])
-    """Whom to stop, and why."""
+    """Vehicles to stop, and why."""
     code: str = "group"
 
 
 @dataclass(frozen=True, slots=True)
 class GuardState:
-    """How a guard stands, read in one moment."""
+    """The state of a guard at one moment."""
 
     phase: str
     """waiting, flying, over."""
     until_s: float
-    """When all setpoints expire together, monotonic."""
+    """When all setpoints expire, monotonic."""
     held: frozenset[str] = frozenset()
-    """Who follows the group's orders no more."""
+    """Members that no longer follow the group's orders."""
     nearest: tuple[str, str, float] | None = None
-    """The two that are nearest now, and how near [m]."""
+    """The two nearest members now, and their distance [m]."""
     margin_m: float | None = None
-    """The largest that is added to the minimum for any two now."""
+    """Largest margin of any two members now."""
 
 
 class GroupGuard:
@@ -104,12 +104,12 @@ class GroupGuard:
 
     Args:
         name: the group's.
-        waits: what each member is sent until the instant.
-        orders: what each begins with then.
-        minimum_m: how far apart all are kept.
-        start_s: the instant, monotonic.
-        lasts_s: from the instant until all setpoints expire together.
-        others_go_on: whom trouble does not concern flies on.
+        waits: the order of each member until the common start.
+        orders: the first order of each member.
+        minimum_m: the minimum separation.
+        start_s: the common start, monotonic.
+        lasts_s: time from the common start until all setpoints expire.
+        others_go_on: members that a problem does not concern fly on.
     """
 
     def __init__(
@@ -129,11 +129,11 @@ class GroupGuard:
         self.start_s = start_s
         self.until_s = start_s + lasts_s
         self.held: set[str] = set()
-        """Who follows the group's orders no more."""
+        """Members that no longer follow the group's orders."""
         self.nearest: tuple[str, str, float] | None = None
-        """The two that are nearest now, and how near."""
+        """The two nearest members now, and their distance."""
         self.margin_m: float | None = None
-        """The largest of any two now."""
+        """Largest margin of any two members now."""
         self.findings: deque[Finding] = deque(maxlen=50)
         self._waits = dict(waits)
         self._orders = dict(orders)
@@ -143,44 +143,44 @@ class GroupGuard:
 
     @property
     def members(self) -> tuple[str, ...]:
-        """In the order in which they were named."""
+        """Members, in the order of the request."""
         return tuple(self._orders)
 
     @property
     def due_s(self) -> float:
-        """When `look` wants to be called next."""
+        """When `check` must be called next."""
         if self.phase == "over":
             return math.inf
         return min(self._next_look_s, self.start_s) if self.phase == "waiting" else self._next_look_s
 
     def state(self) -> GuardState:
-        """As others are to know it."""
+        """State for status and updates."""
         return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest, self.margin_m)
 
     def order_to_come(self, vehicle: str) -> Order | None:
-        """What a member begins with at the instant; None once it has."""
+        """A member's first order; None once it has started."""
         return self._orders[vehicle] if self.phase == "waiting" else None
 
     def renewed(self, until_s: float) -> None:
-        """New setpoints were taken: all expire together then."""
+        """New setpoints were accepted: all expire at this time."""
         self.until_s = until_s
 
     def disable_guard(self) -> None:
-        """Somebody stops all: nothing begins any more, and what ends now is no finding."""
+        """All members are being stopped: nothing starts any more, and what ends now is not a finding."""
         self.held.update(self.members)
         if self.phase == "waiting":
             self.phase = "flying"
 
-    def look(self, now_s: float, seen: Mapping[str, Seen]) -> Actions:
-        """What to do now.
+    def check(self, now_s: float, seen: Mapping[str, MemberView]) -> Actions:
+        """Returns what to do now.
 
         Args:
             now_s: monotonic.
-            seen: each member, newest.
+            seen: newest view of each member.
         """
         if now_s < self.due_s:
             return Actions()
-        self._next_look_s = now_s + LOOK_PERIOD_S
+        self._next_look_s = now_s + CHECK_PERIOD_S
         flying = [v for v in self.members if v not in self.held]
         if self._gone_together(now_s, flying, seen):
             return Actions()
@@ -192,19 +192,22 @@ class GroupGuard:
         known = self._places(now_s, seen)
         for vehicle in flying:
             if vehicle not in self.held and vehicle not in known:
-                why = f"The place of vehicle {vehicle} is not known (not heard for 1 s, or no estimate)"
+                why = (
+                    f"The position of vehicle {vehicle} is not known (no message for 1 s, or no "
+                    f"valid estimate)"
+                )
                 self._stop(now_s, actions, "place_unknown", (vehicle,), why)
         self._keep_apart(now_s, actions, known)
         if self.phase == "waiting" and now_s >= self.start_s:
             self._begin(now_s, actions)
         return actions
 
-    def look_later(self, now_s: float) -> None:
-        """A look failed: the next is due when it would have been."""
-        self._next_look_s = now_s + LOOK_PERIOD_S
+    def skip_check(self, now_s: float) -> None:
+        """A check failed: the next one is due at its normal time."""
+        self._next_look_s = now_s + CHECK_PERIOD_S
 
     def fault(self, now_s: float, why: str) -> Actions:
-        """Something unforeseen: all stop."""
+        """An unexpected error: stops all members."""
         actions = Actions()
         self._others_go_on = False
         self._stop(now_s, actions, "fault", self.members, why)
@@ -212,8 +215,8 @@ class GroupGuard:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _gone_together(self, now_s: float, flying: list[str], seen: Mapping[str, Seen]) -> bool:
-        """Whether nobody flies the group's orders any more, or all expire just now: nothing to stop."""
+    def _gone_together(self, now_s: float, flying: list[str], seen: Mapping[str, MemberView]) -> bool:
+        """Whether no member follows the group's orders any more, or all expire now: nothing to stop."""
         if self.phase == "over":
             return True
         going = [v for v in flying if seen[v].phase in FOLLOWS_ORDER]
@@ -222,20 +225,20 @@ class GroupGuard:
             return True
         return self.phase == "flying" and now_s >= self.until_s - EXPIRY_WITHIN_S and len(going) < len(flying)
 
-    def _gone(self, vehicle: str, seen: Seen) -> str | None:
-        """Why a member follows its order no more; None while it does."""
+    def _gone(self, vehicle: str, seen: MemberView) -> str | None:
+        """Why a member no longer follows its order; None while it does."""
         if seen.phase not in FOLLOWS_ORDER:
-            return f"Vehicle {vehicle} flies the group's setpoints no more{': ' if seen.ended else ''}" + (
-                (seen.ended or "").rstrip(".")
-            )
+            why = f": {seen.ended.rstrip('.')}" if seen.ended else ""
+            return f"Vehicle {vehicle} no longer follows the group's setpoints{why}"
         if self.phase == "waiting" and seen.order != self._waits[vehicle]:
             return f"Vehicle {vehicle} was given another setpoint before the common start"
         return None
 
-    def _places(self, now_s: float, seen: Mapping[str, Seen]) -> dict[str, Moving]:
-        """In the frame of the first who knows its own; by members whose place is known."""
+    def _places(self, now_s: float, seen: Mapping[str, MemberView]) -> dict[str, MovingVehicle]:
+        """Positions in the frame of the first member with a known origin; only members with a known
+        position."""
         common: LocalOrigin | None = None
-        known: dict[str, Moving] = {}
+        known: dict[str, MovingVehicle] = {}
         for vehicle in self.members:
             snapshot = seen[vehicle].snapshot
             place, origin = snapshot.position_at(now_s), snapshot.bounds.origin
@@ -252,7 +255,7 @@ class GroupGuard:
             known[vehicle] = one
         return known
 
-    def _keep_apart(self, now_s: float, actions: Actions, known: Mapping[str, Moving]) -> None:
+    def _keep_apart(self, now_s: float, actions: Actions, known: Mapping[str, MovingVehicle]) -> None:
         self.nearest = self.margin_m = None
         pairs: list[tuple[str, str, float, float]] = []
         for a, b in itertools.combinations(known, 2):
@@ -287,7 +290,7 @@ class GroupGuard:
     def _begin(self, now_s: float, actions: Actions) -> None:
         late_s = now_s - self.start_s
         if late_s > LATE_S:
-            why = f"The common start was missed by {late_s:.1f} s (the server stood still)"
+            why = f"The common start was missed by {late_s:.1f} s (the server was stalled)"
             self._stop(now_s, actions, "late", self.members, why)
             return
         self.phase = "flying"
@@ -310,26 +313,27 @@ class GroupGuard:
         actions.code = "separation" if code == "separation" else "group"
         actions.hold |= dict.fromkeys(stopped, why)
         if self.phase == "waiting":
-            self.phase = "flying"  # nothing begins any more: it ends when all stand
+            self.phase = "flying"  # nothing starts any more: the guard ends when all members stand still
         self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
 
 
 def is_steered(setpoint: Setpoint | None) -> bool:
-    """Whether the vehicle's controllers of speed and place are at work; else wind and tilt accelerate it."""
+    """Whether the vehicle's velocity and position controllers are active; otherwise wind and tilt accelerate
+    it."""
     return not isinstance(setpoint, Acceleration | Attitude | Rates)
 
 
-def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint | None) -> Moving:
-    """A vehicle as it is kept apart.
+def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint | None) -> MovingVehicle:
+    """Motion of a vehicle for the separation check.
 
     Args:
         snapshot: with a position.
         now_s: monotonic.
-        place: where it is now by that, in the common frame [m].
-        setpoint: what it flies.
+        place: its position in the common frame [m].
+        setpoint: the setpoint that it flies.
     """
     accuracy_m = snapshot.accuracy_m
-    return Moving(
+    return MovingVehicle(
         place,
         snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
         UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,

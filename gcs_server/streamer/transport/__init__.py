@@ -1,1 +1,2 @@
-"""The last step, and the only one that knows MAVLink: from a setpoint to a message in the sender's hands."""
+"""The last step, and the only one that knows MAVLink: packs a setpoint and hands the message to the
+sender."""

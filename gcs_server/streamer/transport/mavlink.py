@@ -1,8 +1,8 @@
-"""Setpoints as the bytes PX4 reads them from: one encoder a MAVLink message.
+"""Packs setpoints into MAVLink payloads: one encoder per message.
 
 PX4 v1.16 follows local frames 1 (LOCAL_NED) and 8 (BODY_NED) and global frames 5, 6 and 11; of the global
-ones only 5 (altitude above mean sea level) means the same whatever home is. In frame 8 it ignores positions
-and drops a velocity as a whole if one of its ignore bits is set. Which fields count is said by *ignore* bits.
+ones only 5 (altitude above mean sea level) does not depend on home. In frame 8 it ignores positions, and
+drops the whole velocity if one of its ignore bits is set. The *ignore* bits say which fields are used.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ FRAME_GLOBAL_AMSL = 5
 FRAME_BODY_NED = 8
 
 IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_ACCELERATION = 1, 8, 64
-"""The bit of the first axis; the others follow."""
+"""Bit of the first axis; the other axes follow."""
 IGNORE_YAW, IGNORE_YAW_RATE = 1024, 2048
 IGNORE_ALL = 511
 ATTITUDE_IGNORE_RATES = 7
@@ -52,7 +52,7 @@ _command_long = struct.Struct("<7fHBBB")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 Packed = tuple[int, bytes]
-"""Message id, payload without its time."""
+"""Message id, and payload without its time."""
 
 
 def type_mask(
@@ -179,11 +179,11 @@ _ENCODERS: dict[type, Callable[[Any, tuple[int, int]], Packed]] = {
     Rates: _rates,
 }
 MAVLINK_CARRIES = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
-"""Types that a MAVLink message takes to PX4 as they are."""
+"""Setpoint types that a MAVLink message carries to PX4 directly."""
 
 
 def encode(setpoint: DirectSetpoint, target: tuple[int, int]) -> Packed:
-    """The message id and payload, its time left zero.
+    """Message id and payload, with the time left zero.
 
     Args:
         setpoint: what to send.

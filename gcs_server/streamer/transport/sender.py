@@ -1,4 +1,4 @@
-"""How the bytes of a stream leave: by a vehicle's link and peer."""
+"""How the bytes of a stream are sent: over a vehicle's link, to its peer."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from gcs_server.links.base import Peer
 from gcs_server.mavlink.connection import Connection
 
 
-class WayOut(Protocol):
-    """The link and peer by which a vehicle is reached."""
+class SendPath(Protocol):
+    """Link and peer of a vehicle."""
 
     @property
     def connection(self) -> Connection: ...
@@ -19,22 +19,23 @@ class WayOut(Protocol):
 
 
 class PayloadSender(Protocol):
-    """Sends to one vehicle; may be called from any thread."""
+    """Sends payloads to one vehicle; may be called from any thread."""
 
     def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
-        """False where nothing was sent. `made_s`: when it was made (monotonic); it expires from then."""
+        """False if nothing was sent. `made_s`: when the payload was made (monotonic); its lifetime counts
+        from then."""
         ...
 
-    def way_out(self) -> WayOut | None:
-        """The link and peer in use now; None where there is none."""
+    def send_path(self) -> SendPath | None:
+        """Link and peer in use now; None if there are none."""
         ...
 
 
 class NoSender(PayloadSender):
-    """For a vehicle that has been removed."""
+    """The sender of a removed vehicle: sends nothing."""
 
     def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
         return False
 
-    def way_out(self) -> None:
+    def send_path(self) -> None:
         return None

@@ -1,1 +1,1 @@
-"""Refuses a setpoint before it is taken: combinations of axes, missing estimates, targets out of bounds."""
+"""Checks a setpoint before it is accepted: combinations of axes, missing estimates, targets out of bounds."""

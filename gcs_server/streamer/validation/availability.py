@@ -1,4 +1,4 @@
-"""What this vehicle, on this link, can be flown by now, and why not by the rest: said before it is tried."""
+"""Which setpoint types this vehicle on this link can fly now, and why it cannot fly the others."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
 CARRIED_BY: dict[str, frozenset[str]] = {
     "MAVLink": MAVLINK_CARRIES | RESOLVED_KINDS,
 }
-"""By a link's protocol: kinds that its messages carry, or that are turned into such."""
-WAIT = "Wait for GPS and the estimator (see the vehicle's messages), then try again."
+"""Setpoint types by link protocol: types that its messages carry, or that are resolved into such."""
+WAIT_REMEDY = "Wait for GPS and the estimator (see the vehicle's messages), then try again."
 _MISSING = {
     "position": "The vehicle has no fresh position estimate, which a {type} setpoint needs.",
     "velocity": "The vehicle has no fresh velocity estimate, which a {type} setpoint needs.",
     "heading": "The vehicle has no fresh attitude estimate, which a {type} setpoint needs.",
-    "global_position": "The vehicle does not know where on the earth it is, which a {type} setpoint needs.",
-    "home": "The vehicle has no home position yet, so that a height above home means nothing.",
+    "global_position": "The vehicle has no valid global position, which a {type} setpoint needs.",
+    "home": "The vehicle has no home position yet, so an altitude above home is not defined.",
 }
 
 
@@ -31,13 +31,13 @@ class Available:
 
     can: bool
     why_not: str | None
-    """Which estimate, home or link is missing; None where it can be flown."""
+    """Which estimate, home position or link is missing; null if it can be flown."""
     needs: tuple[str, ...]
-    """Of the vehicle's estimates: position, velocity, heading, global_position, home."""
+    """Estimates that this type needs: position, velocity, heading, global_position, home."""
 
 
 class EstimateSource(Protocol):
-    """Says which of a vehicle's estimates are valid and fresh."""
+    """Tells which of a vehicle's estimates are valid and fresh."""
 
     def has_position(self) -> bool: ...
 
@@ -50,8 +50,8 @@ class EstimateSource(Protocol):
     def home(self) -> object | None: ...
 
 
-def carried(setpoint_type: str, protocol: str) -> str | None:
-    """Why links of a protocol do not carry a type; None where they do."""
+def why_not_carried(setpoint_type: str, protocol: str) -> str | None:
+    """Why links of a protocol do not carry a type; None if they do."""
     if setpoint_type in CARRIED_BY.get(protocol, frozenset()):
         return None
     others = ", ".join(sorted(CARRIED_BY.get(protocol, frozenset()))) or "none"
@@ -62,11 +62,11 @@ def carried(setpoint_type: str, protocol: str) -> str | None:
 
 
 class Availability:
-    """Asks the vehicle's link and estimator.
+    """Checks the vehicle's link and estimates.
 
     Args:
         estimates: the vehicle's newest samples.
-        protocol: what the vehicle's links speak.
+        protocol: protocol of the vehicle's links.
     """
 
     def __init__(self, estimates: EstimateSource, protocol: Callable[[], str]) -> None:
@@ -80,30 +80,30 @@ class Availability:
         }
 
     def of(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
-        """For one type, or one setpoint's needs."""
+        """Availability of one type, or of one setpoint."""
         needs = KINDS[setpoint_type].needs if needs is None else needs
-        why_not = carried(setpoint_type, self._protocol()) or self._missing(setpoint_type, needs)
+        why_not = why_not_carried(setpoint_type, self._protocol()) or self._missing(setpoint_type, needs)
         return Available(why_not is None, why_not, needs)
 
     def require_estimates(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> None:
-        """Raises Refused where the vehicle lacks one of these."""
+        """Raises Refused if one of these estimates is missing."""
         why_not = self._missing(setpoint_type, needs)
         if why_not is not None:
-            raise Refused(why_not, remedy=WAIT)
+            raise Refused(why_not, remedy=WAIT_REMEDY)
 
     def _missing(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> str | None:
         missing = next((need for need in needs if not self._has[need]()), None)
         return None if missing is None else _MISSING[missing].format(type=setpoint_type)
 
     def all(self) -> dict[str, Available]:
-        """For every type."""
+        """Availability of every type."""
         return {setpoint_type: self.of(setpoint_type) for setpoint_type in KINDS}
 
     def require(self, setpoint: Setpoint) -> None:
-        """Raises Refused where the setpoint cannot be flown now."""
-        unable = carried(setpoint.type, self._protocol())
+        """Raises Refused if the setpoint cannot be flown now."""
+        unable = why_not_carried(setpoint.type, self._protocol())
         if unable is not None:
-            raise Refused(unable, remedy="A ROS 2 link would be needed.")
+            raise Refused(unable, remedy="This type needs a ROS 2 link.")
         available = self.of(setpoint.type, needs_of(setpoint))
         if available.why_not is not None:
-            raise Refused(available.why_not, remedy=WAIT)
+            raise Refused(available.why_not, remedy=WAIT_REMEDY)

@@ -1,7 +1,6 @@
-"""Which combinations PX4 follows at all: it answers the others by sinking level, or by standing still.
+"""Which combinations of axes PX4 follows: with the others it descends level, or stops.
 
-Its position controller wants north and east of a quantity together or not at all, and something on every
-axis.
+Its position controller needs north and east of a quantity together or neither, and a value on every axis.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ FRAMES = (
     "position_global is latitude and longitude."
 )
 FORCE = (
-    "PX4 refuses a force: its flag (512) makes it throw an acceleration away. Leave it out and give "
-    "acceleration_ned_m_s2 in m/s²."
+    "PX4 does not support force setpoints: with their flag (512) it ignores the acceleration. Remove "
+    "this field and give acceleration_ned_m_s2 in m/s²."
 )
 MASK = "The ignore bits follow from the fields: give null for what is not to be controlled."
 MAVLINK_ONLY_FIELDS = {
@@ -24,14 +23,14 @@ MAVLINK_ONLY_FIELDS = {
     **dict.fromkeys(("force", "force_ned_n", "is_force", "use_force"), FORCE),
     **dict.fromkeys(("type_mask", "mask"), MASK),
 }
-"""Fields of MAVLink's that a client may try, and why there are none of them."""
+"""MAVLink fields that a client may try, and why the API does not have them."""
 _AXES = ("north", "east", "down")
 
 
 def axes_problem(
     position: Partial3 = NOTHING, velocity: Partial3 = NOTHING, acceleration: Partial3 = NOTHING
 ) -> str | None:
-    """Why PX4 would not fly this combination; None where it does."""
+    """Why PX4 would not fly this combination; None if it would."""
     named = {
         "position_ned_m": position,
         "velocity_ned_m_s": velocity,
@@ -39,12 +38,12 @@ def axes_problem(
     }
     if all(value is None for vector in named.values() for value in vector):
         return (
-            "Nothing is controlled but the yaw: PX4 refuses a setpoint without position, velocity or "
-            "acceleration. Give the present position to turn on the spot."
+            "Only yaw is controlled: PX4 refuses a setpoint without position, velocity or acceleration. "
+            "Give the current position to turn on the spot."
         )
     for name, (north, east, _) in named.items():
         if (north is None) != (east is None):
-            return f"{name}: north and east go together; PX4 does not fly one without the other."
+            return f"{name}: north and east are needed together; PX4 does not fly one without the other."
     for axis, words in enumerate(_AXES):
         if all(vector[axis] is None for vector in named.values()):
             return (
@@ -55,7 +54,7 @@ def axes_problem(
 
 
 def problem_of(setpoint: Setpoint) -> str | None:
-    """Why PX4 would not fly this setpoint, whatever the vehicle's state; None where it does."""
+    """Why PX4 would never fly this setpoint, in any state of the vehicle; None if it can."""
     if isinstance(setpoint, Position):
         return axes_problem(position=setpoint.position_ned_m)
     if isinstance(setpoint, Velocity):

@@ -1,4 +1,4 @@
-"""What is refused before it is taken: places too far or not allowed, paths too fast."""
+"""Checks targets before they are accepted: too far, not allowed, or a path too fast."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ from missions.setpoints import (
 SETPOINT_MAX_DISTANCE_M = 1000.0
 PATH_START_WITHIN_M = 5.0
 PATH_LOOK_S = 0.2
-"""A path is looked through at this spacing."""
+"""Spacing at which a path is checked."""
 FASTER_THAN = 1.05
-"""A curve may swing a little above the limit between its points."""
-KEPT = "Wait for GPS and the estimator, or remove the limits of altitude, distance and fence."
-LOCAL = "Coordinates are metres north, east, down of the vehicle's local origin."
+"""Factor by which a curve may exceed the limit between its points."""
+LIMITS_REMEDY = "Wait for GPS and the estimator, or remove the limits of altitude, distance and fence."
+LOCAL_FRAME_HINT = "Coordinates are metres north, east, down of the vehicle's local origin."
 
 
 def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, limited_place: bool) -> None:
-    """Whether a mission, or a stretch of it, stays inside the limits of place.
+    """Checks that a mission, or a part of it, stays inside the position limits.
 
     Args:
         segments: in the local frame.
         snapshot: the vehicle, with its bounds.
-        limited_place: the operator has set limits of place.
+        limited_place: the operator has set position limits.
 
     Raises:
-        Refused: the path leaves the limits, or it cannot be told.
+        Refused: the path leaves the limits, or this cannot be checked.
     """
     bounds = snapshot.bounds
     if limited_place and bounds.unknown is not None:
-        raise Refused(f"The operator's limits cannot be kept: {bounds.unknown}.", remedy=KEPT)
+        raise Refused(f"The operator's limits cannot be kept: {bounds.unknown}.", remedy=LIMITS_REMEDY)
     region = bounds.region
     for segment in segments:
         places = _places(segment)
         if isinstance(segment, WaitSegment) and segment.kind == "land":
-            places = places[:0]  # down to the ground, wherever that is
+            places = places[:0]  # down to the ground, whose altitude is not known
         outside = region.are_outside(places[:, :2]) | (places[:, 2] < region.down_min_m)
         outside |= places[:, 2] > region.down_max_m
         for index in np.flatnonzero(outside)[:1]:
@@ -67,7 +67,7 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, limited_p
 
 
 def _places(segment: Segment) -> NDArray[np.float64]:
-    """Where a segment leads, (N, 3) [m]."""
+    """Positions of a segment, (N, 3) [m]."""
     if isinstance(segment, CurveSegment | TableSegment):
         duration_s = segment.duration_s
         times_s = np.minimum(np.arange(math.ceil(duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, duration_s)
@@ -78,29 +78,29 @@ def _places(segment: Segment) -> NDArray[np.float64]:
 
 
 def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limited_place: bool) -> None:
-    """Whether the vehicle may go where it is sent.
+    """Checks that the vehicle may fly to the target.
 
     Args:
-        setpoint: of which the estimates that it needs are there.
+        setpoint: the estimates that it needs are valid.
         now_s: monotonic.
         snapshot: the vehicle, with its bounds.
-        limited_place: the operator has set limits of place.
+        limited_place: the operator has set position limits.
 
     Raises:
-        Refused: too far, outside, too fast, or not to be told.
+        Refused: too far, outside, too fast, or cannot be checked.
     """
     bounds, here = snapshot.bounds, snapshot.position_at(now_s)
     if limited_place and (bounds.unknown is not None or here is None):
         why = bounds.unknown or "the vehicle has no valid position estimate"
         raise Refused(
             f"The operator's limits cannot be kept: {why}.",
-            remedy=KEPT,
+            remedy=LIMITS_REMEDY,
         )
     if here is None:
         return
     if isinstance(setpoint, Path):
         check_path(setpoint, here, bounds)
-    elif not isinstance(setpoint, Follow):  # where the other goes is not known: held inside as it flies
+    elif not isinstance(setpoint, Follow):  # the leader's path is not known: the limits apply in flight
         target = _place_of(ResolvedSetpoint(setpoint, now_s, snapshot, 0.0).at(now_s, snapshot), bounds)
         if target is not None:
             _check_distance(target, here, "The target")
@@ -121,7 +121,7 @@ def _check_distance(target: Vector3, here: Vector3, what: str) -> None:
         raise Refused(
             f"{what} is {distance_m:.0f} m from the vehicle; setpoints may be at most "
             f"{SETPOINT_MAX_DISTANCE_M:.0f} m away.",
-            remedy=LOCAL,
+            remedy=LOCAL_FRAME_HINT,
         )
 
 
@@ -134,12 +134,12 @@ def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
     region, start, end = bounds.region, (here[0], here[1]), (target[0], target[1])
     far_m = math.dist(start, end)
     if far_m < 1e-6 or region.breach(start) is not None:
-        return  # from outside, the way back in is flown
+        return  # from outside, the vehicle may fly back inside
     direction = ((end[0] - start[0]) / far_m, (end[1] - start[1]) / far_m)
     if region.distance_to_edge_m(start, direction) < far_m:
         raise Refused(
             "The straight line to the target leaves the fence.",
-            remedy="Fly around the corner: by a position in between, or by a path.",
+            remedy="Fly around the corner: with a position in between, or with a path.",
         )
 
 
@@ -184,7 +184,7 @@ def check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
 def _suspect(
     places: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
 ) -> NDArray[np.bool_]:
-    """Which samples of a path are outside or too fast, all looked at together."""
+    """Samples of a path that are outside or too fast, checked all at once."""
     region, down_m, down_m_s = bounds.region, places[:, 2], velocities[:, 2]
     return (
         region.are_outside(places[:, :2])

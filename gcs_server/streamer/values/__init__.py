@@ -1,1 +1,1 @@
-"""The frozen values that the rooms hand to each other: order, snapshot, bounds, events, outgoing."""
+"""Frozen values that the streamer's packages exchange: order, snapshot, bounds, events, outgoing."""

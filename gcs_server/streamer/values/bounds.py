@@ -1,4 +1,4 @@
-"""The vehicle's and the operator's limits together, in the vehicle's local frame."""
+"""The vehicle's and the operator's limits combined, in the vehicle's local frame."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from missions.geodesy import LocalOrigin
 INF = math.inf
 NOWHERE_LIMITED = Region()
 DEFAULT_POSITION_GAIN = 0.95
-"""MPC_XY_P: the speed with which PX4 approaches a place a metre away [1/s]."""
+"""MPC_XY_P: approach speed of PX4 per metre of distance [1/s]."""
 DEFAULT_HEIGHT_GAIN = 1.0
 """MPC_Z_P."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Infinite: not limited."""
+    """Combined limits; infinite means not limited."""
 
     speed_m_s: float = INF
     climb_m_s: float = INF
@@ -34,21 +34,21 @@ class Bounds:
     slew_velocity_m_s2: float = INF
     slew_attitude_rad_s: float = INF
     approach_m_s: float = INF
-    """Positions are approached no faster: PX4 itself keeps its own limit only."""
+    """Approach speed to positions; PX4 itself applies only its own limit."""
     approach_climb_m_s: float = INF
     approach_sink_m_s: float = INF
     position_gain: float = DEFAULT_POSITION_GAIN
     height_gain: float = DEFAULT_HEIGHT_GAIN
     obstacle_brake: bool = True
-    """The vehicle is stopped before what its sensors measure."""
+    """Whether the vehicle is stopped before obstacles that its sensors measure."""
     region: Region = NOWHERE_LIMITED
     origin: LocalOrigin | None = None
     unknown: str | None = None
-    """Why the operator's limits of place cannot be kept now; None where they can."""
+    """Why the operator's position limits cannot be applied now; None if they can."""
 
     @property
     def follows_the_vehicle(self) -> bool:
-        """Whether the same setpoint may be limited otherwise a moment later."""
+        """Whether the limits of a setpoint depend on the vehicle's position."""
         region = self.region
         return (
             region.is_limited_horizontally
@@ -68,12 +68,12 @@ def bounds_of(
     origin: LocalOrigin | None,
     gains: tuple[float | None, float | None] = (None, None),
 ) -> Bounds:
-    """Whichever is narrower of each pair.
+    """Combines both: the narrower of each pair.
 
     Args:
-        vehicle: of its parameters.
-        operator: set by API.
-        home: heights and distances count from it.
+        vehicle: limits from the vehicle's parameters.
+        operator: limits set by API.
+        home: reference of altitudes and distances.
         origin: of the local frame, for a fence in latitude and longitude.
         gains: MPC_XY_P and MPC_Z_P, where known.
     """

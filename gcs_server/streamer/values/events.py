@@ -1,4 +1,4 @@
-"""What a stream reports to people."""
+"""Events of a stream for people."""
 
 from __future__ import annotations
 

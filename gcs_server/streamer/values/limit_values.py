@@ -1,4 +1,4 @@
-"""Limits as they are known: the vehicle's own, read from its parameters, and the operator's, set by API."""
+"""The vehicle's own limits, from its parameters, and the operator's limits, set by API."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ VEHICLE_PARAMETERS = (
 
 @dataclass(frozen=True, slots=True)
 class VehicleLimits:
-    """What the vehicle's parameters say; None: it has not told (or the limit is off)."""
+    """Limits from the vehicle's parameters; None: unknown, or the limit is off."""
 
     speed_max_m_s: float | None = None
     """Horizontal: MPC_XY_VEL_MAX [m/s]."""
@@ -59,12 +59,12 @@ class VehicleLimits:
     """Above home: GF_MAX_VER_DIST [m]; None too where it is off (0)."""
 
 
-SMALLEST_FENCE_M = 1e-3
-"""PX4 takes a fence of zero for none; one of less than a millimetre is no fence either."""
+MIN_FENCE_M = 1e-3
+"""PX4 treats a fence radius of zero as off; less than a millimetre counts as off as well."""
 
 
 def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
-    """From parameters; those that are missing stay unknown."""
+    """Limits from parameters; missing ones stay unknown."""
 
     def degrees(name: str) -> float | None:
         value = values.get(name)
@@ -72,7 +72,7 @@ def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
 
     def unless_off(name: str) -> float | None:
         value = values.get(name)
-        return None if value is None or value < SMALLEST_FENCE_M else value
+        return None if value is None or value < MIN_FENCE_M else value
 
     return VehicleLimits(
         speed_max_m_s=values.get("MPC_XY_VEL_MAX"),
@@ -93,7 +93,7 @@ def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
 
 @dataclass(frozen=True, slots=True)
 class OperatorLimits:
-    """What the operator allows; None: no limit of the operator's."""
+    """Limits set by the operator; None: no limit."""
 
     speed_max_m_s: float | None = None
     climb_max_m_s: float | None = None
@@ -104,18 +104,18 @@ class OperatorLimits:
     height_max_m: float | None = None
     """Above home."""
     distance_max_m: float | None = None
-    """From home, over the ground."""
+    """Horizontal distance from home."""
     fence: Fence | None = None
     slew_velocity_m_s2: float | None = None
-    """A velocity that is sent changes by no more than this a second."""
+    """Largest change of a sent velocity per second."""
     slew_attitude_rad_s: float | None = None
-    """An attitude that is sent turns by no more than this a second."""
+    """Largest rotation of a sent attitude per second."""
     obstacle_brake: bool = True
-    """Stop before what the vehicle's own sensors measure; without such a sensor it does nothing."""
+    """Stop before obstacles that the vehicle's own sensors measure; has no effect without such a sensor."""
 
     @property
     def bounds_a_place(self) -> bool:
-        """Whether the vehicle's position must be known to keep these."""
+        """Whether applying these needs the vehicle's position."""
         return any(
             limit is not None
             for limit in (self.height_min_m, self.height_max_m, self.distance_max_m, self.fence)

@@ -1,4 +1,4 @@
-"""A setpoint with how long it is valid, what happens afterwards, and whose it is."""
+"""A setpoint with its validity, its expiry action and its client."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from missions.runner.script import Script
 from missions.setpoints import Path, Setpoint
 
 StreamOwner = Literal["operator", "group", "mission"]
-"""Who sends a stream's setpoints: a client for this vehicle alone, the group that it flies in, or its
-offboard mission."""
+"""Owner of a stream's setpoints: a client (operator), the vehicle's group, or its offboard mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,18 +24,18 @@ class OnExpiry:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A setpoint as it was asked for."""
+    """A setpoint as it was ordered."""
 
     setpoint: Setpoint | Script
-    """What is flown; a script is an offboard mission's."""
+    """What is flown; a script belongs to an offboard mission."""
     valid_for_s: float = 1.0
     on_expiry: OnExpiry = OnExpiry()
     client: str = ""
     client_key: str = ""
-    """Tells the client from others of the same name; empty where there is no client."""
+    """Distinguishes clients of the same name; empty if there is no client."""
     owner: StreamOwner = "operator"
 
     @property
     def lasts_s(self) -> float:
-        """Until it expires: the validity of a path starts at its end."""
+        """Time from its start until it expires: the validity of a path counts from the path's end."""
         return self.valid_for_s + (self.setpoint.duration_s if isinstance(self.setpoint, Path) else 0.0)

@@ -1,4 +1,4 @@
-"""What a stream has to send, whatever carries it."""
+"""What a stream sends, independent of the transport."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from missions.setpoints import DirectSetpoint
 
 @dataclass(frozen=True, slots=True)
 class SetpointDue:
-    """The setpoint that was loaded last is to be sent now."""
+    """Send the setpoint that was loaded last."""
 
     now_s: float
     """Monotonic."""
@@ -18,7 +18,7 @@ class SetpointDue:
 
 @dataclass(frozen=True, slots=True)
 class ModeRequest:
-    """The vehicle is asked to change its mode."""
+    """Request a mode change."""
 
     mode: str
     """hold or land."""
@@ -33,7 +33,7 @@ class SetpointLoader(Protocol):
     """The transport, as the pipeline sees it."""
 
     def load(self, setpoint: DirectSetpoint) -> None:
-        """Prepares the setpoint that is sent from now on; called only when it changes.
+        """Packs the setpoint that is sent from now on; called only when it changes.
 
         Raises:
             ValueError: the transport cannot carry it.

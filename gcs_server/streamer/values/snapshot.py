@@ -1,4 +1,4 @@
-"""What a stream knows of its vehicle, as a frozen value that the event loop hands over ten times a second."""
+"""A stream's view of its vehicle: a frozen value that the event loop hands over ten times a second."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from missions.avoidance.scans import Scan
 from missions.avoidance.values import AvoidanceWay
 from missions.frames import Quaternion, Vector3
 
-LONGEST_EXTRAPOLATION_S = 1.0
-"""An estimate older than this says nothing of where the vehicle is."""
-FARTHEST_M = 1e6
-"""A local position beyond this is no position."""
-FASTEST_M_S = 500.0
-"""A velocity beyond this is none."""
+MAX_EXTRAPOLATION_S = 1.0
+"""An estimate older than this is not extrapolated."""
+MAX_DISTANCE_M = 1e6
+"""A local position beyond this is not plausible."""
+MAX_SPEED_M_S = 500.0
+"""A velocity beyond this is not plausible."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leader:
-    """The vehicle that is followed, in the local frame of the one that follows."""
+    """The followed vehicle, in the local frame of the follower."""
 
     position_ned_m: Vector3
     velocity_ned_m_s: Vector3
@@ -30,54 +30,54 @@ class Leader:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The vehicle as the event loop last saw it."""
+    """The vehicle's state as the event loop last knew it."""
 
     taken_s: float
     mode: str
     position_ned_m: Vector3 | None
-    """None where there is no fresh estimate."""
+    """None if there is no fresh estimate."""
     velocity_ned_m_s: Vector3 | None
     yaw_ned_rad: float | None
-    """None where the vehicle's attitude is not heard: it is silent."""
+    """None if no attitude is received: the vehicle is silent."""
     mode_asked_by: str | None = None
-    """Where a command of ours brought the vehicle into this mode: which, and whose."""
+    """The command of this server that caused the current mode, and its client."""
     estimate_s: float | None = None
-    """When the position was heard; with the snapshot, unless given."""
+    """When the position was received; the snapshot's time unless given."""
     armed: bool = False
     lost: bool = False
-    """No heartbeat for so long that the link counts as lost."""
+    """Whether the connection counts as lost."""
     home_alt_amsl_m: float | None = None
     hover_thrust: float | None = None
-    """MPC_THR_HOVER, where the vehicle told it."""
+    """MPC_THR_HOVER, if known."""
     q_ned_frd: Quaternion | None = None
     bounds: Bounds = UNBOUNDED
-    """The limits, in its local frame."""
+    """Combined limits, in the vehicle's local frame."""
     leader: Leader | None = None
-    """Where this vehicle follows another."""
+    """The vehicle that this one follows."""
     accuracy_m: float | None = None
-    """Of the position, one sigma: the worse of horizontal and vertical; None where it reports none."""
+    """Accuracy of the position, one sigma: the worse of horizontal and vertical; None if not reported."""
     scans: tuple[Scan, ...] = ()
-    """What its distance sensors measured last."""
+    """Newest scans of its distance sensors."""
     avoidance: AvoidanceWay | None = None
-    """Switched on for this vehicle, and what it tries first; None: off."""
+    """Direction that avoidance tries first; None: off."""
     mission_avoidance: AvoidanceWay | None = None
     """In the steps of a mission that ask for it; None: there are none, or it is switched off for them."""
 
     @property
     def heard_s(self) -> float:
-        """When the position was heard."""
+        """When the position was received."""
         return self.taken_s if self.estimate_s is None else self.estimate_s
 
     def plausible(self) -> Snapshot:
-        """Without numbers that cannot be: they count as not known, as if the vehicle had not told them."""
+        """A copy in which implausible numbers count as unknown."""
         position, velocity, leader = self.position_ned_m, self.velocity_ned_m_s, self.leader
         told = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, self.accuracy_m)
         numbers = (*told, *(self.q_ned_frd or ()))
-        moves = velocity is None or _within(velocity, FASTEST_M_S)
-        here = position is None or (moves and _within(position, FARTHEST_M))
+        moves = velocity is None or _within(velocity, MAX_SPEED_M_S)
+        here = position is None or (moves and _within(position, MAX_DISTANCE_M))
         led = leader is None or (
-            _within(leader.position_ned_m, FARTHEST_M)
-            and _within(leader.velocity_ned_m_s, FASTEST_M_S)
+            _within(leader.position_ned_m, MAX_DISTANCE_M)
+            and _within(leader.velocity_ned_m_s, MAX_SPEED_M_S)
             and (leader.yaw_ned_rad is None or math.isfinite(leader.yaw_ned_rad))
         )
         scans = tuple(scan for scan in self.scans if scan.plausible)
@@ -98,9 +98,9 @@ class Snapshot:
         )
 
     def position_at(self, now_s: float) -> Vector3 | None:
-        """The estimate carried on with its velocity over its age; None where it is too old for that."""
+        """The position extrapolated with its velocity; None if the estimate is too old."""
         age_s = max(now_s - self.heard_s, 0.0)
-        if self.position_ned_m is None or age_s > LONGEST_EXTRAPOLATION_S:
+        if self.position_ned_m is None or age_s > MAX_EXTRAPOLATION_S:
             return None
         n, e, d = self.position_ned_m
         vn, ve, vd = self.velocity_ned_m_s or (0.0, 0.0, 0.0)
@@ -108,7 +108,7 @@ class Snapshot:
 
 
 def _within(values: tuple[float, ...], most: float) -> bool:
-    """Whether all are numbers of at most this size; infinity and NaN are not."""
+    """Whether all numbers are finite and at most this large."""
     return all(-most <= value <= most for value in values)
 
 

@@ -1,4 +1,4 @@
-"""Pictures by the vehicle's camera (MAVLink camera protocol version 2)."""
+"""Takes pictures with the vehicle's camera (MAVLink camera protocol version 2)."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from gcs_server.errors import NoReply, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.vehicle.services.port import VehiclePort
-from gcs_server.vehicle.services.transaction import RESULT_WORDS, Request
+from gcs_server.vehicle.services.transaction import RESULT_TEXT, Request
 
 ATTEMPTS = 3
 ANSWER_S = 0.7
 
 
 class CameraService:
-    """Takes pictures; one after the other."""
+    """Takes pictures, one at a time."""
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self._sequence = 0
 
     async def take_picture(self) -> None:
-        """One picture; returns once the camera has acknowledged it.
+        """Takes one picture; returns once the camera has acknowledged it.
 
         The request carries a number, so that a camera does not take the same picture twice.
 
@@ -46,7 +46,7 @@ class CameraService:
                     continue
                 if answer.result == d.MAV_RESULT_ACCEPTED:
                     return
-                why = RESULT_WORDS.get(answer.result, f"result {answer.result}")
+                why = RESULT_TEXT.get(answer.result, f"result {answer.result}")
                 raise Rejected(f"The camera of vehicle {vehicle.id} took no picture: {why}.")
         raise NoReply(
             f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ANSWER_S:.1f} s.",

@@ -1,9 +1,9 @@
-"""Commands a person gives: each succeeds when the vehicle's own state shows it.
+"""Commands of a person: each succeeds when the vehicle's own state shows it.
 
-Deadlines hold at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Everything
-that is sent again asks for a state or names a target, so a second copy changes nothing. A newer command
-ends an older one that is still waiting, and nothing of the older one is sent after it; only Stop motors
-(`stop_motors.py`) is ended by none.
+Deadlines hold at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every repeated
+message requests a state or names a target, so a second copy changes nothing. A newer command ends an older
+one that is still waiting, and nothing of the older one is sent afterwards. Only Stop motors
+(`stop_motors.py`) cannot be ended.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from gcs_server.errors import Disconnected, GcsError, InvalidRequest, NoReply, R
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
-from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services.checks import home_of, number, position_of
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
-from gcs_server.vehicle.services.transaction import Goal, Progress, Request, Transaction
+from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
 from missions.geodesy import distance_m
 
 GOTO_MAX_DISTANCE_M = 1000.0
@@ -30,7 +30,7 @@ STATE_DEADLINE_S = 6.0
 LIFT_DEADLINE_S = 12.0
 HOME_DEADLINE_S = 3.0
 ASKED_FOR_S = STATE_DEADLINE_S + HOME_DEADLINE_S
-"""The longest between a command and the mode that it brings."""
+"""Longest time between a command and its mode change."""
 NAN = math.nan
 REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
@@ -39,8 +39,8 @@ _target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """The newest command of ours that changes the mode: a change within its time is its doing."""
+class ModeCommand:
+    """This server's newest command that changes the mode; a mode change within its time is caused by it."""
 
     what: str
     """For people."""
@@ -62,35 +62,39 @@ class CommandService:
         self._vehicle = vehicle
         self._newest = 0
         self._newest_what = ""
-        self._asked: Asked | None = None
+        self._asked: ModeCommand | None = None
         self.on_mode_command: Callable[[], object] = lambda: None
-        """Called before a mode other than Offboard is asked for: the stream asks for none meanwhile."""
+        """Called before a mode other than Offboard is requested, so that the stream requests none
+        meanwhile."""
         self._stop_motors = StopMotors(vehicle)
         self._waiting: list[int] = []
-        """The MAV_CMD of each request that waits for its end."""
+        """MAV_CMD of each running request."""
 
-    def asked_for(self, mode: str) -> Asked | None:
-        """The command of ours that brought the vehicle into this mode, where one can have just now."""
+    def asked_for(self, mode: str) -> ModeCommand | None:
+        """This server's command that may have caused this mode; None if there was none recently."""
         asked = self._asked
         if asked is None or asked.mode != mode:
             return None
         return asked if self._vehicle.clock.monotonic_s() - asked.since_s <= ASKED_FOR_S else None
 
-    async def arm(self, *, progress: Progress | None = None) -> None:
-        """Returns once the vehicle reports to be armed."""
+    async def arm(self, *, progress: ReportProgress | None = None) -> None:
+        """Arms; returns once the vehicle reports that it is armed."""
         self._vehicle.require_commandable()
         await self._arm(self._begin("arm"), progress)
 
-    async def disarm(self, *, progress: Progress | None = None) -> None:
-        """Returns once the vehicle reports to be disarmed; PX4 refuses it in flight."""
+    async def disarm(self, *, progress: ReportProgress | None = None) -> None:
+        """Disarms; returns once the vehicle reports that it is disarmed. PX4 refuses it in flight."""
         self._vehicle.require_commandable()
         goal = Goal(
             "disarm", lambda f, s: f.heartbeat_s > s and not f.armed, STATE_DEADLINE_S, asks=ASK_STATE
         )
         await self._run(self._begin("disarm"), _arm_disarm(0.0, 0.0), goal, progress)
 
-    async def set_mode(self, name: str, *, by: str | None = None, progress: Progress | None = None) -> None:
-        """Returns once the vehicle reports the mode. `name` as in `Status.mode`, `by` the client."""
+    async def set_mode(
+        self, name: str, *, by: str | None = None, progress: ReportProgress | None = None
+    ) -> None:
+        """Changes the mode; returns once the vehicle reports it. `name` as in `Status.mode`, `by` the
+        client."""
         mode = BY_NAME.get(name)
         if mode is None or not mode.settable:
             names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
@@ -99,27 +103,30 @@ class CommandService:
         await self._set_mode(self._begin(f"mode {mode.label}", mode, by), mode, progress)
 
     async def takeoff(
-        self, alt_home_m: float, *, by: str | None = None, progress: Progress | None = None
+        self, alt_home_m: float, *, by: str | None = None, progress: ReportProgress | None = None
     ) -> None:
-        """Arms where needed and climbs; returns once the vehicle is taking off (not: has arrived)."""
+        """Arms if needed and takes off; returns once the vehicle is taking off, before it reaches the
+        altitude."""
         number("alt_home_m", alt_home_m, TAKEOFF_MIN_M, TAKEOFF_MAX_M)
         vehicle = self._vehicle
         vehicle.require_commandable()
-        if vehicle.facts.armed and vehicle.facts.landed_state in AIRBORNE:
-            raise Refused(f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another height.")
+        if vehicle.flight_state.armed and vehicle.flight_state.landed_state in AIRBORNE:
+            raise Refused(
+                f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another altitude."
+            )
         position_of(vehicle)
         token = self._begin("take off", BY_NAME["takeoff"], by)
         alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
         request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
         await self._takeoff_mode(token, request, progress)
-        if not vehicle.facts.armed:
+        if not vehicle.flight_state.armed:
             try:
                 await self._arm(token, progress)
             except GcsError:
                 await self._into_hold_disarmed(token)
                 raise
-            # once more: a height that was given to a disarmed vehicle may be forgotten when it arms
-            again = Goal("take off to that height", _never, STATE_DEADLINE_S, asks=(), ack_is_enough=True)
+            # once more: PX4 may drop an altitude that it got while disarmed
+            again = Goal("take off to that altitude", _never, STATE_DEADLINE_S, asks=(), ack_is_enough=True)
             await self._run(token, request, again, progress)
         lifted = Goal(
             "take off",
@@ -131,32 +138,33 @@ class CommandService:
             progress("Armed, waiting for lift-off", None)
         await self._run(token, None, lifted, progress)
 
-    async def start_mission(self, *, by: str | None = None, progress: Progress | None = None) -> None:
-        """Flies the mission that the vehicle holds, from its current item; arms where needed.
+    async def start_mission(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
+        """Starts the vehicle's mission at its current item; arms if needed.
 
-        Returns once the vehicle is armed in Mission. Both requests name a state: sent again, they do nothing.
+        Returns once the vehicle is armed in Mission. Both requests name a state, so repeating them changes
+        nothing.
         """
         mission = BY_NAME["mission"]
         self._vehicle.require_commandable()
         token = self._begin("start the mission", mission, by)
         await self._set_mode(token, mission, progress)
-        if not self._vehicle.facts.armed:
+        if not self._vehicle.flight_state.armed:
             try:
                 await self._arm(token, progress)
             except GcsError:
                 await self._into_hold_disarmed(token)
                 raise
 
-    async def land(self, *, by: str | None = None, progress: Progress | None = None) -> None:
-        """Lands where it is; returns once it is landing (or is down and disarmed already)."""
+    async def land(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
+        """Lands at the current position; returns once it is landing (or has landed and disarmed)."""
         await self._down(BY_NAME["land"], by, progress)
 
-    async def rtl(self, *, by: str | None = None, progress: Progress | None = None) -> None:
+    async def rtl(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Returns to the launch position and lands, as the vehicle's own RTL does."""
         await self._down(BY_NAME["rtl"], by, progress)
 
-    async def hold(self, *, by: str | None = None, progress: Progress | None = None) -> None:
-        """Stops and stays."""
+    async def hold(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
+        """Switches to Hold: the vehicle stops and holds its position."""
         self._vehicle.require_commandable()
         await self._set_mode(self._begin("hold", BY_NAME["hold"], by), BY_NAME["hold"], progress)
 
@@ -170,9 +178,10 @@ class CommandService:
         yaw_ned_deg: float | None = None,
         max_distance_m: float = GOTO_MAX_DISTANCE_M,
         by: str | None = None,
-        progress: Progress | None = None,
+        progress: ReportProgress | None = None,
     ) -> None:
-        """Flies there in Hold; exactly one altitude. Returns once under way (not: has arrived)."""
+        """Flies to a position in Hold mode; exactly one altitude. Returns once the vehicle has the target,
+        before it arrives."""
         number("lat_deg", lat_deg, -90.0, 90.0)
         number("lon_deg", lon_deg, -180.0, 180.0)
         number("max_distance_m", max_distance_m, 1.0, 100_000.0)
@@ -185,7 +194,7 @@ class CommandService:
             number("alt_home_m", alt_home_m, -500.0, 10_000.0)
         vehicle = self._vehicle
         vehicle.require_commandable()
-        if not vehicle.facts.armed or vehicle.facts.landed_state == "on_ground":
+        if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(f"Vehicle {vehicle.id} is not flying.", remedy="Take off first.")
         token = self._begin("go to", BY_NAME["hold"], by)
         if alt_amsl_m is None:
@@ -207,13 +216,14 @@ class CommandService:
         )
         await self._run(token, request, goal, progress)
 
-    async def kill(self, *, by: str | None = None, progress: Progress | None = None) -> None:
+    async def kill(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Stops the motors at once, in flight too: the vehicle falls.
 
-        Ends every command that waits, and until it is over every other is refused. Returns once the vehicle
-        reports to be disarmed; sent until then, or until the deadline, whatever the vehicle or a link does.
+        Ends every waiting command, and refuses all others until it is over. Returns once the vehicle reports
+        that it is disarmed; the command is repeated until then or until the deadline, even if the vehicle
+        refuses or the link is lost.
         """
-        with suppress(Disconnected):  # a lost link is tried all the same
+        with suppress(Disconnected):  # also sent on a lost link
             self._vehicle.require_commandable()
         arming = d.MAV_CMD_COMPONENT_ARM_DISARM in self._waiting
         self._supersede("stop motors")
@@ -221,28 +231,28 @@ class CommandService:
         await self._stop_motors.run(by=by, arming=arming, progress=progress)
 
     def require_no_kill(self, what: str) -> None:
-        """Raises Refused while a Stop motors is not confirmed yet: `what` is not sent."""
+        """Raises Refused while Stop motors is not confirmed: `what` is not sent."""
         self._stop_motors.require_none(what)
 
     async def kill_over(self) -> None:
-        """Returns once no Stop motors is waiting for the vehicle's confirmation."""
+        """Returns once no Stop motors command waits for confirmation."""
         await self._stop_motors.over()
 
     # --- the parts ------------------------------------------------------------------------------
 
-    async def _arm(self, token: int, progress: Progress | None) -> None:
+    async def _arm(self, token: int, progress: ReportProgress | None) -> None:
         goal = Goal(
             "arm",
             lambda f, s: f.heartbeat_s > s and f.armed,
             STATE_DEADLINE_S,
             asks=ASK_STATE,
-            against=self._against_arming,
+            standing_problems=self._arming_problems,
         )
         await self._run(token, _arm_disarm(1.0, 0.0), goal, progress)
 
-    async def _set_mode(self, token: int, mode: Mode, progress: Progress | None) -> None:
-        def reached(facts: Facts, since_s: float) -> bool:
-            return facts.mode_s > since_s and facts.custom_mode == mode.custom_mode
+    async def _set_mode(self, token: int, mode: Mode, progress: ReportProgress | None) -> None:
+        def reached(flight_state: FlightState, since_s: float) -> bool:
+            return flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode
 
         request = Request(
             d.MAV_CMD_DO_SET_MODE,
@@ -250,21 +260,21 @@ class CommandService:
         )
         await self._run(token, request, Goal(f"switch to {mode.label}", reached, STATE_DEADLINE_S), progress)
 
-    async def _takeoff_mode(self, token: int, request: Request, progress: Progress | None) -> None:
+    async def _takeoff_mode(self, token: int, request: Request, progress: ReportProgress | None) -> None:
         takeoff = BY_NAME["takeoff"].custom_mode
 
-        def reached(facts: Facts, since_s: float) -> bool:
-            return facts.mode_s > since_s and facts.custom_mode == takeoff
+        def reached(flight_state: FlightState, since_s: float) -> bool:
+            return flight_state.mode_s > since_s and flight_state.custom_mode == takeoff
 
         await self._run(token, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
 
     async def _home_alt_amsl_m(self, token: int) -> float:
-        """PX4 tells its home every two seconds only: where it is not known yet, it is asked for."""
+        """PX4 sends its home only every two seconds, so an unknown home is requested."""
         vehicle = self._vehicle
         if vehicle.topic("home") is None:
             home = (d.MAVLINK_MSG_ID_HOME_POSITION,)
             known = Goal(
-                "tell its home",
+                "report its home position",
                 lambda _f, _s: vehicle.topic("home") is not None,
                 HOME_DEADLINE_S,
                 asks=home,
@@ -275,20 +285,20 @@ class CommandService:
         return home_of(vehicle).alt_amsl_m
 
     async def _into_hold_disarmed(self, token: int) -> None:
-        """Left in Take off or Mission, arming later would start the climb."""
-        if token == self._newest and not self._vehicle.facts.armed:
+        """If the vehicle stayed in Take off or Mission, arming it later would start the climb."""
+        if token == self._newest and not self._vehicle.flight_state.armed:
             with suppress(GcsError):
                 await self._set_mode(token, BY_NAME["hold"], None)
 
-    async def _down(self, mode: Mode, by: str | None, progress: Progress | None) -> None:
+    async def _down(self, mode: Mode, by: str | None, progress: ReportProgress | None) -> None:
         vehicle = self._vehicle
         vehicle.require_commandable()
-        flying = vehicle.facts.armed
+        flying = vehicle.flight_state.armed
 
-        def reached(facts: Facts, since_s: float) -> bool:
-            if facts.mode_s > since_s and facts.custom_mode == mode.custom_mode:
+        def reached(flight_state: FlightState, since_s: float) -> bool:
+            if flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode:
                 return True
-            return flying and facts.heartbeat_s > since_s and not facts.armed
+            return flying and flight_state.heartbeat_s > since_s and not flight_state.armed
 
         request = Request(
             d.MAV_CMD_DO_SET_MODE,
@@ -304,15 +314,17 @@ class CommandService:
         )
         if far_m > max_m:
             raise Refused(
-                f"The target is {far_m:.0f} m away, more than the {max_m:.0f} m that are allowed.",
-                remedy="Check the coordinates, or raise max_distance_m if it is intended.",
+                f"The target is {far_m:.0f} m away, more than the allowed {max_m:.0f} m.",
+                remedy="Check the coordinates, or raise max_distance_m if this is intended.",
             )
 
-    def _target_is(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Callable[[Facts, float], bool]:
+    def _target_is(
+        self, lat_deg: float, lon_deg: float, alt_amsl_m: float
+    ) -> Callable[[FlightState, float], bool]:
         hold = BY_NAME["hold"].custom_mode
 
-        def reached(facts: Facts, since_s: float) -> bool:
-            if not (facts.mode_s > since_s and facts.custom_mode == hold):
+        def reached(flight_state: FlightState, since_s: float) -> bool:
+            if not (flight_state.mode_s > since_s and flight_state.custom_mode == hold):
                 return False
             newest = self._vehicle.newest_payload(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT)
             if newest is None or newest[1] <= since_s:
@@ -323,25 +335,27 @@ class CommandService:
 
         return reached
 
-    def _against_arming(self) -> tuple[str, ...]:
-        mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
-        return self._vehicle.health.against_arming(mode.nav_state if mode else None)
+    def _arming_problems(self) -> tuple[str, ...]:
+        mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
+        return self._vehicle.health.arming_problems(mode.nav_state if mode else None)
 
     def _begin(self, what: str, mode: Mode | None = None, by: str | None = None) -> int:
         self.require_no_kill(what)
         self._supersede(what)
         if mode is not None:
-            self._asked = Asked(what, mode.name, by, self._vehicle.clock.monotonic_s())
+            self._asked = ModeCommand(what, mode.name, by, self._vehicle.clock.monotonic_s())
             if mode.name != "offboard":
                 self.on_mode_command()
         return self._newest
 
     def _supersede(self, what: str) -> None:
-        """Ends commands that still wait, because `what` replaces them."""
+        """Ends waiting commands, because `what` replaces them."""
         self._newest += 1
         self._newest_what = what
 
-    async def _run(self, token: int, request: Request | None, goal: Goal, progress: Progress | None) -> None:
+    async def _run(
+        self, token: int, request: Request | None, goal: Goal, progress: ReportProgress | None
+    ) -> None:
         def superseded() -> str | None:
             return self._newest_what if token != self._newest else None
 
@@ -363,6 +377,6 @@ def _arm_disarm(arm: float, force: float) -> Request:
     return Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (arm, force, 0, 0, 0, 0, 0))
 
 
-def _never(_facts: Facts, _since_s: float) -> bool:
+def _never(_flight_state: FlightState, _since_s: float) -> bool:
     """A condition for commands whose only result is the acknowledgement."""
     return False

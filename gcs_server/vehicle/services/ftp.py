@@ -1,11 +1,11 @@
-"""Files of the vehicle, over links that lose packets.
+"""Reads files of the vehicle over links that lose packets.
 
-One operation at a time, as a PX4 has one session for each link. A request that goes unanswered is sent again
-with the same sequence number, upon which the vehicle repeats its answer instead of acting twice; nothing here
-writes. A burst brings most of a file; what it lost is read piece by piece.
+One operation at a time, because PX4 has one session per link. An unanswered request is sent again with the
+same sequence number; then the vehicle repeats its answer. Nothing is written. A burst transfers most of a
+file; lost parts are read one by one.
 
-The vehicle's answers are foreign: a transfer has limits of bytes, answers and time, and ends with a reason
-where the vehicle goes past one of them.
+The vehicle's answers are untrusted: a transfer has limits of bytes, answers and time, and fails with a reason
+if the vehicle exceeds one.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.vehicle.services import ftp_codec as codec
-from gcs_server.vehicle.services.ftp_codec import Entry, FtpError, FtpFailed, Opcode, Packet
+from gcs_server.vehicle.services.ftp_codec import DirectoryEntry, FtpError, FtpFailed, Opcode, Packet
 from gcs_server.vehicle.services.ftp_pieces import Pieces
 from gcs_server.vehicle.services.port import VehiclePort
 
 FIRST_PATIENCE_S = 0.25
-LONGEST_PATIENCE_S = 1.5
+MAX_PATIENCE_S = 1.5
 TRIES = 12
-"""At a fifth lost each way, one request in 200,000 fails."""
+"""With 20 % loss each way, one request in 200,000 fails."""
 BURST_SILENCE_S = 0.6
-"""A burst that pauses so long is over, or its end was lost."""
+"""After this pause a burst is over, or its end was lost."""
 BURSTS_WITHOUT_NEWS = 3
 BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
-"""PX4 closes a session that nobody used for 10 s."""
+"""PX4 closes a session that was not used for 10 s."""
 MAX_BYTES = 8_000_000
 MAX_ENTRIES = 10_000
 ANSWERS_PER_FULL_PIECE, ANSWERS_SPARE = 16, 256
-"""Most answers for each 239 bytes of a file; with a fifth of the packets lost it takes two."""
-LEAST_BYTES_S, TIME_SPARE_S = 400, 60.0
-"""A file that arrives more slowly than this on the whole [bytes/s] is given up."""
-LIST_WITHIN_S = 120.0
+"""Most answers per 239 bytes of a file; with 20 % loss it takes two."""
+MIN_BYTES_S, TIME_SPARE_S = 400, 60.0
+"""A transfer slower than this on average fails [bytes/s]."""
+LIST_TIMEOUT_S = 120.0
 TURN_AFTER_ANSWERS = 32
-"""Answers that are waiting already are taken so many at a time, so that the event loop gets its turn."""
+"""Waiting answers handled at a time, before the event loop does other work."""
 
-Progress = Callable[[int, int], None]
-"""(bytes received, bytes in all)."""
+ReportBytes = Callable[[int, int], None]
+"""Called with (bytes received, total bytes)."""
 
 
 class FtpService:
@@ -54,43 +54,45 @@ class FtpService:
         self._lock = asyncio.Lock()
         self._sequence = 0
         self._may_be_open = True
-        """A session of ours (of this server or the one before it) may be left open."""
+        """Whether a session of this server, or of its previous run, may still be open."""
         self._has_burst = True
         self._answers_left = 0
-        """Of the file that is being read."""
+        """Answers for the current file."""
 
-    async def list(self, path: str) -> list[Entry]:
-        """The entries of a folder.
+    async def list(self, path: str) -> list[DirectoryEntry]:
+        """Lists a folder.
 
         Raises:
             FtpFailed: the vehicle refused, or sends an endless list.
-            NoReply: it fell silent.
+            NoReply: it stopped answering.
         """
         self._vehicle.require_commandable()
-        async with self._lock, _within(LIST_WITHIN_S, path, "Listing"):
+        async with self._lock, _within(LIST_TIMEOUT_S, path, "Listing"):
             return await self._list(path)
 
     async def crc32(self, path: str) -> int:
-        """MAVLink's checksum of a file, worked out by the vehicle; raises as `list`."""
+        """Has the vehicle compute MAVLink's checksum of a file; raises as `list`."""
         self._vehicle.require_commandable()
         async with self._lock:
             answer = await self._ask(codec.request(Opcode.CALC_FILE_CRC32, 0, path=path), path, "Checking")
         if len(answer.data) < 4:
-            raise FtpFailed(f"Checking {path}: the answer is cut short.", path=path)
+            raise FtpFailed(f"Checking {path}: the answer is incomplete.", path=path)
         return int.from_bytes(answer.data[:4], "little")
 
-    async def read(self, path: str, *, max_bytes: int = MAX_BYTES, progress: Progress | None = None) -> bytes:
-        """A whole file.
+    async def read(
+        self, path: str, *, max_bytes: int = MAX_BYTES, progress: ReportBytes | None = None
+    ) -> bytes:
+        """Reads a complete file.
 
         Args:
-            path: as the vehicle names it.
+            path: path on the vehicle.
             max_bytes: a larger file is not read.
-            progress: told as it grows.
+            progress: called as the file grows.
 
         Raises:
             FtpFailed: the vehicle refused, the file is too large, or it arrives in too many pieces, too
-                slowly, or from another place than was asked for.
-            NoReply: it fell silent.
+                slowly, or from another offset than requested.
+            NoReply: it stopped answering.
         """
         self._vehicle.require_commandable()
         async with self._lock:
@@ -103,7 +105,7 @@ class FtpService:
                         f"{path} has {size:,} bytes; more than {max_bytes:,} are not read.", path=path
                     )
                 self._answers_left = ANSWERS_SPARE + ANSWERS_PER_FULL_PIECE * (size // codec.DATA_BYTES)
-                async with _within(TIME_SPARE_S + size / LEAST_BYTES_S, path, "Reading"):
+                async with _within(TIME_SPARE_S + size / MIN_BYTES_S, path, "Reading"):
                     return await self._transfer(path, opened.session, Pieces(size), progress)
             except Disconnected:
                 gone = True
@@ -114,8 +116,8 @@ class FtpService:
 
     # --- one operation each -------------------------------------------------------------------------
 
-    async def _list(self, path: str) -> list[Entry]:
-        entries: list[Entry] = []
+    async def _list(self, path: str) -> list[DirectoryEntry]:
+        entries: list[DirectoryEntry] = []
         offset = 0
         while offset < MAX_ENTRIES:
             asked = codec.request(Opcode.LIST_DIRECTORY, 0, path=path, offset=offset)
@@ -144,12 +146,12 @@ class FtpService:
             if self._may_be_open:
                 await self._ask(Packet(0, Opcode.RESET_SESSIONS), path, "Opening")
                 self._may_be_open = False
-            else:  # somebody else's: it is theirs to end
+            else:  # another station's session, which only that station ends
                 await self._vehicle.clock.sleep(BUSY_PAUSE_S)
         raise AssertionError("the loop returns or raises")
 
     async def _terminate(self, path: str, session: int) -> None:
-        """Best effort: what stays open is closed before the next file."""
+        """Best effort: a session that stays open is closed before the next file."""
         try:
             async with asyncio.timeout(3.0):
                 await self._ask(Packet(0, Opcode.TERMINATE_SESSION, session), path, "Closing")
@@ -157,7 +159,7 @@ class FtpService:
             return
         self._may_be_open = False
 
-    async def _transfer(self, path: str, session: int, pieces: Pieces, progress: Progress | None) -> bytes:
+    async def _transfer(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bytes:
         idle = 0
         while not pieces.complete:
             if self._has_burst and pieces.tail_missing and idle < BURSTS_WITHOUT_NEWS:
@@ -184,8 +186,8 @@ class FtpService:
         if not pieces.put(start, answer.data[:wanted]):
             raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
 
-    async def _burst(self, path: str, session: int, pieces: Pieces, progress: Progress | None) -> bool:
-        """One burst from the first hole on; whether it brought anything."""
+    async def _burst(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bool:
+        """Runs one burst from the first missing part; returns whether it transferred anything."""
         hole = pieces.first_hole
         assert hole is not None
         first = self._take_sequence()
@@ -212,8 +214,8 @@ class FtpService:
                         progress(pieces.received, pieces.size)
                 if answer.burst_complete:
                     break
-        # beyond any number that this burst may have used: else the vehicle takes the next request for
-        # a repeated one and answers it with a piece of the burst
+        # beyond any number that this burst may have used: otherwise the vehicle treats the next request as a
+        # repetition and answers it with a piece of the burst
         self._sequence = (first + longest + 1) & 0xFFFF
         return news
 
@@ -227,7 +229,7 @@ class FtpService:
             raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
 
     async def _count_answer(self, path: str) -> None:
-        """One more answer of this file; now and then the event loop's turn."""
+        """Counts an answer; periodically lets the event loop do other work."""
         self._answers_left -= 1
         if self._answers_left < 0:
             raise FtpFailed(
@@ -239,7 +241,7 @@ class FtpService:
     # --- one request ------------------------------------------------------------------------------------
 
     async def _ask(self, packet: Packet, path: str, doing: str) -> Packet:
-        """Asks until it is answered; always with the same sequence number."""
+        """Sends a request until it is answered, always with the same sequence number."""
         sequence = self._take_sequence()
         asked = Packet(
             sequence, packet.opcode, packet.session, packet.size, offset=packet.offset, data=packet.data
@@ -257,7 +259,7 @@ class FtpService:
                                     raise codec.refusal(answer, path, doing)
                                 return answer
                 except TimeoutError:
-                    patience_s = min(patience_s * 1.4, LONGEST_PATIENCE_S)
+                    patience_s = min(patience_s * 1.4, MAX_PATIENCE_S)
         raise NoReply(
             f"Vehicle {self._vehicle.id} did not answer: {doing.lower()} {path or '/'}.",
             deadline_s=round(_all_patience_s(), 1),
@@ -288,17 +290,17 @@ class FtpService:
         self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
 
     def _take_sequence(self) -> int:
-        """Two apart: the answer's number lies between."""
+        """Steps of two, because the answer uses the number between."""
         self._sequence = (self._sequence + 2) & 0xFFFF
         return self._sequence
 
 
 @asynccontextmanager
 async def _within(limit_s: float, path: str, doing: str) -> AsyncGenerator[None]:
-    """Ends what takes longer.
+    """Limits the time of a block.
 
     Raises:
-        FtpFailed: it did.
+        FtpFailed: the time is over.
     """
     try:
         async with asyncio.timeout(limit_s):
@@ -319,5 +321,5 @@ def _all_patience_s() -> float:
     patience_s, total_s = FIRST_PATIENCE_S, 0.0
     for _ in range(TRIES):
         total_s += patience_s
-        patience_s = min(patience_s * 1.4, LONGEST_PATIENCE_S)
+        patience_s = min(patience_s * 1.4, MAX_PATIENCE_S)
     return total_s

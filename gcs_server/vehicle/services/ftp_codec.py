@@ -1,4 +1,4 @@
-"""MAVLink FTP's packets and listings as plain values: no session, no time.
+"""Encodes and decodes MAVLink FTP packets and listings; no session, no time.
 
 Layout, opcodes and error numbers are the MAVLink guide's ("File Transfer Protocol"): a 12-byte header and up
 to 239 bytes of data in the payload of FILE_TRANSFER_PROTOCOL.
@@ -15,8 +15,8 @@ from gcs_server.errors import GcsError
 
 DATA_BYTES = 239
 PAYLOAD_BYTES = 251
-LONGEST_SIZE = 10
-"""Digits of a file's size in a listing: offsets have 32 bits."""
+MAX_SIZE_BYTES = 10
+"""Digits of a file size in a listing, because offsets have 32 bits."""
 _header = struct.Struct("<HBBBBBxI")
 
 
@@ -49,13 +49,13 @@ class FtpError(enum.IntEnum):
     FILE_NOT_FOUND = 10
 
 
-WORDS: dict[int, str] = {
-    FtpError.FAIL: "the vehicle could not, and does not say why",
+ERROR_TEXT: dict[int, str] = {
+    FtpError.FAIL: "the vehicle could not do it, for an unknown reason",
     FtpError.FAIL_ERRNO: "the vehicle's file system refused",
-    FtpError.INVALID_DATA_SIZE: "the vehicle found a size of data that does not fit",
+    FtpError.INVALID_DATA_SIZE: "the vehicle reported an invalid data size",
     FtpError.INVALID_SESSION: "the file is not open any more",
-    FtpError.NO_SESSIONS_AVAILABLE: "the vehicle has another file open",
-    FtpError.END_OF_FILE: "the end was reached",
+    FtpError.NO_SESSIONS_AVAILABLE: "the vehicle has no free session: another file is open",
+    FtpError.END_OF_FILE: "the end of the file was reached",
     FtpError.UNKNOWN_COMMAND: "the vehicle does not know this request",
     FtpError.FILE_EXISTS: "it exists already",
     FtpError.FILE_PROTECTED: "it is protected",
@@ -69,7 +69,7 @@ REMEDIES: dict[int, str] = {
 
 
 class FtpFailed(GcsError):
-    """A file of the vehicle's could not be read: it refused, or what came is not what it announced."""
+    """A file of the vehicle could not be read: the vehicle refused, or sent something else than announced."""
 
     code = "ftp_failed"
 
@@ -78,7 +78,7 @@ class FtpFailed(GcsError):
     ) -> None:
         super().__init__(message, remedy=remedy)
         self.ftp_error = ftp_error
-        """Number of the refusal (MAVLink's); None where the vehicle did not refuse."""
+        """MAVLink's error number; None if the vehicle did not refuse."""
         self.path = path
 
 
@@ -99,7 +99,7 @@ class Packet:
 
 
 def encode(packet: Packet) -> bytes:
-    """The payload, in full length."""
+    """The full-length payload."""
     head = _header.pack(
         packet.sequence,
         packet.session,
@@ -113,7 +113,7 @@ def encode(packet: Packet) -> bytes:
 
 
 def decode(payload: bytes) -> Packet | None:
-    """From a payload; None where it is too short or claims more data than there can be."""
+    """Decodes a payload; None if it is too short or claims too much data."""
     if len(payload) < _header.size:
         return None
     sequence, session, opcode, size, requested, complete, offset = _header.unpack_from(payload)
@@ -131,14 +131,14 @@ def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, 
     """
     data = path.encode()
     if len(data) >= DATA_BYTES or b"\0" in data:
-        raise FtpFailed(f"{path!r} is no path that a vehicle can be asked for.", path=path)
+        raise FtpFailed(f"{path!r} is not a valid path of a file on a vehicle.", path=path)
     return Packet(sequence, opcode, session, len(data), offset=offset, data=data)
 
 
 def refusal(packet: Packet, path: str, doing: str) -> FtpFailed:
-    """A NAK in words."""
+    """The error of a NAK."""
     number = packet.data[0] if packet.data else FtpError.FAIL
-    words = WORDS.get(number, f"error {number}")
+    words = ERROR_TEXT.get(number, f"error {number}")
     if number == FtpError.FAIL_ERRNO and len(packet.data) > 1:
         words += f" ({os.strerror(packet.data[1])})"
     return FtpFailed(
@@ -147,20 +147,20 @@ def refusal(packet: Packet, path: str, doing: str) -> FtpFailed:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
-    """One line of a folder's listing."""
+class DirectoryEntry:
+    """One entry of a folder."""
 
     name: str
     bytes: int | None
     """Size of a file; None for a folder."""
 
 
-def parse_listing(data: bytes) -> tuple[list[Entry], int]:
-    """(entries to show, how many entries the packet held: the next request's offset grows by it).
+def parse_listing(data: bytes) -> tuple[list[DirectoryEntry], int]:
+    """(entries, number of entries in the packet, which is added to the next request's offset).
 
-    `F name TAB size`, `D name`, each ended by NUL; `S` stands for what is neither.
+    `F name TAB size`, `D name`, each ended by NUL; `S` is neither.
     """
-    entries: list[Entry] = []
+    entries: list[DirectoryEntry] = []
     lines = data.split(b"\0")
     if lines and not lines[-1]:
         lines.pop()
@@ -168,8 +168,8 @@ def parse_listing(data: bytes) -> tuple[list[Entry], int]:
         kind, name = line[:1], line[1:].decode("utf-8", "replace")
         if kind == b"F":
             name, _, size = name.rpartition("\t") if "\t" in name else (name, "", "")
-            fits = size.isascii() and size.isdigit() and len(size) <= LONGEST_SIZE
-            entries.append(Entry(name, int(size) if fits else 0))
+            fits = size.isascii() and size.isdigit() and len(size) <= MAX_SIZE_BYTES
+            entries.append(DirectoryEntry(name, int(size) if fits else 0))
         elif kind == b"D" and name not in (".", ".."):
-            entries.append(Entry(name, None))
+            entries.append(DirectoryEntry(name, None))
     return entries, len(lines)

@@ -1,14 +1,14 @@
 """Which parts of a file have arrived and which are missing; pure.
 
 The work for one piece does not grow with the number of pieces before it: the missing parts stay sorted, and
-there are never more than `MOST_HOLES` of them.
+there are never more than `MAX_HOLES` of them.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 
-MOST_HOLES = 2048
+MAX_HOLES = 2048
 """A piece that would leave more missing parts is dropped, as if the link had lost it. A vehicle that sends
 its file in order and loses every second packet of half a megabyte leaves fewer."""
 
@@ -72,7 +72,7 @@ class Pieces:
             return False
         left = [(missing[first][0], offset)] if missing[first][0] < offset else []
         right = [(end, missing[past - 1][1])] if missing[past - 1][1] > end else []
-        if len(missing) - (past - first) + len(left) + len(right) > MOST_HOLES:
+        if len(missing) - (past - first) + len(left) + len(right) > MAX_HOLES:
             return False
         missing[first:past] = left + right
         self._received += before - sum(last - start for start, last in left + right)

@@ -1,8 +1,9 @@
 """The gimbal manager (v2 protocol) of a vehicle.
 
-PX4 v1.16: anyone may take control, and the word "myself" in CONFIGURE means the vehicle, so our ids are
-sent; without control 1000 is denied and 282 ignored in silence; 287 is not handled; angles beyond the
-range are not clamped but flip. With its gimbal module off it says nothing at all.
+PX4 v1.16: any station may take control. In CONFIGURE the value for "myself" means the vehicle, so this
+server's ids are sent. Without control command 1000 is denied, and message 282 is ignored without an answer.
+287 is not supported; angles beyond the range flip instead of being clamped. Without its gimbal module PX4
+sends nothing.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ RESEND_S = 0.3
 KEEP, RELEASE = -1.0, -3.0
 NONE_SET = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 YAW_LOCK = d.GIMBAL_MANAGER_FLAGS_YAW_LOCK
-LARGEST_PITCH_DEG = 90.0
-LARGEST_RATE_DEG_S = 180.0
+MAX_PITCH_DEG = 90.0
+MAX_RATE_DEG_S = 180.0
 NEAR_RAD = math.radians(2.0)
 NAN = math.nan
 STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
@@ -40,7 +41,7 @@ ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 
 @dataclass(frozen=True, slots=True)
 class Roi:
-    """A place that the gimbal keeps looking at."""
+    """A location that the gimbal keeps pointing at."""
 
     lat_deg: float
     lon_deg: float
@@ -48,18 +49,18 @@ class Roi:
 
 
 class GimbalService:
-    """Look at who is in control, take it, point, give it back.
+    """Takes and releases gimbal control, and points the camera.
 
-    Raises as `CommandService`; `Refused` names who is in control where it is not us.
+    Raises as `CommandService`; `Refused` names the controller if it is not this server.
     """
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self.roi: Roi | None = None
-        """The place that this server asked to look at and has not ended since; PX4 reports none itself."""
+        """The location that this server has set and not cleared; PX4 does not report it."""
 
     async def take_control(self) -> None:
-        """Becomes primary control; returns once the manager's status shows it."""
+        """Takes primary control; returns once the manager's status shows it."""
         self._vehicle.require_commandable()
         ours = self._vehicle.own_ids
         await self._configure(
@@ -67,7 +68,7 @@ class GimbalService:
         )
 
     async def release_control(self) -> None:
-        """Gives control back where it is ours."""
+        """Releases control if this server has it."""
         self._vehicle.require_commandable()
         ours = self._vehicle.own_ids
         if await self._control() != ours:
@@ -83,12 +84,12 @@ class GimbalService:
         yaw_lock: bool = False,
         wait: bool = True,
     ) -> GimbalLimited | None:
-        """Points the camera. Pitch positive up; yaw from the nose, from north with `yaw_lock`.
+        """Points the camera. Pitch is positive up; yaw is relative to the nose, or to north with `yaw_lock`.
 
-        Returns once the gimbal is there, has stopped short of it (then where), or acknowledged where it
-        does not report its attitude, or where nobody is to `wait`.
+        Returns once the gimbal is there or has stopped earlier (returns where). Without `wait`, or if it does
+        not report its attitude, returns once the vehicle has acknowledged.
         """
-        number("pitch_deg", pitch_deg, -LARGEST_PITCH_DEG, LARGEST_PITCH_DEG)
+        number("pitch_deg", pitch_deg, -MAX_PITCH_DEG, MAX_PITCH_DEG)
         number("yaw_deg", yaw_deg, -360.0, 360.0)
         if roll_deg is not None:
             number("roll_deg", roll_deg, -180.0, 180.0)
@@ -104,10 +105,10 @@ class GimbalService:
         return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock) if wait else None
 
     def point(self, pitch_rad: float, yaw_ned_rad: float) -> None:
-        """Points the camera without waiting for anything, for a track that is sent many times a second.
+        """Points the camera without waiting, for targets that are sent many times a second.
 
-        It goes by GIMBAL_MANAGER_SET_ATTITUDE, which nothing acknowledges and which is ignored without
-        control; the pitch is kept within the gimbal's range.
+        It uses GIMBAL_MANAGER_SET_ATTITUDE, which is not acknowledged and is ignored without control. Pitch
+        is limited to the gimbal's range.
         """
         vehicle = self._vehicle
         sample = vehicle.topic("gimbal")
@@ -134,9 +135,10 @@ class GimbalService:
     async def set_rates(
         self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool | None = None
     ) -> None:
-        """Turns the camera steadily; zero stops both axes. `yaw_lock` None keeps what is set."""
-        number("pitch_rate_deg_s", pitch_rate_deg_s, -LARGEST_RATE_DEG_S, LARGEST_RATE_DEG_S)
-        number("yaw_rate_deg_s", yaw_rate_deg_s, -LARGEST_RATE_DEG_S, LARGEST_RATE_DEG_S)
+        """Turns the camera at constant rates; zero stops both axes. `yaw_lock` None keeps the current
+        setting."""
+        number("pitch_rate_deg_s", pitch_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
+        number("yaw_rate_deg_s", yaw_rate_deg_s, -MAX_RATE_DEG_S, MAX_RATE_DEG_S)
         self._vehicle.require_commandable()
         await self._require_control()
         if yaw_lock is None:
@@ -153,7 +155,7 @@ class GimbalService:
         self.roi = None
 
     async def set_roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Keeps looking at a place; needs no control."""
+        """Keeps the camera pointed at a location; needs no control."""
         number("lat_deg", lat_deg, -90.0, 90.0)
         number("lon_deg", lon_deg, -180.0, 180.0)
         number("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
@@ -163,26 +165,28 @@ class GimbalService:
             (0, 0, 0, 0, lat_deg, lon_deg, alt_amsl_m),
             frame=d.MAV_FRAME_GLOBAL,
         )
-        await self._acknowledged(request, "look at the place")
+        await self._acknowledged(request, "point at the location")
         self.roi = Roi(lat_deg, lon_deg, alt_amsl_m)
 
     async def clear_roi(self) -> None:
-        """Stops looking at a place."""
+        """Stops pointing at a location."""
         self._vehicle.require_commandable()
-        await self._acknowledged(Request(d.MAV_CMD_DO_SET_ROI_NONE, NONE_SET), "stop looking at the place")
+        await self._acknowledged(
+            Request(d.MAV_CMD_DO_SET_ROI_NONE, NONE_SET), "stop pointing at the location"
+        )
         self.roi = None
 
     # --- the parts ------------------------------------------------------------------------------
 
     async def _acknowledged(self, request: Request, what: str) -> None:
-        """These are seen in no state at once (a gimbal moves at its own pace): the answer is the ack."""
+        """No state shows these at once, because a gimbal moves slowly: the acknowledgement is the answer."""
         goal = Goal(what, lambda _f, _s: False, DEADLINE_S, asks=(), ack_is_enough=True)
         await self._guarded(Transaction(self._vehicle, request, goal), what)
 
     async def _configure(
         self, system: float, component: float, what: str, good: Callable[[tuple[int, int] | None], bool]
     ) -> None:
-        def reached(_facts: object, since_s: float) -> bool:
+        def reached(_flight_state: object, since_s: float) -> bool:
             newest = self._vehicle.newest_payload(STATUS_ID)
             return newest is not None and newest[1] > since_s and good(control_of(newest[0]))
 
@@ -204,25 +208,25 @@ class GimbalService:
             ) from None
 
     async def _control(self) -> tuple[int, int] | None:
-        """Who is in control, freshly asked.
+        """Requests who controls the gimbal.
 
         Raises:
             NoReply: no gimbal manager answers.
         """
         fresh: list[tuple[int, int] | None] = []
 
-        def reached(_facts: object, since_s: float) -> bool:
+        def reached(_flight_state: object, since_s: float) -> bool:
             newest = self._vehicle.newest_payload(STATUS_ID)
             if newest is None or newest[1] <= since_s:
                 return False
             fresh.append(control_of(newest[0]))
             return True
 
-        what = "say who controls the gimbal"
+        what = "report who controls the gimbal"
         goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
         try:
             await self._guarded(Transaction(self._vehicle, None, goal), what)
-        except Rejected as error:  # it talks, but not about a gimbal
+        except Rejected as error:  # the vehicle is connected, but has no gimbal
             raise NoReply(
                 f"Vehicle {self._vehicle.id} reports no gimbal.",
                 deadline_s=DEADLINE_S,
@@ -235,10 +239,10 @@ class GimbalService:
         if control == self._vehicle.own_ids:
             return
         if control is None:
-            raise Refused("Nobody controls the gimbal.", remedy="Take control of it first.")
+            raise Refused("The gimbal is not controlled.", remedy="Take control of it first.")
         raise Refused(
-            f"The gimbal is controlled by system {control[0]}, component {control[1]}, not by us.",
-            remedy="Ask there, or take control: the other then loses it.",
+            f"The gimbal is controlled by system {control[0]}, component {control[1]}, not by this server.",
+            remedy="Ask that station, or take control: then it loses control.",
         )
 
     def _check_limits(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
@@ -254,8 +258,8 @@ class GimbalService:
             number("yaw_deg", yaw_deg, math.degrees(gimbal.yaw_min_rad), math.degrees(gimbal.yaw_max_rad))
 
     async def _attitude(self, roll_deg: float, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
-        """Roll goes by GIMBAL_MANAGER_SET_ATTITUDE only, which is not acknowledged: it is sent until the
-        device's own attitude is there, or moves."""
+        """Roll needs GIMBAL_MANAGER_SET_ATTITUDE, which is not acknowledged: it is sent until the device's
+        attitude is there or moves."""
         vehicle = self._vehicle
         q = q_from_euler(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
         identity = vehicle.identity
@@ -280,9 +284,9 @@ class GimbalService:
             raise NoReply(
                 f"Vehicle {vehicle.id} does not report its gimbal's attitude.",
                 deadline_s=DEADLINE_S,
-                remedy="Without roll the request is acknowledged and needs no report.",
+                remedy="Without roll the request is acknowledged and needs no attitude report.",
             )
-        raise Rejected(f"The gimbal of vehicle {vehicle.id} does not move there.")
+        raise Rejected(f"The gimbal of vehicle {vehicle.id} does not move to this attitude.")
 
     def _ask_attitude(self) -> MAVLink_message:
         identity = self._vehicle.identity
@@ -291,7 +295,7 @@ class GimbalService:
 
 
 def _angle_between(q: tuple[float, float, float, float], message: Reply) -> float:
-    """Between an attitude and the reported one [rad]; half a turn where the report is none."""
+    """Angle between an attitude and the reported one [rad]; half a turn if there is no valid report."""
     reported = rotation(message.q)
     if reported is None:
         return math.pi

@@ -1,4 +1,4 @@
-"""Where a gimbal stopped, compared with where it was to point: PX4 accepts angles that it cannot reach."""
+"""Compares where a gimbal stopped with its target, because PX4 accepts angles that it cannot reach."""
 
 from __future__ import annotations
 
@@ -16,36 +16,34 @@ from missions.frames import wrap_pi
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
 REACHED_DEG = 3.0
 MOVES_DEG = 0.5
-"""Less than this between two reports is standing."""
+"""A smaller change between two reports counts as standing."""
 STANDS_S = 0.6
-"""Standing for so long, a gimbal has stopped."""
-STARTS_WITHIN_S = 1.0
-LONGEST_S = 3.0
-"""A gimbal that still moves then is on its way: nothing is said."""
+"""After standing this long the gimbal has stopped."""
+START_TIMEOUT_S = 1.0
+MAX_DURATION_S = 3.0
+"""If the gimbal still moves then, no limit is reported."""
 ASK_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class GimbalLimited:
-    """The gimbal stopped short of the angles that were asked for: its own limit."""
+    """The gimbal stopped at its own limit, before the requested angles."""
 
     pitch_deg: float
-    """Where it stopped; up is positive [deg]."""
+    """Reached pitch; up is positive [deg]."""
     yaw_deg: float | None
-    """Where it stopped, counted as asked: from the nose, or from north with `yaw_lock` [deg]; null where
-    the vehicle does not tell."""
+    """Reached yaw, relative to the nose, or to north with `yaw_lock` [deg]; null if unknown."""
     asked_pitch_deg: float
     asked_yaw_deg: float
     text: str
-    """In a sentence."""
+    """The limit as a sentence."""
 
 
 async def stopped_short(
     vehicle: VehiclePort, pitch_deg: float, yaw_deg: float, yaw_lock: bool
 ) -> GimbalLimited | None:
-    """Waits until the gimbal is there or has stopped.
-
-    None: it is there, it still moves after `LONGEST_S`, or it does not report its attitude.
+    """Waits until the gimbal is there or has stopped. None if it is there, still moves after
+    `MAX_DURATION_S`, or does not report its attitude.
     """
     clock = vehicle.clock
     began_s = stood_since_s = clock.monotonic_s()
@@ -56,7 +54,7 @@ async def stopped_short(
     )
     next_ask_s = began_s
     with vehicle.mailbox.expect(*ATTITUDE_IDS) as waiter:
-        while (now_s := clock.monotonic_s()) < began_s + LONGEST_S:
+        while (now_s := clock.monotonic_s()) < began_s + MAX_DURATION_S:
             if now_s >= next_ask_s:
                 vehicle.send(ask)
                 next_ask_s = now_s + ASK_S
@@ -75,7 +73,7 @@ async def stopped_short(
             now_s = clock.monotonic_s()
             if before is None or _apart(at, before, MOVES_DEG):
                 before, stood_since_s = at, now_s
-            elif now_s - stood_since_s >= STANDS_S and now_s - began_s >= STARTS_WITHIN_S:
+            elif now_s - stood_since_s >= STANDS_S and now_s - began_s >= START_TIMEOUT_S:
                 return _limited(at, pitch_deg, yaw_deg)
     return None
 

@@ -1,7 +1,7 @@
-"""A vehicle's events in order, and what they say of why it cannot arm or fly.
+"""A vehicle's events in order, and from them why it cannot arm or fly.
 
-What the link lost of them is asked for again (`event_stream.py`); the report is joined from them in order
-(`readiness.py`) and asked for once when the vehicle was first heard, since it is told only when it changes.
+Lost events are requested again (`event_stream.py`). The report is joined from them in order (`readiness.py`);
+it is requested once when the vehicle connects, because PX4 sends it only when it changes.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from gcs_server.vehicle.px4_events import (
     VehicleEvent,
     decode_event,
     describe,
-    has_words,
+    has_description,
 )
-from gcs_server.vehicle.readiness import Finding, Readiness, Report, ReportJoiner
+from gcs_server.vehicle.readiness import Finding, HealthReport, Readiness, ReportJoiner
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort
 
@@ -36,45 +36,45 @@ ASK_FIRST_AFTER_S = 2.0
 """Time in which a vehicle may report by itself."""
 ASK_AGAIN_S, ASK_TIMES = 2.0, 4
 RESTART_S = 10.0
-"""A boot clock that goes back by more was started anew."""
+"""If the boot clock goes back by more, the vehicle has restarted."""
 CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
-TOLD_EVERY_S = 0.25
-"""A report that changes sooner is told with the next tick."""
-LEARN_AGAIN_S, LEARN_AGAIN_LONGEST_S = 30.0, 960.0
+REPORT_PERIOD_S = 0.25
+"""A report that changes sooner is published with the next tick."""
+LEARN_AGAIN_S, MAX_LEARN_AGAIN_S = 30.0, 960.0
 """Time after a failure until the vehicle's texts are requested again; doubled each time."""
 LEARN_WAIT_S = 5.0
-"""An event that has no words yet is told after so long without them."""
+"""An event without a description is published after this time."""
 
 _current = struct.Struct("<HB")
 _error = struct.Struct("<HH")
 
 
 class HealthService:
-    """One vehicle's.
+    """Health of one vehicle.
 
     Args:
-        vehicle: whose.
-        tell: takes each event that belongs to no report, as it comes, and whether it is an older one that the
-            link had lost.
-        fetch_words: begins `learn` in the background.
+    vehicle: the vehicle.
+    on_event: called with each event that is not part of a report, and whether it was lost and requested
+        again.
+    fetch_words: starts `learn` in the background.
     """
 
     def __init__(
         self,
         vehicle: VehiclePort,
         tell: Callable[[VehicleEvent, bool], None],
-        fetch_words: Callable[[], None] = lambda: None,
+        fetch_metadata: Callable[[], None] = lambda: None,
     ) -> None:
         self._vehicle = vehicle
-        self._tell = tell
+        self._on_event = tell
         self._stream: EventStream[VehicleEvent] = EventStream()
         self._joiner = ReportJoiner()
-        self._report: Report | None = None
-        self._told: Readiness = readiness.NOTHING_KNOWN
+        self._report: HealthReport | None = None
+        self._published: Readiness = readiness.NOTHING_KNOWN
         self._told_s = float("-inf")
-        self._untold_unix_s: float | None = None
-        """When the report came that is not yet in `_told`."""
-        self._fetch_words = fetch_words
+        self._unpublished_unix_s: float | None = None
+        """Time of a report that is not yet in `_published`."""
+        self._fetch_metadata = fetch_metadata
         self._learning = False
         self._learn_next_s = float("-inf")
         self._learn_again_s = LEARN_AGAIN_S
@@ -86,27 +86,27 @@ class HealthService:
         self.revision = 0
         """Counts the changes of `readiness`."""
         self.changed_s: float | None = None
-        """When it last changed [s, monotonic]; None before there was any."""
+        """Time of the last change [s, monotonic]; None before the first."""
 
     @property
-    def report(self) -> Report | None:
-        """The newest complete one."""
+    def report(self) -> HealthReport | None:
+        """The newest complete report."""
         return self._report
 
     @property
     def readiness(self) -> Readiness:
-        """The newest report in words."""
-        if self._untold_unix_s is not None:
+        """The newest report with texts."""
+        if self._unpublished_unix_s is not None:
             self._publish()
-        return self._told
+        return self._published
 
     @property
     def missing(self) -> bool:
-        """Whether events are missing that may still come."""
+        """Whether missing events may still arrive."""
         return self._stream.missing is not None
 
-    def against_arming(self, nav_state: int | None) -> tuple[str, ...]:
-        """Why it would not arm in a mode (None: in any), in words; empty where it would, or unknown."""
+    def arming_problems(self, nav_state: int | None) -> tuple[str, ...]:
+        """Texts of why it would not arm in a mode (None: any mode); empty if it would, or if unknown."""
         report = self._report
         if report is None:
             return ()
@@ -114,14 +114,14 @@ class HealthService:
         return tuple(f.cause for f in found)
 
     def use(self, definitions: Definitions) -> None:
-        """The vehicle's own words have come: what stands is told in them."""
+        """Applies the vehicle's metadata: the current report gets its texts."""
         self._definitions = definitions
         if self._report is not None:
-            findings = tuple(self._reworded(f) for f in self._report.findings)
+            findings = tuple(self._described_again(f) for f in self._report.findings)
             self._set(replace(self._report, findings=findings))
 
     async def learn(self, metadata: MetadataService) -> None:
-        """Has its events told in the vehicle's own words; raises as `metadata.events`."""
+        """Reads the texts of events from the vehicle's metadata; raises as `metadata.events`."""
         if self._definitions is not None:
             self._learning = False
             return
@@ -131,18 +131,18 @@ class HealthService:
         finally:
             self._learning = False
             self._learn_next_s = self._vehicle.clock.monotonic_s() + self._learn_again_s
-            self._learn_again_s = min(self._learn_again_s * 2, LEARN_AGAIN_LONGEST_S)
+            self._learn_again_s = min(self._learn_again_s * 2, MAX_LEARN_AGAIN_S)
 
-    def worded(self, event: VehicleEvent, waited_s: float) -> VehicleEvent | None:
-        """An event that came without words, with those that are known now; None: they may still come."""
+    def describe_again(self, event: VehicleEvent, waited_s: float) -> VehicleEvent | None:
+        """Adds the description to an event that had none; None if it may still arrive."""
         text, name, remedy = describe(event.id, event.arguments, self._definitions)
-        is_worded = has_words(event.id, self._definitions)
-        if not is_worded and self._learning and waited_s < LEARN_WAIT_S:
+        is_described = has_description(event.id, self._definitions)
+        if not is_described and self._learning and waited_s < LEARN_WAIT_S:
             return None
-        return replace(event, text=text, name=name, remedy=remedy, is_worded=is_worded)
+        return replace(event, text=text, name=name, remedy=remedy, is_described=is_described)
 
     async def check(self) -> Readiness:
-        """Has the vehicle run its checks now, and answers with what they say.
+        """Has the vehicle run its checks now, and returns the report.
 
         Raises:
             NoReply: no report came.
@@ -163,10 +163,10 @@ class HealthService:
         raise NoReply(
             f"Vehicle {vehicle.id} did not report its checks within {CHECK_DEADLINE_S:g} s.",
             deadline_s=CHECK_DEADLINE_S,
-            remedy="Check the link; only a PX4 tells its arming checks.",
+            remedy="Check the link; only PX4 reports its arming checks.",
         )
 
-    # --- written by the vehicle only ------------------------------------------------------------------
+    # --- called by the vehicle only -------------------------------------------------------------------
 
     def event(self, payload: bytes) -> None:
         """EVENT."""
@@ -178,8 +178,8 @@ class HealthService:
         lost = self._stream.lost
         ready = self._stream.take(event.sequence, event)
         if not self._is_of_report(event):
-            self._ask_for_words(event)
-            self._tell(event, late)
+            self._request_metadata(event)
+            self._on_event(event, late)
         self._take_in_order(ready, lost)
         self._ask_for_missing()
 
@@ -197,7 +197,7 @@ class HealthService:
         self._take_in_order(self._stream.gone(sequence, oldest), lost)
 
     def heard(self) -> None:
-        """First heard, or back: it is asked for its report, unless it tells by itself."""
+        """The vehicle is connected, or back: its report is requested unless it sends one."""
         self._asked, self._next_ask_s = 0, self._vehicle.clock.monotonic_s() + ASK_FIRST_AFTER_S
 
     def tick(self) -> None:
@@ -206,7 +206,7 @@ class HealthService:
         lost = self._stream.lost
         self._take_in_order(self._stream.give_up(now_s), lost)
         self._ask_for_missing()
-        if self._untold_unix_s is not None or self._offers() != self._told.offers:
+        if self._unpublished_unix_s is not None or self._offers() != self._published.offers:
             self._publish()
         identity = self._vehicle.identity
         if now_s < self._next_ask_s:
@@ -222,7 +222,7 @@ class HealthService:
         self._ask()
 
     def _reports_are_recent(self) -> bool:
-        reported = self._told.reported_unix_s
+        reported = self._published.reported_unix_s
         return reported is not None and self._vehicle.clock.unix_s() - reported < 2 * ASK_FIRST_AFTER_S
 
     def _changed(self) -> None:
@@ -233,20 +233,20 @@ class HealthService:
         self._stream.reset()
         self._joiner.abandon()
         self._newest_boot_ms = 0
-        self._report, self._told, self._untold_unix_s = None, readiness.NOTHING_KNOWN, None
+        self._report, self._published, self._unpublished_unix_s = None, readiness.NOTHING_KNOWN, None
         self._changed()
         self.heard()
 
-    def _ask_for_words(self, event: VehicleEvent) -> None:
-        """The first event that nobody has words for fetches the vehicle's own."""
+    def _request_metadata(self, event: VehicleEvent) -> None:
+        """The first event without a description fetches the vehicle's metadata."""
         identity = self._vehicle.identity
-        if event.is_worded or event.level >= LEVEL_PROTOCOL or self._definitions is not None:
+        if event.is_described or event.level >= LEVEL_PROTOCOL or self._definitions is not None:
             return
         now_s = self._vehicle.clock.monotonic_s()
         if self._learning or now_s < self._learn_next_s or identity.replayed or not identity.commandable:
             return
-        self._learning = True  # until it ends, as `learn` sees to
-        self._fetch_words()
+        self._learning = True  # reset by `learn` when it ends
+        self._fetch_metadata()
 
     def _ask_for_missing(self) -> None:
         if self._vehicle.identity.replayed:
@@ -295,41 +295,43 @@ class HealthService:
                     )
                 )  # fmt: skip
 
-    def _reworded(self, finding: Finding) -> Finding:
+    def _described_again(self, finding: Finding) -> Finding:
         text, name, remedy = describe(finding.id, finding.arguments, self._definitions)
         return replace(finding, cause=text, name=name, remedy=remedy)
 
-    def _set(self, report: Report) -> None:
+    def _set(self, report: HealthReport) -> None:
         clock = self._vehicle.clock
         words = "vehicle" if self._definitions is not None else "own"
         if (
-            self._untold_unix_s is None
+            self._unpublished_unix_s is None
             and readiness.unchanged(report, self._report)
-            and words == self._told.words
+            and words == self._published.words
         ):
-            self._told = replace(self._told, reported_unix_s=clock.unix_s())
+            self._published = replace(self._published, reported_unix_s=clock.unix_s())
             return
-        self._report, self._untold_unix_s = report, clock.unix_s()
-        if clock.monotonic_s() - self._told_s >= TOLD_EVERY_S:
+        self._report, self._unpublished_unix_s = report, clock.unix_s()
+        if clock.monotonic_s() - self._told_s >= REPORT_PERIOD_S:
             self._publish()
 
     def _offers(self) -> tuple[readiness.Offer, ...]:
-        facts = self._vehicle.facts
-        return readiness.offers(self._report, BY_CUSTOM_MODE.get(facts.custom_mode), facts.armed)
+        flight_state = self._vehicle.flight_state
+        return readiness.offers(
+            self._report, BY_CUSTOM_MODE.get(flight_state.custom_mode), flight_state.armed
+        )
 
     def _publish(self) -> None:
-        """Puts the newest report into words and tells that it has changed."""
+        """Adds texts to the newest report and publishes that it has changed."""
         report = self._report
         assert report is not None
         now_s = self._vehicle.clock.unix_s()
         words = "vehicle" if self._definitions is not None else "own"
         left_out = None if self._definitions is None else self._definitions.left_out
-        reported_unix_s = self._untold_unix_s or self._told.reported_unix_s or now_s
-        told = readiness.told(report, reported_unix_s, words, left_out)
-        self._told = replace(told, offers=self._offers())
-        self._untold_unix_s, self._told_s = None, self._vehicle.clock.monotonic_s()
+        reported_unix_s = self._unpublished_unix_s or self._published.reported_unix_s or now_s
+        told = readiness.readiness_of(report, reported_unix_s, words, left_out)
+        self._published = replace(told, offers=self._offers())
+        self._unpublished_unix_s, self._told_s = None, self._vehicle.clock.monotonic_s()
         self._changed()
-        mode = BY_CUSTOM_MODE.get(self._vehicle.facts.custom_mode)
+        mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
         self._vehicle.events.add(
             "readiness",
             now_s,

@@ -1,10 +1,9 @@
 """The vehicle's own description of its parameters and events, fetched by FTP only when asked for.
 
-COMPONENT_METADATA names a general document and its checksum, and that one names the others. What was fetched
-once is kept by vehicle and checksum: next time the vehicle is asked for one message and no file. Addresses on
-the internet that these documents name are never followed.
-
-The files are foreign: they are limited in size and read in a process of its own (`metadata_process.py`).
+COMPONENT_METADATA names a general document and its checksum, and that document names the others. Fetched
+files are cached by vehicle and checksum, so the next time only one message is requested. Internet addresses
+in these documents are never opened. The files are untrusted: their size is limited, and a process of its own
+reads them (`metadata_process.py`).
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from gcs_server.vehicle.event_definitions import Definitions
 from gcs_server.vehicle.foreign import Document
 from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged, FileEntry
 from gcs_server.vehicle.metadata_process import DocumentReader
-from gcs_server.vehicle.param_facts import Facts
+from gcs_server.vehicle.param_metadata import MetadataByName
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import is_our_ack
@@ -34,15 +33,15 @@ ASK_TIMES, ASK_EVERY_S = 6, 0.5
 FETCH_TIMES = 2
 _uri = re.compile(r"mftp://(?:\[?;comp=(\d{1,3})\]?)?/?(.{1,200})")
 
-Aside = Callable[[Callable[[], Any]], Awaitable[Any]]
-"""Runs a function where it does not hold up the event loop."""
+RunInThread = Callable[[Callable[[], Any]], Awaitable[Any]]
+"""Runs a function without blocking the event loop."""
 ReadDocument = Callable[[int, bytes, int], Awaitable[Document[Any, Any]]]
-"""(kind, packed file, its checksum) → what it says; raises Damaged or ValueError."""
+"""(kind, packed file, its checksum) → document; raises Damaged or ValueError."""
 
 Result = TypeVar("Result")
 
 _reader = DocumentReader()
-"""One for the server: its vehicles' files are read one after the other."""
+"""One for the whole server: files of all vehicles are read one after the other."""
 
 
 class MetadataMissing(GcsError):
@@ -52,14 +51,14 @@ class MetadataMissing(GcsError):
 
 
 class MetadataService:
-    """One vehicle's.
+    """Metadata of one vehicle.
 
     Args:
-        vehicle: whose.
-        ftp: reads its files.
-        cache: where documents are kept; None keeps none.
-        aside: `asyncio.to_thread` but in tests.
-        read: reads a file in a process of its own but in tests.
+    vehicle: the vehicle.
+    ftp: reads its files.
+    cache: stores documents; None: no cache.
+    run_in_thread: `asyncio.to_thread`, except in tests.
+    read: reads a file in a process of its own, except in tests.
     """
 
     def __init__(
@@ -67,32 +66,32 @@ class MetadataService:
         vehicle: VehiclePort,
         ftp: FtpService,
         cache: Cache | None = None,
-        aside: Aside = asyncio.to_thread,
+        run_in_thread: RunInThread = asyncio.to_thread,
         read: ReadDocument = _reader.read,
     ) -> None:
         self._vehicle = vehicle
         self._ftp = ftp
         self.cache = cache
-        self.aside = aside
+        self.run_in_thread = run_in_thread
         self.read = read
         self._lock = asyncio.Lock()
         self._parsed: dict[int, tuple[int, Document[Any, Any]]] = {}
-        """By kind: (checksum, what it says)."""
+        """By kind: (checksum, document)."""
 
     def keep_in(self, cache: Cache) -> None:
-        """From now on."""
+        """Uses this cache from now on."""
         self.cache = cache
 
-    async def parameters(self) -> Facts:
-        """Of all parameters the firmware has; by name.
+    async def parameters(self) -> MetadataByName:
+        """Metadata of all parameters of the firmware, by name.
 
         Raises:
-            MetadataMissing, FtpFailed, NoReply: it could not be had.
+            MetadataMissing, FtpFailed, NoReply: it is not available.
         """
         return await self._load(PARAMETERS)
 
     async def events(self) -> Definitions:
-        """Of all events the firmware has; raises as `parameters`."""
+        """Metadata of all events of the firmware; raises as `parameters`."""
         return await self._load(EVENTS)
 
     async def _load(self, kind: int) -> Document[Any, Any]:
@@ -101,7 +100,9 @@ class MetadataService:
             general = await self._general()
             entry = next((e for e in general if e.kind == kind), None)
             if entry is None:
-                raise MetadataMissing(f"Vehicle {self._vehicle.id} describes no {NAMES[kind]}.")
+                raise MetadataMissing(
+                    f"Vehicle {self._vehicle.id} provides no metadata of its {NAMES[kind]}."
+                )
             held = self._parsed.get(kind)
             if held is not None and held[0] == entry.crc and entry.crc:
                 return held[1]
@@ -114,9 +115,9 @@ class MetadataService:
         entry = FileEntry(0, _text(message.uri), int(message.file_crc))
 
         async def read(packed: bytes, crc: int) -> list[FileEntry]:
-            return await self.aside(functools.partial(metadata_files.read_general, packed, crc))
+            return await self.run_in_thread(functools.partial(metadata_files.read_general, packed, crc))
 
-        most = metadata_files.MOST_GENERAL_PACKED_BYTES
+        most = metadata_files.MAX_GENERAL_PACKED_BYTES
         return await self._document(entry, "metadata", read, most)
 
     async def _announced(self) -> Reply:
@@ -145,7 +146,7 @@ class MetadataService:
                             elif is_our_ack(message, vehicle, d.MAV_CMD_REQUEST_MESSAGE) and (
                                 message.result not in (d.MAV_RESULT_ACCEPTED, d.MAV_RESULT_IN_PROGRESS)
                             ):
-                                refusals += 1  # it may be meant for another request: a second try tells
+                                refusals += 1  # it may belong to another request, so there is a second try
                                 break
                 except TimeoutError:
                     continue
@@ -163,13 +164,13 @@ class MetadataService:
         entry: FileEntry,
         what: str,
         read: Callable[[bytes, int], Awaitable[Result]],
-        most_bytes: int = metadata_files.MOST_PACKED_BYTES,
+        most_bytes: int = metadata_files.MAX_PACKED_BYTES,
     ) -> Result:
-        """A file that is read; from the cache, or fetched and kept."""
+        """Reads a document from the cache, or fetches and caches it."""
         name, cache = self._cache_name(entry.crc), self.cache if entry.crc else None
         kept: bytes | None = None
         if cache is not None:
-            kept = await self.aside(functools.partial(cache.read, name))
+            kept = await self.run_in_thread(functools.partial(cache.read, name))
         for attempt in range(FETCH_TIMES + 1):
             packed = kept if kept is not None else await self._fetch(entry.uri, most_bytes)
             try:
@@ -182,7 +183,7 @@ class MetadataService:
             except (ValueError, RecursionError) as error:
                 raise self._unusable(what, error) from error
             if cache is not None and kept is None:
-                await self.aside(functools.partial(cache.write, name, packed))
+                await self.run_in_thread(functools.partial(cache.write, name, packed))
             return result
         raise AssertionError("the loop returns or raises")
 
@@ -202,7 +203,7 @@ class MetadataService:
         )
 
     def _cache_name(self, crc: int) -> str:
-        """Of this vehicle: another could forge the checksum of its file."""
+        """The name includes the vehicle, because another one could forge the checksum of its file."""
         identity = self._vehicle.identity
         uid = "".join(c for c in identity.uid or "none" if c.isascii() and c.isalnum())[:40]
         return f"metadata-{uid}-{identity.system_id}-{crc:08x}"

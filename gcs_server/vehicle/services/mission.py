@@ -1,9 +1,8 @@
-"""What a vehicle flies by itself (mission, geofence, rally points): uploaded, verified, downloaded, cleared.
+"""Uploads, verifies, downloads and clears a vehicle's mission, geofence and rally points.
 
-An upload is done when what the vehicle then gives back is what was sent. PX4's ids (MISSION_CURRENT) alone
-would not do: they are the vehicle's own sums over what it received, so they say that nothing changed since,
-not what it is. The ids that a verified transfer ended with are kept; while the vehicle reports them, it holds
-that plan.
+An upload is complete when a download returns what was sent. PX4's ids (MISSION_CURRENT) are not enough: they
+are checksums of what the vehicle received, and show only that nothing has changed since. The ids after a
+verified transfer are stored; while the vehicle reports them, it has that plan.
 """
 
 from __future__ import annotations
@@ -36,16 +35,16 @@ from gcs_server.vehicle.services.mission_held import (
     PlanName,
     Uploaded,
     current_of,
-    holding_words,
+    held_text,
     ids_of,
 )
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Request
 from missions.formats.mavlink_items import WireItem
 
-Progress = Callable[[str, float | None], None]
+ReportProgress = Callable[[str, float | None], None]
 CANCEL_LISTEN_S = 1.0
-"""After a cancel: where the vehicle still asks, the cancel was lost and is sent again."""
+"""After a cancel: if the vehicle still requests items, the cancel was lost and is sent again."""
 IDS_DEADLINE_S = 4.0
 ASK_IDS_S = 0.5
 SET_CURRENT_S = 6.0
@@ -59,7 +58,7 @@ _MESSAGES = (
 
 
 class MissionService:
-    """Transfers with one vehicle, one at a time.
+    """Transfers to and from one vehicle, one at a time.
 
     Every method raises Refused without sending, Rejected with the vehicle's reasons, NoReply, Disconnected.
     """
@@ -72,7 +71,7 @@ class MissionService:
 
     @property
     def doing(self) -> str | None:
-        """The running transfer, for people."""
+        """Text of the running transfer."""
         return self._doing
 
     def ids(self) -> Ids | None:
@@ -83,7 +82,7 @@ class MissionService:
         return ids_of(sample.value)
 
     def holds(self) -> Literal["plan", "another", "not_known"]:
-        """Whether the vehicle holds the plan of the last transfer (`held`)."""
+        """Whether the vehicle has the plan of the last transfer (`held`)."""
         held, ids = self.held, self.ids()
         if (
             held is None
@@ -94,13 +93,17 @@ class MissionService:
             return "not_known"
         return "plan" if ids == held.ids else "another"
 
-    async def upload(self, items: Items, plan: PlanName, *, progress: Progress | None = None) -> Uploaded:
+    async def upload(
+        self, items: Items, plan: PlanName, *, progress: ReportProgress | None = None
+    ) -> Uploaded:
         """Replaces mission, geofence and rally points, and reads them back.
 
-        A part without items is cleared. Cancelled, the vehicle keeps what it had of the part under way.
+        A part without items is cleared. If cancelled, the vehicle keeps its previous items of the current
+        part.
 
         Raises:
-            Rejected: the vehicle refuses an item, or holds something else afterwards; says what it holds.
+            Rejected: the vehicle refuses an item, or has something else afterwards; the text says what it
+                has.
         """
         with self._transfer("an upload"):
             tell = _Shares(progress, 2 * sum(len(items[part]) for part in PARTS))
@@ -113,21 +116,21 @@ class MissionService:
                 held = await self._read(tell, "Verifying")
             except GcsError as error:
                 after = None if isinstance(error, Disconnected) else await self._fresh_ids()
-                error.message += " " + holding_words(done, before, after)
+                error.message += " " + held_text(done, before, after)
                 error.args = (error.message,)
                 raise
             self.held = held
             found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
             if wrong := [each for each in found if each.essential]:
                 raise Rejected(
-                    f"Vehicle {self._vehicle.id} does not hold what was sent: {wrong[0].words()}.",
-                    reasons=tuple(each.words() for each in wrong),
+                    f"Vehicle {self._vehicle.id} has something else than was sent: {wrong[0].text()}.",
+                    reasons=tuple(each.text() for each in wrong),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
             self.held = Held(held.items, held.ids, plan, held.at_unix_s)
             return Uploaded(self.held, found)
 
-    async def download(self, *, progress: Progress | None = None) -> Held:
+    async def download(self, *, progress: ReportProgress | None = None) -> Held:
         """Reads mission, geofence and rally points."""
         with self._transfer("a download"):
             read = await self._read(_Shares(progress, 0), "Downloading")
@@ -139,7 +142,7 @@ class MissionService:
             return self.held
 
     async def clear(self) -> None:
-        """Has the vehicle forget mission, geofence and rally points."""
+        """Clears mission, geofence and rally points on the vehicle."""
         with self._transfer("clearing"):
             for part in PARTS:
                 await self._talk(Clear(self._target(), part), None)
@@ -148,15 +151,15 @@ class MissionService:
             self.held = Held(empty, ids or dict.fromkeys(PARTS, 0), None, self._vehicle.clock.unix_s())
             if ids is not None and any(ids.values()):
                 raise Rejected(
-                    f"Vehicle {self._vehicle.id} acknowledged, but still holds items.",
+                    f"Vehicle {self._vehicle.id} acknowledged, but still has items.",
                     remedy="Another station may have uploaded meanwhile.",
                 )
 
     async def set_current(self, seq: int) -> None:
-        """Which item of the mission is flown next; returns once the vehicle reports it.
+        """Sets the current mission item; returns once the vehicle reports it.
 
         Raises:
-            NoReply: it does not; PX4 is silent about items that there are not.
+            NoReply: it does not report it; PX4 does not answer for items that do not exist.
         """
         vehicle = self._vehicle
         vehicle.require_commandable()
@@ -175,11 +178,11 @@ class MissionService:
 
     @contextmanager
     def _transfer(self, what: str) -> Generator[None]:
-        """While one runs, no other begins."""
+        """Allows only one transfer at a time."""
         self._vehicle.require_commandable()
         if self._doing is not None:
             raise Refused(
-                f"Vehicle {self._vehicle.id} has {self._doing} under way; two at once are not possible.",
+                f"Vehicle {self._vehicle.id} is busy with {self._doing}; only one can run at a time.",
                 remedy="Wait until it is done, or cancel it.",
             )
         self._doing = what
@@ -197,7 +200,7 @@ class MissionService:
         tell.add(len(items))
 
     async def _read(self, tell: _Shares, doing: str) -> Held:
-        """All three parts, of one moment: read again where the vehicle's ids changed meanwhile."""
+        """Reads all three parts consistently: again, if the vehicle's ids changed meanwhile."""
         for _ in range(2):
             items: dict[Part, Sequence[WireItem]] = {}
             ids: Ids = {}
@@ -212,7 +215,7 @@ class MissionService:
                 return Held(items, after or ids, None, self._vehicle.clock.unix_s())
             tell.restart()
         raise Rejected(
-            f"What vehicle {self._vehicle.id} holds changed twice while it was read.",
+            f"The plan on vehicle {self._vehicle.id} changed twice while it was read.",
             remedy="Another station is uploading: wait until it is done.",
         )
 
@@ -237,7 +240,7 @@ class MissionService:
                 raise
 
     async def _cancel(self, dialogue: Dialogue, waiter: Waiter) -> None:
-        """PX4 does not answer a cancel: it is sent again while the vehicle still asks."""
+        """PX4 does not answer a cancel: it is sent again while the vehicle still requests items."""
         self._send(dialogue.cancel())
         end_s = self._vehicle.clock.monotonic_s() + CANCEL_LISTEN_S
         with suppress(TimeoutError, GcsError):
@@ -254,7 +257,7 @@ class MissionService:
     async def _ask_current(
         self, good: Callable[[Reply], bool], deadline_s: float, request: MAVLink_message | None
     ) -> Mission | None:
-        """MISSION_CURRENT as the vehicle now has it; None within the deadline."""
+        """Requests MISSION_CURRENT; None if it does not arrive in time."""
         vehicle = self._vehicle
         identity = vehicle.identity
         ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(d.MAVLINK_MSG_ID_MISSION_CURRENT), 0, 0, 0, 0, 0, 0))
@@ -299,19 +302,19 @@ class MissionService:
 
 
 class _Shares:
-    """Progress of several dialogues as one.
+    """Combines the progress of several dialogues.
 
     Args:
-        total: items of all of them; 0: not known, then each dialogue's own share is told.
+        total: number of items of all; 0: unknown, then each dialogue reports its own share.
     """
 
-    def __init__(self, progress: Progress | None, total: int) -> None:
+    def __init__(self, progress: ReportProgress | None, total: int) -> None:
         self._progress = progress
         self._total = total
         self._before = 0
 
     def of(self, text: str) -> Callable[[Dialogue], None]:
-        """What is told of one dialogue."""
+        """Progress function for one dialogue."""
 
         def tell(dialogue: Dialogue) -> None:
             if self._progress is None:
@@ -332,5 +335,5 @@ class _Shares:
         self._before += count
 
     def restart(self) -> None:
-        """The total is not known any more."""
+        """Forgets the total."""
         self._total = 0

@@ -1,8 +1,8 @@
-"""Whether what a vehicle holds is what was sent, item by item; pure.
+"""Compares a vehicle's items with those that were sent; pure.
 
-PX4 gives items back in its own form: frames with _INT, and `current` where its mission stands. A parameter
-that it does not keep comes back as 0 or not at all: that is told, not refused. Whatever else differs is
-another plan.
+PX4 returns items in its own form: frames with _INT, and `current` at its current item. A parameter that it
+does not store is returned as 0 or NaN: this is reported, not refused. Any other difference means another
+plan.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from gcs_server.vehicle.services.mission_dialogue import NAME_OF, Part
 from missions.formats.mavlink_items import WireItem
 
 INT_FRAMES = {0: 5, 3: 6, 10: 11}
-"""MAV_FRAME → the same with _INT."""
+"""MAV_FRAME → the same frame with _INT."""
 MAX_DIFFERENCES = 50
 _FIELDS = ("command", "frame", "x", "y", "z", "autocontinue", "param1", "param2", "param3", "param4")
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One value that is another on the vehicle."""
+    """One value that differs on the vehicle."""
 
     part: Part
     seq: int | None
@@ -30,14 +30,14 @@ class Difference:
     field: str
     """count, command, frame, x, y, z, param1 … param4, autocontinue: as MISSION_ITEM_INT has them."""
     planned: float | None
-    """None: no number."""
+    """Planned value; null: not set."""
     held: float | None
-    """What the vehicle has; None: no number."""
+    """What the vehicle has; Planned value; null: not set."""
     essential: bool
-    """The vehicle would fly something else; false: a parameter that it does not keep."""
+    """Whether the flight changes; false: a parameter that the vehicle does not store."""
 
-    def words(self) -> str:
-        """A sentence without its full stop."""
+    def text(self) -> str:
+        """The difference as a sentence without full stop."""
         if self.seq is None:
             return f"the {NAME_OF[self.part]} has {self.held:g} items, the plan {self.planned:g}"
         return (
@@ -47,7 +47,7 @@ class Difference:
 
 
 def differences(part: Part, planned: Sequence[WireItem], held: Sequence[WireItem]) -> list[Difference]:
-    """All differences of one part, at most `MAX_DIFFERENCES`; those that matter first."""
+    """Differences of one part, at most `MAX_DIFFERENCES`; essential ones first."""
     if len(planned) != len(held):
         return [Difference(part, None, "count", len(planned), len(held), essential=True)]
     found: list[Difference] = []

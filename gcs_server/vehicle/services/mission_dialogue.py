@@ -1,8 +1,8 @@
-"""The mission protocol as pure state machines: messages and time in, messages out. No link, no waiting.
+"""The mission protocol as pure state machines with messages and time as input and messages as output.
 
-One dialogue moves one part of a plan (mission, fence or rally points) in one direction. PX4 asks for each
-item of an upload itself, again every 0.25 s, and gives a transfer up after 5 s of silence, with a text but no
-acknowledgement. It stores an upload when the last item has come: until then it keeps what it had.
+One dialogue moves one part of a plan (mission, fence or rally points) in one direction. PX4 requests each
+item of an upload, repeats this every 0.25 s, and cancels a transfer after 5 s of silence, with a text but no
+acknowledgement. It stores an upload when the last item has arrived; until then it keeps the previous items.
 https://mavlink.io/en/services/mission.html
 """
 
@@ -22,7 +22,7 @@ from missions.formats.mavlink_items import WireItem
 
 Part = Literal["mission", "fence", "rally"]
 PARTS: tuple[Part, ...] = ("fence", "rally", "mission")
-"""In the order of an upload: a mission is not flown in an older fence."""
+"""In the order of an upload, so that a mission is not flown with an older fence."""
 TYPE_OF: dict[Part, int] = {
     "mission": d.MAV_MISSION_TYPE_MISSION,
     "fence": d.MAV_MISSION_TYPE_FENCE,
@@ -32,26 +32,29 @@ NAME_OF: dict[Part, str] = {"mission": "mission", "fence": "geofence", "rally": 
 """For people."""
 
 RESEND_S = 0.5
-"""Until the vehicle has answered the first message of a dialogue."""
+"""Period of the first message of a dialogue until the vehicle answers."""
 ITEM_RESEND_S = 0.3
-"""Of a download; the protocol's own is 0.25 s."""
+"""Period of item requests in a download; the protocol suggests 0.25 s."""
 FIRST_ITEM_S = 1.5
-"""Where the first item does not come, the vehicle may have taken a late message for this download's end."""
+"""If the first item does not arrive by then, the vehicle may have mistaken a late message for the end of this
+download."""
 BUSY_RETRIES_S = (1.0, 1.0, 6.0)
-"""Waits after "busy". The last is longer than PX4's timeout: a transfer whose station went is over then."""
+"""Waiting times after "busy". The last is longer than PX4's timeout, so that an abandoned transfer of another
+station is over."""
 SILENT_S = 8.0
-"""Longer than PX4's timeout of 5 s: a dialogue that is this silent is over on both sides."""
+"""Longer than PX4's timeout of 5 s: after this silence a dialogue is over on both sides."""
 ACK_S = 3.0
-"""After the last item: the acknowledgement was lost. PX4 would have asked for the item again ten times."""
+"""After this time without a request, the last acknowledgement was lost: PX4 would have repeated its request
+ten times."""
 MAX_RESTARTS = 3
 MAX_ITEMS = 10_000
-"""A vehicle that says that it has more is not believed."""
+"""Larger counts from a vehicle are refused."""
 
-RESULT_WORDS = {
+RESULT_TEXT = {
     d.MAV_MISSION_ERROR: "not accepted",
     d.MAV_MISSION_UNSUPPORTED_FRAME: "its altitude reference (frame) is not supported",
     d.MAV_MISSION_UNSUPPORTED: "this command is not supported in a mission",
-    d.MAV_MISSION_NO_SPACE: "there is no room for so many items",
+    d.MAV_MISSION_NO_SPACE: "there is no room for that many items",
     d.MAV_MISSION_INVALID: "a value is invalid",
     d.MAV_MISSION_INVALID_SEQUENCE: "out of sequence",
     d.MAV_MISSION_DENIED: "denied",
@@ -66,7 +69,7 @@ _float32 = struct.Struct("<f")
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Whom a dialogue is with."""
+    """The vehicle of a dialogue."""
 
     vehicle_id: str
     system_id: int
@@ -74,7 +77,7 @@ class Target:
 
 
 class Dialogue(ABC):
-    """What upload, download and clearing have in common."""
+    """Base of upload, download and clearing."""
 
     def __init__(self, target: Target, part: Part) -> None:
         self.target = target
@@ -84,19 +87,19 @@ class Dialogue(ABC):
         self.wake_s = float("inf")
         """When `tick` is due [s, monotonic]."""
         self.opaque_id: int | None = None
-        """The vehicle's own id of what it holds, where it said one."""
+        """The vehicle's id of the stored items, if it has sent one."""
         self._heard_s = float("-inf")
         self._began_s = float("-inf")
 
     @property
     @abstractmethod
     def count(self) -> int | None:
-        """How many items there are; None: not known yet."""
+        """Number of items; None if not known yet."""
 
     @property
     @abstractmethod
     def moved(self) -> int:
-        """How many items have been transferred."""
+        """Number of transferred items."""
 
     def start(self, now_s: float) -> list[MAVLink_message]:
         """The first messages."""
@@ -105,23 +108,23 @@ class Dialogue(ABC):
 
     @abstractmethod
     def tick(self, now_s: float) -> list[MAVLink_message]:
-        """What is to be sent again.
+        """Messages to send again.
 
         Raises:
-            NoReply: the vehicle has been silent for too long.
-            Rejected: it is busy for too long.
+        NoReply: the vehicle has been silent for too long.
+        Rejected: it is busy for too long.
         """
 
     @abstractmethod
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
-        """What to send after a message of the vehicle about this part.
+        """Messages to send after a message of the vehicle.
 
         Raises:
-            Rejected: the vehicle refuses.
+        Rejected: the vehicle refuses.
         """
 
     def cancel(self) -> list[MAVLink_message]:
-        """Ends the transfer on the vehicle, too; PX4 does not answer."""
+        """Message that cancels the transfer on the vehicle; PX4 does not answer it."""
         return [self._ack(d.MAV_MISSION_OPERATION_CANCELLED)]
 
     def _ack(self, result: int) -> MAVLink_message:
@@ -139,16 +142,16 @@ class Dialogue(ABC):
 
 
 class Upload(Dialogue):
-    """Sends one part's items as the vehicle asks for them; at least one."""
+    """Sends the items of one part as the vehicle requests them; at least one item."""
 
     def __init__(self, target: Target, part: Part, items: Sequence[WireItem]) -> None:
         super().__init__(target, part)
         self._items = items
         self._asked = -1
-        """The highest item that the vehicle has asked for."""
+        """Highest item that the vehicle has requested."""
         self._busy = 0
         self.confirmed = False
-        """The vehicle acknowledged it; else only what it then holds tells."""
+        """Whether the vehicle acknowledged the upload; if not, only a download shows the result."""
 
     @property
     def count(self) -> int:
@@ -176,7 +179,7 @@ class Upload(Dialogue):
             return []
         self.wake_s = now_s + RESEND_S
         begin = d.MAVLink_mission_count_message(*self._to(), len(self._items), self.kind)
-        # A transfer of our own whose last message was lost may keep the vehicle busy: end it.
+        # An earlier transfer whose last message was lost may keep the vehicle busy: cancel it.
         return [*self.cancel(), begin] if self._busy else [begin]
 
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
@@ -196,12 +199,12 @@ class Upload(Dialogue):
             if self._all_sent:
                 self.done = self.confirmed = True
                 self.opaque_id = message.opaque_id or None
-            return  # before: of an older dialogue
+            return  # earlier acknowledgements belong to an older dialogue
         if result == d.MAV_MISSION_ERROR and self._asked < 0:
             self._take_busy(now_s)
         elif result == d.MAV_MISSION_ERROR and self._all_sent:
-            self.done = True  # the item came twice, or it was refused: what the vehicle holds tells
-        elif result != d.MAV_MISSION_INVALID_SEQUENCE:  # after which the vehicle asks for the right one
+            self.done = True  # the item arrived twice, or it was refused: a download shows the result
+        elif result != d.MAV_MISSION_INVALID_SEQUENCE:  # then the vehicle requests the right item
             raise self._refused(result)
 
     def _take_busy(self, now_s: float) -> None:
@@ -216,7 +219,7 @@ class Upload(Dialogue):
         self._busy += 1
 
     def _refused(self, result: int) -> Rejected:
-        words = RESULT_WORDS.get(result, f"result {result}")
+        words = RESULT_TEXT.get(result, f"result {result}")
         vehicle, name = self.target.vehicle_id, NAME_OF[self.part]
         if self._asked < 0:
             return Rejected(f"Vehicle {vehicle} refused the {name}: {words}.", reasons=(words,))
@@ -224,12 +227,12 @@ class Upload(Dialogue):
             f"Vehicle {vehicle} refused item {self._asked + 1} of the {name} "
             f"(command {self._items[self._asked].command}): {words}.",
             reasons=(words,),
-            remedy="Change or remove the item; the vehicle keeps what it held before.",
+            remedy="Change or remove the item; the vehicle keeps its previous items.",
         )
 
 
 class Download(Dialogue):
-    """Asks for one part's items, one after the other."""
+    """Requests the items of one part, one after the other."""
 
     def __init__(self, target: Target, part: Part) -> None:
         super().__init__(target, part)
@@ -256,7 +259,7 @@ class Download(Dialogue):
             self._count = None
         again = self._count is None and now_s > self._began_s
         self.wake_s = now_s + (RESEND_S if self._count is None else ITEM_RESEND_S)
-        # A transfer of our own whose last message was lost may keep the vehicle busy: end it.
+        # An earlier transfer whose last message was lost may keep the vehicle busy: cancel it.
         return [*self.cancel(), self._request()] if again else [self._request()]
 
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
@@ -301,9 +304,9 @@ class Download(Dialogue):
         return self._next(now_s)
 
     def _take_refusal(self, message: Reply, now_s: float) -> list[MAVLink_message]:
-        """The vehicle's transfer has ended, or its mission has changed: from the beginning."""
+        """The vehicle has ended the transfer, or its mission has changed: starts again."""
         if self._restarts >= MAX_RESTARTS:
-            words = RESULT_WORDS.get(message.type, f"result {message.type}")
+            words = RESULT_TEXT.get(message.type, f"result {message.type}")
             raise Rejected(
                 f"Vehicle {self.target.vehicle_id} ended the download of the {NAME_OF[self.part]}: {words}.",
                 reasons=(words,),
@@ -319,7 +322,7 @@ class Download(Dialogue):
 
 
 class Clear(Dialogue):
-    """Has the vehicle forget one part; asked again, it does nothing more."""
+    """Clears one part; repeating the request changes nothing."""
 
     @property
     def count(self) -> int:
@@ -333,7 +336,7 @@ class Clear(Dialogue):
         if now_s - self._began_s >= SILENT_S:
             raise self._silent(f"to the request to clear the {NAME_OF[self.part]}")
         self.wake_s = now_s + RESEND_S
-        # A transfer of our own whose last message was lost may keep the vehicle busy: end it.
+        # An earlier transfer whose last message was lost may keep the vehicle busy: cancel it.
         again = self.cancel() if now_s > self._began_s else []
         return [*again, d.MAVLink_mission_clear_all_message(*self._to(), self.kind)]
 
@@ -342,7 +345,7 @@ class Clear(Dialogue):
             if message.type == d.MAV_MISSION_ACCEPTED:
                 self.done = True
             elif message.type != d.MAV_MISSION_ERROR:
-                words = RESULT_WORDS.get(message.type, f"result {message.type}")
+                words = RESULT_TEXT.get(message.type, f"result {message.type}")
                 raise Rejected(
                     f"Vehicle {self.target.vehicle_id} did not clear its {NAME_OF[self.part]}: {words}.",
                     reasons=(words,),

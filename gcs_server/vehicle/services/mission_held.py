@@ -1,4 +1,4 @@
-"""What a vehicle holds, as far as it is known: by the items of a transfer, and by the vehicle's own ids."""
+"""The plan on a vehicle as far as known: from the items of a transfer, and from the vehicle's ids."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from missions.formats.mavlink_items import WireItem
 
 Items = Mapping[Part, Sequence[WireItem]]
 Ids = dict[Part, int]
-"""Of each part the vehicle's own id of what it holds; 0: nothing."""
+"""By part: the vehicle's id of the stored items; 0: none."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanName:
-    """Which plan a transfer was about."""
+    """The plan of a transfer."""
 
     id: str | None
-    """The plan's id on this server; null: it is not kept here."""
+    """Id of the stored plan; null: not stored on this server."""
     version: int | None
     name: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What a vehicle held when a transfer with it ended."""
+    """Items on a vehicle at the end of a transfer."""
 
     items: Items
     ids: Ids
     plan: PlanName | None
-    """The plan that it is, where it was uploaded from here or compared equal; None: only downloaded."""
+    """The plan, if it was uploaded from here or compared equal; None: only downloaded."""
     at_unix_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class Uploaded:
-    """What an upload came to."""
+    """Result of an upload."""
 
     held: Held
     not_kept: list[Difference] = field(default_factory=list[Difference])
-    """Parameters that the vehicle does not keep."""
+    """Parameters that the vehicle does not store."""
 
 
 def ids_of(mission: Mission) -> Ids:
@@ -53,7 +53,7 @@ def ids_of(mission: Mission) -> Ids:
 
 
 def current_of(message: Reply) -> Mission:
-    """From a MISSION_CURRENT; `reached` is not in it."""
+    """From a MISSION_CURRENT, which does not contain `reached`."""
     return Mission(
         message.seq,
         item_count(message.total),
@@ -64,17 +64,17 @@ def current_of(message: Reply) -> Mission:
     )
 
 
-def holding_words(done: Sequence[Part], before: Ids | None, after: Ids | None) -> str:
-    """What a vehicle holds after an upload that failed, as sentences."""
+def held_text(done: Sequence[Part], before: Ids | None, after: Ids | None) -> str:
+    """Sentences about the vehicle's items after a failed upload."""
     if after is None or before is None:
         if not done:
-            return "What the vehicle holds now is not known: download it before you fly."
+            return "It is not known what is on the vehicle now: download it before you fly."
         names = " and ".join(NAME_OF[part] for part in done)
         return f"The {names} of the plan have arrived; the rest is not known: download it before you fly."
     changed: list[Part] = [part for part in PARTS if before[part] != after[part]]
     if not changed:
-        return "The vehicle still holds what it held before."
+        return "The vehicle still has its previous items."
     new = " and ".join(NAME_OF[part] for part in changed)
     old = " and ".join(NAME_OF[part] for part in PARTS if part not in changed)
     kept = f" Its {old} are as before." if old else ""
-    return f"The vehicle now holds a new {new}.{kept}"
+    return f"The vehicle now has a new {new}.{kept}"

@@ -15,7 +15,7 @@ from gcs_server.mavlink.codec import encode_payload
 from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.param_table import (
     HASH_NAME,
-    MOST_PARAMETERS,
+    MAX_PARAMETERS,
     NO_INDEX,
     ParamReport,
     ParamTable,
@@ -26,27 +26,27 @@ from gcs_server.vehicle.services.port import VehiclePort
 
 LIST_TIMES = 4
 FIRST_SILENCE_S, SILENCE_S = 2.0, 1.0
-"""PX4 sends the list at a part of the link's rate: on a slow one values are tenths of a second apart."""
+"""PX4 sends the list at a part of the link's rate: on a slow link values are tenths of a second apart."""
 AT_ONCE = 10
 """Missing indexes requested at once."""
 GAP_PATIENCE_S = 0.5
 ROUNDS_WITHOUT_NEWS = 12
 HASH_TIMES, HASH_EVERY_S = 4, 0.5
 RESTARTS = 3
-READ_WITHIN_S = 600.0
-"""The whole list, on the slowest link."""
-MOST_VALUES_WITHOUT_NEWS = 5_000
-"""Most known values in a row; after that the vehicle is taken to repeat itself without end."""
+READ_TIMEOUT_S = 600.0
+"""Time for the whole list, on the slowest link."""
+MAX_REPEATED_VALUES = 5_000
+"""After this many known values in a row, the vehicle is considered to repeat itself endlessly."""
 TURN_AFTER_VALUES = 100
-"""Values taken in a row before other tasks of the event loop get a turn."""
+"""Values handled in a row before the event loop does other work."""
 
-Progress = Callable[[], None]
+ReportValue = Callable[[], None]
 
 
 class ParamReader:
     """Reads the parameter list once."""
 
-    def __init__(self, vehicle: VehiclePort, progress: Progress) -> None:
+    def __init__(self, vehicle: VehiclePort, progress: ReportValue) -> None:
         self._vehicle = vehicle
         self._progress = progress
 
@@ -65,18 +65,18 @@ class ParamReader:
         """Fills a new table; starts again with another one if the list's length changes while it is read.
 
         Args:
-            table: makes an empty table to fill.
+            table: returns an empty table.
 
         Raises:
-            NoReply: the vehicle fell silent, or its list is too long or never complete.
+            NoReply: the vehicle stopped sending, or its list is too long or never complete.
         """
         try:
-            async with asyncio.timeout(READ_WITHIN_S):
+            async with asyncio.timeout(READ_TIMEOUT_S):
                 for _ in range(RESTARTS):
                     if await self._fill(table()):
                         return
         except TimeoutError:
-            raise self._given_up(f"they were not complete within {READ_WITHIN_S:.0f} s") from None
+            raise self._given_up(f"they were not complete within {READ_TIMEOUT_S:.0f} s") from None
         raise NoReply(
             f"The parameters of vehicle {self._vehicle.id} changed in number while they were read.",
             deadline_s=0.0,
@@ -107,7 +107,7 @@ class ParamReader:
             if idle >= ROUNDS_WITHOUT_NEWS:
                 raise NoReply(
                     f"Vehicle {self._vehicle.id} sent {table.filled} of {table.count} parameters, "
-                    "then fell silent.",
+                    "then stopped sending.",
                     deadline_s=ROUNDS_WITHOUT_NEWS * GAP_PATIENCE_S,
                     remedy="Check the link, then ask again.",
                 )
@@ -128,7 +128,7 @@ class ParamReader:
         silence_s: float,
         wanted: frozenset[int] | None = None,
     ) -> bool:
-        """Takes values until silence, or until all that are wanted are there; False: the list changed."""
+        """Receives values until none arrive or all wanted ones have; False if the list changed."""
         patience_s = first_s
         taken = useless = 0
         left = set(wanted) if wanted is not None else None
@@ -136,16 +136,16 @@ class ParamReader:
             report = await self._next(waiter, patience_s)
             if report is None:
                 return True
-            if report.count > MOST_PARAMETERS and report.index != NO_INDEX:
+            if report.count > MAX_PARAMETERS and report.index != NO_INDEX:
                 raise self._given_up(
-                    f"it reports {report.count:,} parameters; at most {MOST_PARAMETERS:,} are read"
+                    f"it reports {report.count:,} parameters; at most {MAX_PARAMETERS:,} are read"
                 )
             before = table.filled
             if not table.put(report):
                 return False
             useless = 0 if table.filled > before else useless + 1
-            if useless > MOST_VALUES_WITHOUT_NEWS:
-                raise self._given_up("it repeats itself without end")
+            if useless > MAX_REPEATED_VALUES:
+                raise self._given_up("it repeats values endlessly")
             taken += 1
             if taken % TURN_AFTER_VALUES == 0:
                 await asyncio.sleep(0)
@@ -168,7 +168,7 @@ class ParamReader:
     def _given_up(self, why: str) -> NoReply:
         return NoReply(
             f"The server stopped reading the parameters of vehicle {self._vehicle.id}: {why}.",
-            deadline_s=READ_WITHIN_S,
+            deadline_s=READ_TIMEOUT_S,
             remedy="Single parameters can still be read and set.",
         )
 

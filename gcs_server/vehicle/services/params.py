@@ -1,11 +1,12 @@
-"""A vehicle's parameters: one read or set and verified, or all of them, kept by the vehicle's own checksum.
+"""A vehicle's parameters: reads or sets single ones with verification, or reads all, with a cache by the
+vehicle's checksum.
 
-All are read only when somebody asks; PX4's checksum (`_HASH_CHECK`) then tells whether those of the last time
-still hold. It leaves out what PX4 changes by itself (`volatile`), so such a value may be older.
+All are read only on request; then PX4's checksum (`_HASH_CHECK`) shows whether the cached values are still
+valid. It excludes parameters that PX4 changes by itself (`volatile`), so such a value may be older.
 
 PX4 carries integers as their bits in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
-knows INT32 and FLOAT only, answers nothing for unknown names (v1.17: PARAM_ERROR), and takes any value
-without a range.
+knows INT32 and FLOAT only, does not answer for unknown names (v1.17: PARAM_ERROR), and accepts any value
+without a range check.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from gcs_server.errors import GcsError, InvalidRequest, NoReply, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.mavlink.mailbox import Reply
-from gcs_server.vehicle.param_facts import Facts, ParamFacts
+from gcs_server.vehicle.param_metadata import MetadataByName, ParamMetadata
 from gcs_server.vehicle.param_table import HASH_NAME, Param, ParamTable, read_report
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.param_list import ParamReader
@@ -53,7 +54,7 @@ class ParamList:
     """State of the server's copy of the vehicle's parameters."""
 
     state: ListState
-    """unknown (never asked for), reading, ready, outdated (the link was away since), failed."""
+    """unknown (never read), reading, ready, outdated (the link was lost since), failed."""
     received: int
     """Number of parameters received."""
     count: int | None
@@ -63,23 +64,23 @@ class ParamList:
     hash: str | None
     """The vehicle's checksum when they were read, hexadecimal."""
     read_unix_s: float | None
-    """When they were known to hold [s since 1970 UTC]."""
+    """Time when they were last known to be valid [s since 1970 UTC]."""
     problem: str | None
     """Why they could not be read."""
     facts: bool
-    """Whether the vehicle's own description (unit, range, default) is at hand."""
+    """Whether the vehicle's metadata (unit, range, default) is available."""
     facts_problem: str | None
-    """Why it is not, or what of it was left out."""
+    """Why it is not available, or what was dropped."""
     left_out: int
     """Number of entries with an invalid name, or beyond the server's limit."""
 
 
 class ParamService:
-    """PX4's bytewise parameters.
+    """Parameters of one vehicle, with PX4's bytewise encoding.
 
     Args:
-        vehicle: whose.
-        metadata: what the vehicle says of them; None: nothing.
+        vehicle: the vehicle.
+        metadata: their metadata; None: none.
     """
 
     def __init__(self, vehicle: VehiclePort, metadata: MetadataService | None = None) -> None:
@@ -87,7 +88,7 @@ class ParamService:
         self._metadata = metadata
         self._is_integer: dict[str, bool] = {}
         self._table = ParamTable()
-        self._facts: Facts | None = None
+        self._facts: MetadataByName | None = None
         self._reading = asyncio.Lock()
         self._state: ListState = "unknown"
         self._source: Literal["vehicle", "cache"] | None = None
@@ -97,7 +98,7 @@ class ParamService:
 
     @property
     def list(self) -> ParamList:
-        """How far they are known."""
+        """State of the list."""
         table = self._table
         return ParamList(
             self._state,
@@ -113,28 +114,28 @@ class ParamService:
         )
 
     def all(self) -> list[Param]:
-        """Those that are known, by name."""
+        """Known parameters by name."""
         return self._table.all()
 
     def known(self, name: str) -> Param | None:
-        """The newest value that was heard of one; None before the list was read."""
+        """Newest known value of a parameter; None before it was read."""
         return self._table.get(name)
 
-    def facts(self, name: str) -> ParamFacts | None:
-        """What the vehicle's metadata says of one; None where they are not at hand or say nothing."""
+    def facts(self, name: str) -> ParamMetadata | None:
+        """Metadata of a parameter; None if it is missing."""
         return None if self._facts is None else self._facts.get(name)
 
     async def refresh(
         self, *, ignore_cache: bool = False, progress: Callable[[ParamList], None] = lambda _: None
     ) -> ParamList:
-        """Reads all, unless those known still hold; who asks meanwhile waits for the same reading.
+        """Reads all parameters, unless the known ones are still valid; concurrent callers share one reading.
 
         Args:
-            ignore_cache: reads them though the vehicle's checksum is equal.
-            progress: told how far the reading is.
+            ignore_cache: reads them even if the vehicle's checksum is unchanged.
+            progress: called during the reading.
 
         Raises:
-            NoReply: the vehicle did not send them all; what came is kept.
+            NoReply: the vehicle did not send all; received ones are kept.
         """
         if self._reading.locked():
             async with self._reading:
@@ -155,11 +156,11 @@ class ParamService:
         return self.list
 
     def announce(self) -> None:
-        """A reading begins: who looks sees that."""
+        """Sets the state to reading."""
         self._state, self._problem = "reading", None
 
     async def describe(self) -> None:
-        """Fetches what the vehicle says of its parameters, if it was not yet; never raises for want of it."""
+        """Fetches the metadata if needed; does not raise if it is missing."""
         if self._facts is None:
             await self._learn()
 
@@ -192,7 +193,7 @@ class ParamService:
         after = await reader.hash() if before is not None else None
         if after is not None and self._table.complete:
             self._table.hash = after[0]
-            if before == after:  # else something changed meanwhile: the next reading is of the vehicle
+            if before == after:  # otherwise something changed meanwhile: the next reading asks the vehicle
                 await self._keep()
 
     async def _kept(self, wanted_hash: int, count: int) -> ParamTable | None:
@@ -205,30 +206,31 @@ class ParamService:
             content = cache.read(name)
             return None if content is None else ParamTable.load(content, wanted_hash, count)
 
-        return await metadata.aside(load)
+        return await metadata.run_in_thread(load)
 
     async def _keep(self) -> None:
         metadata = self._metadata
         if metadata is None or metadata.cache is None:
             return
         cache, name, content = metadata.cache, self._cache_name(), self._table.dump()
-        await metadata.aside(lambda: cache.write(name, content))
+        await metadata.run_in_thread(lambda: cache.write(name, content))
 
     def _cache_name(self) -> str:
-        """Of this vehicle: another of equal checksum may differ in what the checksum leaves out."""
+        """The name includes the vehicle, because another one with the same checksum may differ in excluded
+        parameters."""
         identity = self._vehicle.identity
         uid = "".join(c for c in identity.uid or "none" if c.isascii() and c.isalnum())[:40]
         return f"params-{uid}-{identity.system_id}.json"
 
-    # --- written by the vehicle only ------------------------------------------------------------------
+    # --- called by the vehicle only -------------------------------------------------------------------
 
     def heard(self, payload: bytes) -> None:
-        """PARAM_VALUE, asked for by whomever."""
+        """PARAM_VALUE, requested by any station."""
         report = read_report(payload)
         if report is None or report.param.name == HASH_NAME or self._state in ("unknown", "reading"):
-            return  # while it is read, the reader takes them
+            return  # during a reading, the reader handles them
         if not self._table.put(report) and self._state == "ready":
-            self._state = "outdated"  # the list has another length: places have moved
+            self._state = "outdated"  # the length of the list has changed, so indexes have moved
 
     def link_was_away(self) -> None:
         """Marks the list as outdated: changes during the loss were not received."""
@@ -238,10 +240,10 @@ class ParamService:
     # --- one at a time --------------------------------------------------------------------------------
 
     async def get(self, name: str) -> Param:
-        """Reads one.
+        """Reads one parameter.
 
         Raises:
-            NoReply: PX4 is silent about unknown names, too.
+            NoReply: no answer; PX4 does not answer for unknown names either.
         """
         raw = _name(name)
         self._vehicle.require_commandable()
@@ -250,16 +252,16 @@ class ParamService:
         return await self._exchange(name, request.id, encode_payload(request), lambda _: True)
 
     async def set(self, name: str, value: float, *, force: bool = False) -> Param:
-        """Writes one and returns what the vehicle then reports.
+        """Sets one parameter and returns the value that the vehicle then reports.
 
         Args:
             name: the parameter.
-            value: what to write.
-            force: although it is out of the range, or none of the choices, that the vehicle's metadata names.
+            value: new value.
+            force: skip the check against the metadata's range and choices.
 
         Raises:
             InvalidRequest: the value does not fit.
-            Rejected: the vehicle reports another value than was set.
+            Rejected: the vehicle reports another value.
         """
         raw = _name(name)
         if not math.isfinite(value):
@@ -269,7 +271,7 @@ class ParamService:
             await self.get(name)
         is_integer = self._is_integer[name]
         if is_integer and (value != int(value) or not -(2**31) <= value < 2**31):
-            raise InvalidRequest("value", f"{name} is a whole number of 32 bits; {value!r} is not.")
+            raise InvalidRequest("value", f"{name} is a 32-bit integer; {value!r} is not.")
         if not is_integer and abs(value) > 3.4e38:
             raise InvalidRequest("value", f"{value!r} does not fit {name} (32-bit float).")
         facts = self.facts(name)
@@ -285,10 +287,10 @@ class ParamService:
             INT32 if is_integer else REAL32,
         )
         payload = encode_payload(request)
-        if is_integer:  # as bits: a float of Python's would change some patterns (signalling NaN)
+        if is_integer:  # as bits: Python floats would change some patterns (signalling NaN)
             payload = _int32.pack(int(value)) + payload[_int32.size :]
-        # an answer to an earlier read may still be on its way with the old value: only silence about
-        # the new one, to the deadline, is a refusal
+        # an earlier read's answer may still arrive with the old value: it is a refusal only if the new value
+        # is not reported by the deadline
         seen: list[Param] = []
 
         def is_ours(param: Param) -> bool:
@@ -329,7 +331,7 @@ class ParamService:
         raise NoReply(
             f"Vehicle {vehicle.id} did not answer about parameter {name} within {DEADLINE_S:g} s.",
             deadline_s=DEADLINE_S,
-            remedy="Check the spelling: PX4 says nothing about names that it does not know.",
+            remedy="Check the spelling: PX4 does not answer for unknown names.",
         )
 
     def _refusal(self, name: str, error: int) -> Rejected:
@@ -353,7 +355,7 @@ class ParamService:
 
 
 def read_param(message: Reply) -> Param | None:
-    """From a PARAM_VALUE; None for a type that we do not know."""
+    """From a PARAM_VALUE; None for an unknown type."""
     report = read_report(bytes(message.get_payload() or b"").ljust(25, b"\0"))
     return None if report is None else report.param
 

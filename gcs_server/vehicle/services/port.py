@@ -1,4 +1,4 @@
-"""What a service needs of its vehicle."""
+"""The interface of a vehicle for its services."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.identity import Identity
-from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Sample, Status
 
 
-class Health(Protocol):
-    """What the vehicle's own checks say."""
+class HealthChecks(Protocol):
+    """Results of the vehicle's own checks."""
 
-    def against_arming(self, nav_state: int | None) -> tuple[str, ...]: ...
+    def arming_problems(self, nav_state: int | None) -> tuple[str, ...]: ...
 
 
 class VehiclePort(Protocol):
-    """The vehicle as its services see it."""
+    """The vehicle as its services use it."""
 
     id: str
     clock: Clock
@@ -29,17 +29,17 @@ class VehiclePort(Protocol):
     events: EventFeed
 
     @property
-    def health(self) -> Health: ...
+    def health(self) -> HealthChecks: ...
 
     own_ids: tuple[int, int]
-    """Our (system id, component id): whom acknowledgements must be meant for."""
+    """This server's (system id, component id), to which acknowledgements must be addressed."""
 
     @property
     def identity(self) -> Identity: ...
     @property
     def status(self) -> Status: ...
     @property
-    def facts(self) -> Facts: ...
+    def flight_state(self) -> FlightState: ...
     def topic(self, name: str) -> Sample | None: ...
     def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None: ...
     def require_commandable(self) -> None: ...

@@ -1,6 +1,7 @@
-"""Stop motors (kill): sent until the vehicle itself reports to be disarmed, and overtaken by nothing.
+"""Stop motors (kill): repeated until the vehicle reports that it is disarmed; no other command replaces it.
 
-It runs in the background: neither its caller's end, a refusal, nor a lost link ends it before its deadline.
+It runs in the background until its deadline, even if the caller is cancelled, the vehicle refuses, or the
+link is lost.
 """
 
 from __future__ import annotations
@@ -9,20 +10,20 @@ import asyncio
 
 from gcs_server.errors import Disconnected, GcsError, Refused
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services.port import VehiclePort
-from gcs_server.vehicle.services.transaction import Goal, Progress, Request, Transaction
+from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
 
 DEADLINE_S = 6.0
 RESEND_S = 0.2
 FORCE = 21196.0
-"""MAV_CMD_COMPONENT_ARM_DISARM's magic number for "whatever the state"."""
+"""MAV_CMD_COMPONENT_ARM_DISARM's magic number: also in flight."""
 ARMING_SETTLES_S = 1.0
-"""An arm command of ours may be on its way: a report this soon may have left the vehicle before that."""
+"""An earlier arm command may still arrive: a report within this time may be older than that."""
 
 
 class StopMotors:
-    """Of one vehicle. Several calls at a time each run to their own end; none ends another."""
+    """Stop motors of one vehicle. Concurrent calls run independently."""
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
@@ -33,14 +34,14 @@ class StopMotors:
 
     @property
     def pending(self) -> bool:
-        """Whether it was commanded and the vehicle does not report to be disarmed yet."""
+        """Whether it was commanded and the vehicle has not reported that it is disarmed."""
         return self._running > 0
 
     def require_none(self, what: str) -> None:
-        """Before any other command is sent.
+        """Called before any other command is sent.
 
         Raises:
-            Refused: motors are being stopped; `what` was not sent.
+        Refused: motors are being stopped; `what` was not sent.
         """
         if self.pending:
             by = "" if self._by is None else f" by {self._by}"
@@ -51,24 +52,24 @@ class StopMotors:
             )
 
     async def over(self) -> None:
-        """Returns once none is pending, however it ended."""
+        """Returns once none is pending."""
         while self.pending:
             await self._over.wait()
 
-    async def run(self, *, by: str | None, arming: bool, progress: Progress | None) -> None:
-        """Returns once the vehicle reports to be disarmed.
+    async def run(self, *, by: str | None, arming: bool, progress: ReportProgress | None) -> None:
+        """Stops the motors; returns once the vehicle reports that it is disarmed.
 
         Args:
             by: the client.
-            arming: whether an arm command of ours was waiting for its answer.
-            progress: hears of each attempt.
+            arming: whether an arm command was waiting for its answer.
+            progress: called at each attempt.
 
         Raises:
-            Rejected: it refused, and was still armed at the deadline.
+            Rejected: the vehicle refused, and was still armed at the deadline.
             NoReply: no report came within the deadline.
         """
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        done.add_done_callback(lambda ended: ended.cancelled() or ended.exception())  # its caller may be gone
+        done.add_done_callback(lambda ended: ended.cancelled() or ended.exception())  # without a caller
         self._running += 1
         self._by = by
         self._over.clear()
@@ -76,12 +77,12 @@ class StopMotors:
         await asyncio.shield(done)
 
     async def _until_disarmed(
-        self, done: asyncio.Future[None], arming: bool, progress: Progress | None
+        self, done: asyncio.Future[None], arming: bool, progress: ReportProgress | None
     ) -> None:
         settles_s = ARMING_SETTLES_S if arming else 0.0
 
-        def reached(facts: Facts, since_s: float) -> bool:
-            return facts.heartbeat_s > since_s + settles_s and not facts.armed
+        def reached(flight_state: FlightState, since_s: float) -> bool:
+            return flight_state.heartbeat_s > since_s + settles_s and not flight_state.armed
 
         goal = Goal(
             "stop its motors",
@@ -91,7 +92,9 @@ class StopMotors:
             repeat_s=RESEND_S,
         )
         request = Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, FORCE, 0, 0, 0, 0, 0))
-        error: GcsError = Disconnected(f"The server ended before vehicle {self._vehicle.id} was disarmed.")
+        error: GcsError = Disconnected(
+            f"The server was shut down before vehicle {self._vehicle.id} was disarmed."
+        )
         ended = False
         try:
             await Transaction(self._vehicle, request, goal, progress).run()

@@ -1,8 +1,9 @@
-"""One command from request to the vehicle's own state, over a link that loses packets.
+"""Runs one command from the request until the vehicle's state shows the result, over a link that loses
+packets.
 
-PX4 acknowledges at once and may refuse milliseconds later, so an acknowledgement only speeds things
-up: a command has succeeded when the state that the vehicle reports after the request shows it. What is
-sent again is a request for a state (armed, a mode, a target), which does nothing twice.
+PX4 acknowledges at once and may refuse milliseconds later. So a command has succeeded only when the state
+that the vehicle reports after the request shows it; an acknowledgement just speeds this up. A repeated
+message requests a state (armed, a mode, a target), so it changes nothing twice.
 """
 
 from __future__ import annotations
@@ -15,26 +16,26 @@ from gcs_server.errors import Disconnected, NoReply, Refused, Rejected, bounded_
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
-from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services.port import VehiclePort
 
-Progress = Callable[[str, float | None], None]
-"""(what is happening, fraction 0–1 or None); for people."""
+ReportProgress = Callable[[str, float | None], None]
+"""Called with (text, fraction 0–1 or None)."""
 
 RESEND_S = 0.5
 RESEND_ACCEPTED_S = 1.5
 PROBE_IN_PROGRESS_S = 3.0
 IN_PROGRESS_PATIENCE_S = 6.0
-LONGEST_S = 60.0
+MAX_DURATION_S = 60.0
 ASK_S = 0.4
 SETTLE_S = 0.6
 SETTLE_WITH_REASON_S = 0.25
-"""After a refusal: its reasons come within this time."""
+"""After a refusal: time in which its reasons arrive."""
 CONTRARY_AFTER_S = 1.0
 TIMES_ACCEPTED = 3
-"""Accepted so often and its state still another: the vehicle does not do it."""
+"""After this many acceptances without the state, the vehicle does not do it."""
 
-RESULT_WORDS = {
+RESULT_TEXT = {
     d.MAV_RESULT_TEMPORARILY_REJECTED: "not possible now",
     d.MAV_RESULT_DENIED: "denied",
     d.MAV_RESULT_UNSUPPORTED: "not supported by this vehicle",
@@ -75,36 +76,37 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """When a command has succeeded.
+    """Defines when a command has succeeded.
 
     Args:
-        what: what was asked, for error texts: "arm", "switch to Hold".
-        reached: by (state, time of the first request); only what was said after that time counts.
-        asks: messages to request while waiting, so that slow streams do not slow us.
-        ack_is_enough: the vehicle's state cannot show it: an acknowledgement is the answer.
-        listen: further messages after which to look.
-        against: gives the vehicle's standing reasons against it.
-        repeat_s: sent again so often until it is reached or the deadline has come; neither an answer nor a
-            lost link ends it earlier. None: sent again where no answer came.
+        what: the command in error texts: "arm", "switch to Hold".
+        reached: (state, time of the first request) → success; only reports after that time count.
+        asks: messages to request while waiting, instead of waiting for slow streams.
+        ack_is_enough: the vehicle's state cannot show the result, so the acknowledgement is the answer.
+        listen: further messages after which the goal is checked.
+        standing_problems: returns texts of the vehicle's current problems that prevent the command.
+        repeat_s: period of repetition until the goal or the deadline; neither an answer nor a lost link ends
+            it earlier. None: repeated only without an answer.
     """
 
     what: str
-    reached: Callable[[Facts, float], bool]
+    reached: Callable[[FlightState, float], bool]
     deadline_s: float
     asks: tuple[int, ...] = (d.MAVLINK_MSG_ID_CURRENT_MODE,)
     ack_is_enough: bool = False
     listen: tuple[int, ...] = ()
-    against: Callable[[], tuple[str, ...]] | None = None
+    standing_problems: Callable[[], tuple[str, ...]] | None = None
     repeat_s: float | None = None
 
 
 class Transaction:
-    """Runs one request to its goal; made for each call.
+    """Runs one request until its goal; used once.
 
     Args:
-        request: None only waits for the goal.
-        superseded: says which newer command took over, or None.
-        overtakes: another request of the same MAV_CMD waits still: a first refusal may be meant for that one.
+        request: None: only wait for the goal.
+        superseded: returns the newer command that replaced this one, or None.
+        overtakes: another request of the same MAV_CMD still waits, so the first refusal may belong to that
+            one.
     """
 
     def __init__(
@@ -112,7 +114,7 @@ class Transaction:
         vehicle: VehiclePort,
         request: Request | None,
         goal: Goal,
-        progress: Progress | None = None,
+        progress: ReportProgress | None = None,
         superseded: Callable[[], str | None] = lambda: None,
         overtakes: bool = False,
     ) -> None:
@@ -140,9 +142,9 @@ class Transaction:
 
         Raises:
             Rejected: by acknowledgement or by state.
-            NoReply: neither came within the deadline.
-            Refused: a newer command took over.
-            Disconnected: vehicle or link went.
+            NoReply: neither arrived within the deadline.
+            Refused: a
+                newer command replaced it. Disconnected: vehicle or link was lost.
         """
         ids = (d.MAVLINK_MSG_ID_COMMAND_ACK, *STATE_IDS, *self._goal.listen)
         while True:
@@ -179,7 +181,7 @@ class Transaction:
     def _is_done(self) -> bool:
         if self._goal.ack_is_enough:
             return self._accepted > 0 and self._refused is None
-        return self._goal.reached(self._vehicle.facts, self._began_s)
+        return self._goal.reached(self._vehicle.flight_state, self._began_s)
 
     def _check_end(self, now_s: float) -> None:
         newer = self._superseded()
@@ -189,7 +191,7 @@ class Transaction:
         repeats = goal.repeat_s is not None
         refused_s = self._deadline_s if repeats else self._refused_s + self._settle_s()
         if self._refused is not None and now_s >= refused_s:
-            word = RESULT_WORDS.get(self._refused, f"result {self._refused}")
+            word = RESULT_TEXT.get(self._refused, f"result {self._refused}")
             raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {word}.", self._refused)
         if not repeats and self._accepted >= TIMES_ACCEPTED and self._says_otherwise():
             raise self._rejected(
@@ -217,7 +219,7 @@ class Transaction:
         return SETTLE_WITH_REASON_S if self._said() else SETTLE_S
 
     def _said(self) -> list[str]:
-        """What the vehicle complained of since the request."""
+        """Warnings of the vehicle since the request."""
         return [
             event.text
             for event in self._vehicle.events.since(self._first_event)
@@ -225,10 +227,10 @@ class Transaction:
         ]
 
     def _says_otherwise(self) -> bool:
-        """The vehicle reported its state well after it last accepted, and not the one asked for."""
-        facts = self._vehicle.facts
+        """Whether the vehicle, well after it last accepted, reported another state than the requested one."""
+        flight_state = self._vehicle.flight_state
         since_s = self._accepted_s if self._accepted else self._began_s
-        return min(facts.mode_s, facts.heartbeat_s) > since_s + CONTRARY_AFTER_S
+        return min(flight_state.mode_s, flight_state.heartbeat_s) > since_s + CONTRARY_AFTER_S
 
     def _send(self, now_s: float) -> None:
         assert self._request is not None
@@ -278,24 +280,24 @@ class Transaction:
             self._next_send_s = now_s
         elif self._doubts_refusal:
             self._doubts_refusal = False
-            self._next_send_s = now_s  # asked again, it is ours to be refused
+            self._next_send_s = now_s  # a second refusal belongs to this request
         else:
             if self._refused is None:
                 self._refused_s = now_s
-                if self._goal.against is not None:
+                if self._goal.standing_problems is not None:
                     self._ask_for_checks()
             self._refused = result
             if self._goal.repeat_s is None:
                 self._next_send_s = float("inf")
 
     def _ask_for_checks(self) -> None:
-        """PX4 tells what its checks say only when that changes, or when asked."""
+        """Requests PX4's check results, which it sends only when they change or on request."""
         identity = self._vehicle.identity
         request = Request(d.MAV_CMD_RUN_PREARM_CHECKS, (0, 0, 0, 0, 0, 0, 0))
         self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
 
     def _in_progress(self, percent: int, now_s: float) -> None:
-        latest_s = self._began_s + LONGEST_S
+        latest_s = self._began_s + MAX_DURATION_S
         self._deadline_s = min(max(self._deadline_s, now_s + IN_PROGRESS_PATIENCE_S), latest_s)
         self._next_send_s = now_s + PROBE_IN_PROGRESS_S
         if self._progress is not None:
@@ -305,15 +307,16 @@ class Transaction:
 
     def _rejected(self, message: str, mav_result: int | None) -> Rejected:
         said = self._said()
-        standing = self._goal.against() if self._goal.against is not None else ()
+        standing = self._goal.standing_problems() if self._goal.standing_problems is not None else ()
         reasons = bounded_reasons(dict.fromkeys((*said, *standing)))
         if reasons:
-            message += f" It says: {'; '.join(reasons)}."
+            message += f" Reason: {'; '.join(reasons)}."
         return Rejected(message, mav_result=mav_result, reasons=reasons)
 
 
 def is_our_ack(message: Reply, vehicle: VehiclePort, command: int) -> bool:
-    """Matched on command, sender and target; MAVLink 1 carries no target (0/0)."""
+    """Whether an acknowledgement is for this server's request: by command, sender and target; MAVLink 1 has
+    no target (0/0)."""
     identity = vehicle.identity
     sender = (message.get_srcSystem(), message.get_srcComponent())
     target = (message.target_system, message.target_component)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from gcs_server.api.access import (
     SIGN_IN_PATH,
     Access,
-    Asked,
     FormSent,
     Refusal,
+    RequestHead,
     SignedIn,
     form_fields,
     own_path,
@@ -35,7 +35,7 @@ def asked(method="GET", path="/", query="", *, host="localhost:8080", secure=Fal
     scope = {"type": "http", "method": method, "path": path, "query_string": query.encode(), "headers": raw}
     if method == "WEBSOCKET":
         scope = {**scope, "type": "websocket"}
-    return Asked.of({**scope, "scheme": "https" if secure else "http"})
+    return RequestHead.of({**scope, "scheme": "https" if secure else "http"})
 
 
 def code(access, request):
@@ -204,7 +204,9 @@ def test_garbage_is_never_let_in_and_never_raises(method, path, query, headers):
     for access in (ALONE, OPEN, LOCKED):
         raw = [(name.encode(), value.encode("latin-1")) for name, value in headers]
         scope = {"type": "websocket" if method == "WEBSOCKET" else "http", "method": method, "path": path}
-        verdict = access.decide(Asked.of({**scope, "query_string": query.encode("latin-1"), "headers": raw}))
+        verdict = access.decide(
+            RequestHead.of({**scope, "query_string": query.encode("latin-1"), "headers": raw})
+        )
         if access is not ALONE:
             assert isinstance(verdict, Refusal)
     form_fields(query.encode("latin-1"))

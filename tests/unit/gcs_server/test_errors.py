@@ -1,13 +1,13 @@
 """What a vehicle says of its refusal is told as it is, but no more of it than a person reads."""
 
-from gcs_server.errors import LONGEST_REASON, MOST_REASONS, NotTogether, Rejected
+from gcs_server.errors import MAX_REASON_LENGTH, MAX_REASONS, NotTogether, Rejected
 
 
 def test_a_refusals_reasons_are_few_and_short():
     said = tuple(f"reason {n} " + "x" * 1000 for n in range(5000))
     for error in (Rejected("No.", reasons=said), NotTogether("No.", vehicles=("1",), reasons=said)):
         told = error.details()["reasons"]
-        assert len(told) == MOST_REASONS + 1
-        assert told[-1] == f"and {5000 - MOST_REASONS} more"
-        assert all(len(text) <= LONGEST_REASON + 1 for text in told)
+        assert len(told) == MAX_REASONS + 1
+        assert told[-1] == f"and {5000 - MAX_REASONS} more"
+        assert all(len(text) <= MAX_REASON_LENGTH + 1 for text in told)
     assert Rejected("No.", reasons=("low battery",)).details()["reasons"] == ["low battery"]

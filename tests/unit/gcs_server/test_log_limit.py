@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from gcs_server.log_limit import LINES, LONGEST_LINE, PERIOD_S, LogLimit
+from gcs_server.log_limit import LINES, MAX_LINE_LENGTH, PERIOD_S, LogLimit
 
 
 class Lines(logging.Handler):
@@ -46,5 +46,5 @@ def test_equal_lines_and_tracebacks_are_counted_not_written(lines):
 
 def test_a_line_of_a_megabyte_is_cut(lines):
     logging.getLogger("hostile").error("%s", "x" * 1_000_000)
-    assert len(lines.texts[0]) < LONGEST_LINE + 100
+    assert len(lines.texts[0]) < MAX_LINE_LENGTH + 100
     assert "1000000 characters" in lines.texts[0]

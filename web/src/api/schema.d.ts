@@ -80,10 +80,10 @@ export interface paths {
         post?: never;
         /**
          * Remove Link
-         * @description Closes a link; 409 where that would cut off a vehicle.
+         * @description Closes a link; 409 if that would disconnect a vehicle.
          *
          *     `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
-         *     a vehicle that is armed or flown by setpoints, and `confirm` is not the text that this needs.
+         *     a vehicle that is armed or flown by setpoints, and `confirm` is not the required text.
          */
         delete: operations["remove_link_api_v1_links__name__delete"];
         options?: never;
@@ -494,7 +494,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description The holder of control, since when, who requests it, and who set the vehicle's present mode.
+         * @description The holder of control, since when, who requests it, and who set the vehicle's current mode.
          */
         get: operations["show_api_v1_vehicles__v__control_get"];
         put?: never;
@@ -639,7 +639,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description The stream and its health, what can be flown (and why not), limits, and the vehicle's failsafe.
+         * @description The stream and its health, available setpoint types, limits, and the vehicle's failsafe.
          */
         get: operations["show_api_v1_vehicles__v__offboard_get"];
         put?: never;
@@ -661,10 +661,10 @@ export interface paths {
         put?: never;
         /**
          * Start
-         * @description Streams the setpoint, asks for Offboard, and answers once the vehicle reports it.
+         * @description Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
          *
-         *     `if_stream_stops` of the answer says what the vehicle will do by itself should the stream stop, `limits`
-         *     what its setpoints are held to, and whether the operator's limits were restored after a restart.
+         *     In the answer, `if_stream_stops` is the vehicle's own action if the stream stops; `limits` has the limits,
+         *     and whether the operator's limits were restored after a restart.
          */
         post: operations["start_api_v1_vehicles__v__offboard_start_post"];
         delete?: never;
@@ -684,7 +684,7 @@ export interface paths {
         put?: never;
         /**
          * Setpoint
-         * @description A new target, sent at once; refused (409) where no stream runs.
+         * @description A new target, sent at once; refused (409) if no stream runs.
          */
         post: operations["setpoint_api_v1_vehicles__v__offboard_setpoint_post"];
         delete?: never;
@@ -704,7 +704,7 @@ export interface paths {
         put?: never;
         /**
          * Stop
-         * @description Puts the vehicle into Hold, waits for its own word, then stops; without a stream it does nothing.
+         * @description Puts the vehicle into Hold, waits for its confirmation, then stops; does nothing without a stream.
          */
         post: operations["stop_api_v1_vehicles__v__offboard_stop_post"];
         delete?: never;
@@ -722,14 +722,13 @@ export interface paths {
         };
         /**
          * Show Limits
-         * @description What setpoints are held to: the vehicle's own limits, and the operator's.
+         * @description Limits of setpoints: the vehicle's own, and the operator's.
          */
         get: operations["show_limits_api_v1_vehicles__v__offboard_limits_get"];
         /**
          * Set Limits
-         * @description Replaces the operator's limits, for the stream that runs too; what is left out is no limit.
-         *
-         *     They are kept for this vehicle across restarts of the server; `origin.kept` and `origin.warning` say so.
+         * @description Replaces the operator's limits, also for a running stream; an omitted field means no limit. The server
+         *     stores them for this vehicle across restarts; `origin.kept` and `origin.warning` say whether this worked.
          */
         put: operations["set_limits_api_v1_vehicles__v__offboard_limits_put"];
         post?: never;
@@ -749,10 +748,10 @@ export interface paths {
         get?: never;
         /**
          * Set Avoidance
-         * @description Switches obstacle avoidance on or off, in flight too; refused (409) where no sensor sees obstacles.
+         * @description Switches obstacle avoidance on or off, also in flight; refused (409) if no sensor sees obstacles.
          *
-         *     It acts on setpoints that lead to a place (position, trajectory, path, follow) and stays as it is until it
-         *     is switched or the server ends. The obstacle brake is a limit of its own.
+         *     It acts on setpoints with a position (position, trajectory, path, follow) and stays on until it is
+         *     switched off or the server is shut down. The obstacle brake is a separate limit.
          */
         put: operations["set_avoidance_api_v1_vehicles__v__offboard_avoidance_put"];
         post?: never;
@@ -772,7 +771,7 @@ export interface paths {
         get?: never;
         /**
          * Set Failsafe
-         * @description Sets what the vehicle does by itself when the stream stops, each parameter verified.
+         * @description Sets the vehicle's own action when the stream stops; each parameter is verified.
          */
         put: operations["set_failsafe_api_v1_vehicles__v__offboard_failsafe_put"];
         post?: never;
@@ -791,18 +790,17 @@ export interface paths {
         };
         /**
          * Show All
-         * @description All groups, and the last that ended.
+         * @description All groups, and the last ones that ended.
          */
         get: operations["show_all_api_v1_groups_get"];
         put?: never;
         /**
          * Start
-         * @description Switches all members, in flight, to Offboard at their positions, then starts them at one instant.
+         * @description Switches all flying members to Offboard at their positions, then starts them together.
          *
-         *     Answers once all are confirmed and the instant (`start_unix_s`) is set. Where one refuses, does not
-         *     confirm, or would come too near to another, none moves and all are put into Hold (409 `not_together`,
-         *     naming whom). `limits` says what each one's setpoints are held to, and whether the operator's limits were
-         *     restored after a restart.
+         *     Answers once all have confirmed and the start (`start_unix_s`) is set. If one refuses, does not confirm,
+         *     or would come too near to another, none moves and all are put into Hold (409 `not_together` with their
+         *     ids). `limits` has each member's limits, and whether the operator's limits were restored after a restart.
          */
         post: operations["start_api_v1_groups_post"];
         delete?: never;
@@ -842,7 +840,7 @@ export interface paths {
         put?: never;
         /**
          * Setpoints
-         * @description New setpoints for some members or all, sent at one instant; refused where two would come too near.
+         * @description New setpoints for some or all members, sent together; refused if two would come too near.
          */
         post: operations["setpoints_api_v1_groups__g__setpoints_post"];
         delete?: never;
@@ -862,8 +860,8 @@ export interface paths {
         put?: never;
         /**
          * Hold
-         * @description Puts all members into Hold at once, without control; a vehicle that has left the group is not
-         *     touched.
+         * @description Puts all members into Hold at once; needs no control. A vehicle that has left the group is not
+         *     affected.
          */
         post: operations["hold_api_v1_groups__g__hold_post"];
         delete?: never;
@@ -881,7 +879,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description State, limits, and who is in control.
+         * @description State and limits of the gimbal, and who controls it.
          */
         get: operations["show_api_v1_vehicles__v__gimbal_get"];
         put?: never;
@@ -903,7 +901,7 @@ export interface paths {
         put?: never;
         /**
          * Take
-         * @description Becomes primary control.
+         * @description Takes primary control of the gimbal.
          */
         post: operations["take_api_v1_vehicles__v__gimbal_take_post"];
         delete?: never;
@@ -1386,7 +1384,7 @@ export interface paths {
         put?: never;
         /**
          * Create Plan
-         * @description Keeps a new plan as its version 1.
+         * @description Stores a new plan as version 1.
          */
         post: operations["create_plan_api_v1_plans_post"];
         delete?: never;
@@ -1406,11 +1404,11 @@ export interface paths {
         put?: never;
         /**
          * Check Plan
-         * @description What is wrong with a plan, as findings, and what its flight takes; changes nothing.
+         * @description Checks a plan: findings and estimates of its flight. Changes nothing.
          *
-         *     With `vehicle`, its parameters and its home count, as far as the server knows them; `not_known` says what
-         *     it does not know, and PX4's defaults and the plan's own home are taken instead. An offboard mission is
-         *     compiled for a start on the ground at home; `flight` is its path and what each step takes.
+         *     With `vehicle`, its parameters and home are used as far as the server knows them. For values in
+         *     `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start on
+         *     the ground at home; `flight` is its path and what each step takes.
          */
         post: operations["check_plan_api_v1_plans_check_post"];
         delete?: never;
@@ -1432,7 +1430,7 @@ export interface paths {
          * Convert Plan
          * @description The offboard mission that flies a waypoint plan by setpoints. Saves nothing.
          *
-         *     With `vehicle` by its parameters, and from its home where the plan has none.
+         *     With `vehicle`, its parameters are used, and its home if the plan has none.
          */
         post: operations["convert_plan_api_v1_plans_convert_post"];
         delete?: never;
@@ -1537,7 +1535,8 @@ export interface paths {
         get: operations["get_plan_api_v1_plans__plan__get"];
         /**
          * Save Plan
-         * @description Adds a version; 409 `conflict` where `base_version` is not the newest, with who saved that and when.
+         * @description Adds a version; 409 `conflict` if `base_version` is not the newest; names who saved the newest, and
+         *     when.
          */
         put: operations["save_plan_api_v1_plans__plan__put"];
         post?: never;
@@ -1560,7 +1559,7 @@ export interface paths {
         };
         /**
          * List Versions
-         * @description The versions of a plan that are kept, newest first.
+         * @description The stored versions of a plan, newest first.
          */
         get: operations["list_versions_api_v1_plans__plan__versions_get"];
         put?: never;
@@ -1585,7 +1584,7 @@ export interface paths {
          * @description Flies a plan in simulation, once or many times; changes nothing and commands no vehicle.
          *
          *     An operation with progress, to be cancelled by `DELETE /operations/{id}`; when it has succeeded,
-         *     `GET /dry_runs/{d}` has what came of it, `d` being `result.dry_run`. Two run at once at most.
+         *     `GET /dry_runs/{d}` returns the result; `d` is `result.dry_run`. Two run at once at most.
          */
         post: operations["start_dry_run_api_v1_dry_runs_post"];
         delete?: never;
@@ -1603,7 +1602,7 @@ export interface paths {
         };
         /**
          * Show Dry Run
-         * @description What came of a dry run; the last ten are kept until the server ends.
+         * @description The result of a dry run; the last ten are kept until the server is shut down.
          */
         get: operations["show_dry_run_api_v1_dry_runs__d__get"];
         put?: never;
@@ -1623,14 +1622,14 @@ export interface paths {
         };
         /**
          * Show Mission
-         * @description Where the vehicle is in its mission, and which plan it holds, without asking the vehicle.
+         * @description Progress of the vehicle's mission, and which plan is on it; sends nothing to the vehicle.
          */
         get: operations["show_mission_api_v1_vehicles__v__mission_get"];
         put?: never;
         post?: never;
         /**
          * Clear
-         * @description Has the vehicle forget mission, geofence and rally points.
+         * @description Clears mission, geofence and rally points on the vehicle.
          */
         delete: operations["clear_api_v1_vehicles__v__mission_delete"];
         options?: never;
@@ -1653,8 +1652,8 @@ export interface paths {
          *
          *     An operation with progress, to be cancelled by `DELETE /operations/{id}`. Its `result` has the number of
          *     items and `not_kept`, the parameters that the vehicle does not keep. A part that the plan does not have
-         *     is cleared. It starts nothing; but a vehicle that flies Mission flies the new one at once: then `confirm`
-         *     must say so.
+         *     is cleared. It starts nothing. But a vehicle in Mission mode flies the new mission at once; then `confirm`
+         *     is required.
          */
         post: operations["upload_api_v1_vehicles__v__mission_upload_post"];
         delete?: never;
@@ -1692,7 +1691,7 @@ export interface paths {
         };
         /**
          * Downloaded Plan
-         * @description What the vehicle held when it was last read or verified, as a plan.
+         * @description The plan that was last downloaded from the vehicle, or uploaded and verified.
          */
         get: operations["downloaded_plan_api_v1_vehicles__v__mission_plan_get"];
         put?: never;
@@ -1736,10 +1735,10 @@ export interface paths {
         put?: never;
         /**
          * Start
-         * @description Flies the mission that the vehicle holds, from an item or the current one; arms where needed.
+         * @description Starts the vehicle's mission at an item, or the current one; arms if needed.
          *
-         *     Answers once the vehicle is armed in Mission. 409 `plan_findings` where the plan has error findings, or is
-         *     not known, unless `despite` names their codes. Hold pauses it.
+         *     Answers once the vehicle is armed in Mission. 409 `plan_findings` if the plan has error findings or is not
+         *     known, unless `despite` names their codes. Hold pauses it.
          */
         post: operations["start_api_v1_vehicles__v__mission_start_post"];
         delete?: never;
@@ -1759,7 +1758,7 @@ export interface paths {
         put?: never;
         /**
          * Resume
-         * @description Goes on with the mission from its current item; for a vehicle in flight.
+         * @description Resumes the mission at its current item; for a flying vehicle.
          */
         post: operations["resume_api_v1_vehicles__v__mission_resume_post"];
         delete?: never;
@@ -1777,7 +1776,7 @@ export interface paths {
         };
         /**
          * Show Mission
-         * @description How the newest mission stands, over or not.
+         * @description Status of the newest mission, running or ended.
          */
         get: operations["show_mission_api_v1_vehicles__v__offboard_mission_get"];
         put?: never;
@@ -1819,10 +1818,10 @@ export interface paths {
         put?: never;
         /**
          * Start
-         * @description Compiles the mission for where the vehicle is, checks it, and begins to fly it; answers then.
+         * @description Compiles the mission from the vehicle's position, checks it, starts it, and answers.
          *
-         *     409 `plan_findings` where it has error findings, unless `despite` names their codes. `if_stream_stops`
-         *     says what the vehicle will do by itself should the server die.
+         *     409 `plan_findings` if it has error findings, unless `despite` names their codes. `if_stream_stops` is the
+         *     vehicle's own action if the server fails.
          */
         post: operations["start_api_v1_vehicles__v__offboard_mission_start_post"];
         delete?: never;
@@ -1842,7 +1841,7 @@ export interface paths {
         put?: never;
         /**
          * Pause
-         * @description Stands still on its path, in Offboard; during take-off and landing in Hold.
+         * @description Pauses on the path, in Offboard; during take-off and landing in Hold.
          */
         post: operations["pause_api_v1_vehicles__v__offboard_mission_pause_post"];
         delete?: never;
@@ -1862,7 +1861,7 @@ export interface paths {
         put?: never;
         /**
          * Resume
-         * @description Goes on where it was, from wherever the vehicle is: straight back to the path first.
+         * @description Resumes the mission; the vehicle first flies straight back to the path.
          */
         post: operations["resume_api_v1_vehicles__v__offboard_mission_resume_post"];
         delete?: never;
@@ -1882,7 +1881,7 @@ export interface paths {
         put?: never;
         /**
          * Skip
-         * @description Leaves the present step out; a suspended mission would be resumed at the next one.
+         * @description Skips the current step; a suspended mission resumes at the next one.
          */
         post: operations["skip_api_v1_vehicles__v__offboard_mission_skip_post"];
         delete?: never;
@@ -1902,7 +1901,7 @@ export interface paths {
         put?: never;
         /**
          * Go On
-         * @description Answers the question of a wait for a person.
+         * @description Answers the question of a step that waits for a person.
          */
         post: operations["go_on_api_v1_vehicles__v__offboard_mission_go_on_post"];
         delete?: never;
@@ -1922,7 +1921,8 @@ export interface paths {
         put?: never;
         /**
          * Abort
-         * @description Ends it; the vehicle holds, returns or lands. One that the mission does not fly is not held.
+         * @description Ends the mission; the vehicle holds, returns or lands. A vehicle that the mission does not fly is not
+         *     commanded.
          */
         post: operations["abort_api_v1_vehicles__v__offboard_mission_abort_post"];
         delete?: never;
@@ -1937,7 +1937,7 @@ export interface components {
     schemas: {
         /**
          * AbortMission
-         * @description What the vehicle does then.
+         * @description What the vehicle does after the abort.
          */
         AbortMission: {
             /**
@@ -1963,13 +1963,13 @@ export interface components {
         AccelerationOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -2089,13 +2089,13 @@ export interface components {
         ActuatorsOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -2209,7 +2209,7 @@ export interface components {
         };
         /**
          * Attitude
-         * @description ATTITUDE_QUATERNION, or ATTITUDE where that is newer.
+         * @description ATTITUDE_QUATERNION, or ATTITUDE if that is newer.
          */
         Attitude: {
             /**
@@ -2261,13 +2261,13 @@ export interface components {
         AttitudeOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -2311,18 +2311,18 @@ export interface components {
             yaw_rate_ned_rad_s?: number | null;
             /**
              * Thrust
-             * @description Of all rotors, 0 to 1, along the body's up.
+             * @description Total thrust, 0 to 1, along the body's up axis.
              */
             thrust: number;
         };
         /**
          * AttitudeSample
-         * @description The newest `attitude` and the two clocks it is judged by.
+         * @description The newest `attitude` with its time on two clocks.
          */
         AttitudeSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -2382,7 +2382,7 @@ export interface components {
             yaw_rate_ned_rad_s?: number | null;
             /**
              * Thrust
-             * @description Of all rotors, 0 to 1, along the body's up.
+             * @description Total thrust, 0 to 1, along the body's up axis.
              */
             thrust: number;
         };
@@ -2441,12 +2441,12 @@ export interface components {
             can: boolean;
             /**
              * Why Not
-             * @description Which estimate, home or link is missing; None where it can be flown.
+             * @description Which estimate, home position or link is missing; null if it can be flown.
              */
             why_not: string | null;
             /**
              * Needs
-             * @description Of the vehicle's estimates: position, velocity, heading, global_position, home.
+             * @description Estimates that this type needs: position, velocity, heading, global_position, home.
              */
             needs: string[];
         };
@@ -2461,12 +2461,12 @@ export interface components {
         AvoidanceRequest: {
             /**
              * On
-             * @description Whether setpoints are led past obstacles.
+             * @description Whether the vehicle is led past obstacles.
              */
             on: boolean;
             /**
              * Way
-             * @description What is tried first: climb over an obstacle, or pass it at the same altitude.
+             * @description Direction that is tried first: climb over an obstacle, or pass it at the same altitude.
              * @default over
              * @enum {string}
              */
@@ -2474,7 +2474,8 @@ export interface components {
         };
         /**
          * Battery
-         * @description BATTERY_STATUS (SYS_STATUS until the first one came): of several, the one with the least left.
+         * @description BATTERY_STATUS (SYS_STATUS until the first one): of several batteries, the one with the least
+         *     charge.
          */
         Battery: {
             /**
@@ -2504,7 +2505,7 @@ export interface components {
             time_remaining_s: number | null;
             /**
              * Cell Voltages V
-             * @description [V] of each cell; None where the vehicle tells the sum only.
+             * @description [V] of each cell; null if only the sum is known.
              */
             cell_voltages_v: number[] | null;
             /**
@@ -2514,7 +2515,7 @@ export interface components {
             battery_id: number | null;
             /**
              * Batteries
-             * @description All of several batteries, by their ids; empty where there is one.
+             * @description All batteries, by id; empty if there is only one.
              */
             batteries: components["schemas"]["BatteryReading"][];
         };
@@ -2555,18 +2556,18 @@ export interface components {
             time_remaining_s: number | null;
             /**
              * Cell Voltages V
-             * @description [V] of each cell; None where the vehicle tells the sum only.
+             * @description [V] of each cell; null if only the sum is known.
              */
             cell_voltages_v: number[] | null;
         };
         /**
          * BatterySample
-         * @description The newest `battery` and the two clocks it is judged by.
+         * @description The newest `battery` with its time on two clocks.
          */
         BatterySample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -2895,7 +2896,7 @@ export interface components {
         ChangedPlan: {
             /**
              * Name
-             * @description What people call it.
+             * @description Name of the plan.
              */
             name: string;
             /**
@@ -2905,7 +2906,7 @@ export interface components {
             plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Base Version
-             * @description The version that was changed: the newest one, else 409.
+             * @description Version on which the change is based: must be the newest, otherwise 409.
              */
             base_version: number;
         };
@@ -2947,15 +2948,15 @@ export interface components {
             vehicle: string;
             /**
              * Command
-             * @description What was asked.
+             * @description The command.
              */
             command: string;
             /**
              * Duration S
-             * @description From the request until the vehicle showed it [s].
+             * @description Time from the request until the vehicle's state showed the result [s].
              */
             duration_s: number;
-            /** @description The vehicle afterwards. */
+            /** @description State of the vehicle afterwards. */
             status: components["schemas"]["Status"];
         };
         /**
@@ -3075,7 +3076,7 @@ export interface components {
             holder: string | null;
             /**
              * Holder Key
-             * @description Tells clients of one name apart; a client's own stands in `GET /me`.
+             * @description Distinguishes clients of the same name; `GET /me` returns the caller's own.
              */
             holder_key: string | null;
             /**
@@ -3114,7 +3115,7 @@ export interface components {
              * @description Time to answer a request before control may be taken by force [s].
              */
             answer_s: number;
-            /** @description Who set the vehicle's present mode; null if it has not changed since the vehicle connected. */
+            /** @description Cause of the vehicle's current mode; null if it has not changed since the vehicle connected. */
             mode_cause: components["schemas"]["ModeCause"] | null;
         };
         /**
@@ -3124,12 +3125,12 @@ export interface components {
         ControlRequest: {
             /**
              * Client
-             * @description Its name.
+             * @description Name of the client.
              */
             client: string;
             /**
              * Key
-             * @description Tells clients of one name apart; a client's own stands in `GET /me`.
+             * @description Distinguishes clients of the same name; `GET /me` returns the caller's own.
              */
             key: string;
             /**
@@ -3214,7 +3215,7 @@ export interface components {
             holder: string | null;
             /**
              * Holder Key
-             * @description Tells clients of one name apart; a client's own stands in `GET /me`.
+             * @description Distinguishes clients of the same name; `GET /me` returns the caller's own.
              */
             holder_key: string | null;
             /**
@@ -3253,7 +3254,7 @@ export interface components {
              * @description Time to answer a request before control may be taken by force [s].
              */
             answer_s: number;
-            /** @description Who set the vehicle's present mode; null if it has not changed since the vehicle connected. */
+            /** @description Cause of the vehicle's current mode; null if it has not changed since the vehicle connected. */
             mode_cause: components["schemas"]["ModeCause"] | null;
             /**
              * Yours
@@ -3275,7 +3276,7 @@ export interface components {
             plan: components["schemas"]["OffboardMission"];
             /**
              * Notes
-             * @description What the plan had and the mission has not; sentences.
+             * @description Parts of the plan that the mission does not have; sentences.
              */
             notes: string[];
         };
@@ -3456,7 +3457,7 @@ export interface components {
         };
         /**
          * DistanceSensor
-         * @description One sensor's DISTANCE_SENSOR.
+         * @description DISTANCE_SENSOR of one sensor.
          */
         DistanceSensor: {
             /**
@@ -3475,7 +3476,7 @@ export interface components {
             ];
             /**
              * Distance M
-             * @description More than `range_max_m`: nothing within it; None: the sensor says that it does not know.
+             * @description More than `range_max_m`: no obstacle within range; null: unknown.
              */
             distance_m: number | null;
             /**
@@ -3490,12 +3491,12 @@ export interface components {
             range_max_m: number;
             /**
              * Width Rad
-             * @description Its horizontal field of view; None where it does not tell.
+             * @description Horizontal field of view; null if unknown.
              */
             width_rad: number | null;
             /**
              * Behind S
-             * @description How much older its measurement is than the newest of the vehicle's sensors.
+             * @description Age of this measurement relative to the newest of the vehicle's sensors.
              */
             behind_s: number;
         };
@@ -3512,12 +3513,12 @@ export interface components {
         };
         /**
          * DistanceSensorsSample
-         * @description The newest `distance_sensors` and the two clocks it is judged by.
+         * @description The newest `distance_sensors` with its time on two clocks.
          */
         DistanceSensorsSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -3535,14 +3536,14 @@ export interface components {
         DownloadRequest: {
             /**
              * Wait
-             * @description Answer once it is there.
+             * @description Answer only when the plan is downloaded.
              * @default false
              */
             wait: boolean;
         };
         /**
          * DownloadedPlan
-         * @description What a vehicle held when it was last read.
+         * @description The plan that was last downloaded from a vehicle.
          */
         DownloadedPlan: {
             /**
@@ -3552,21 +3553,21 @@ export interface components {
             vehicle: string;
             /** @description Its mission, geofence and rally points. */
             plan: components["schemas"]["Plan"];
-            /** @description The plan that it is, where it was uploaded from here. */
+            /** @description The stored plan that it equals, if it was uploaded from here. */
             plan_name: components["schemas"]["HeldPlanName"] | null;
             /**
              * Read Unix S
-             * @description When it was read [s since 1970 UTC].
+             * @description Time of the download [s since 1970 UTC].
              */
             read_unix_s: number;
             /**
              * Still Held
-             * @description Whether the vehicle still reports the same ids; null: it reports none.
+             * @description Whether the vehicle still reports the same ids; null: no ids.
              */
             still_held: boolean | null;
             /**
              * Notes
-             * @description What could not be put into the plan; sentences.
+             * @description What the plan cannot represent; sentences.
              */
             notes: string[];
         };
@@ -4243,12 +4244,12 @@ export interface components {
         };
         /**
          * Echo
-         * @description The target that the vehicle's controllers say they follow.
+         * @description The target that the vehicle's controllers report.
          */
         Echo: {
             /**
              * Age S
-             * @description Since it was heard; the page's word for a vehicle that ignores us.
+             * @description Time since it was received; large if the vehicle ignores the setpoints.
              */
             age_s: number;
             /**
@@ -4331,12 +4332,12 @@ export interface components {
         };
         /**
          * EstimatorSample
-         * @description The newest `estimator` and the two clocks it is judged by.
+         * @description The newest `estimator` with its time on two clocks.
          */
         EstimatorSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -4349,7 +4350,7 @@ export interface components {
         };
         /**
          * FailsafeRequest
-         * @description What the vehicle shall do by itself when the stream stops; what is left out stays.
+         * @description The vehicle's own action when the stream stops; omitted fields stay unchanged.
          * @example {
          *       "action": "hold",
          *       "after_s": 1
@@ -4358,7 +4359,7 @@ export interface components {
         FailsafeRequest: {
             /**
              * Action
-             * @description A mode; the three flown by sticks come down by themselves without a transmitter.
+             * @description A mode; in the three modes that need sticks the vehicle descends if there is no RC transmitter.
              */
             action?: ("position" | "altitude" | "stabilized" | "rtl" | "land" | "hold") | null;
             /**
@@ -4541,12 +4542,12 @@ export interface components {
         };
         /**
          * FindingModel
-         * @description One thing that is wrong with a plan.
+         * @description One problem of a plan.
          */
         FindingModel: {
             /**
              * Code
-             * @description Stable; `docs/missions.md` has all.
+             * @description Stable code; `docs/missions.md` lists all.
              * @example plan_empty
              */
             code: string;
@@ -4561,7 +4562,7 @@ export interface components {
              * @description What is wrong, a sentence.
              */
             text: string;
-            /** @description What it is about. */
+            /** @description Part of the plan concerned. */
             place: components["schemas"]["FindingPlace"];
             /**
              * Fix
@@ -4571,7 +4572,7 @@ export interface components {
         };
         /**
          * FindingPlace
-         * @description What a finding is about; all null: the whole plan.
+         * @description The part of the plan with the finding; all null: the whole plan.
          */
         FindingPlace: {
             /**
@@ -4824,13 +4825,13 @@ export interface components {
         FollowOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -4844,12 +4845,12 @@ export interface components {
             type: "follow";
             /**
              * Vehicle
-             * @description The id of the one to follow.
+             * @description Id of the vehicle to follow.
              */
             vehicle: string;
             /**
              * Offset Ned M
-             * @description North, east, down of it [m].
+             * @description Offset north, east, down of that vehicle [m].
              */
             offset_ned_m?: [
                 number,
@@ -4858,7 +4859,7 @@ export interface components {
             ] | null;
             /**
              * Offset Frd M
-             * @description Forward, right, down of it by its heading, level [m].
+             * @description Offset forward, right, down along that vehicle's heading, level [m].
              */
             offset_frd_m?: [
                 number,
@@ -4867,7 +4868,7 @@ export interface components {
             ] | null;
             /**
              * Yaw
-             * @description The heading: kept, the other's, or towards it.
+             * @description Heading: kept, that of the followed vehicle, or towards it.
              * @default keep
              * @enum {string}
              */
@@ -4895,12 +4896,12 @@ export interface components {
             type: "follow";
             /**
              * Vehicle
-             * @description The id of the one to follow.
+             * @description Id of the vehicle to follow.
              */
             vehicle: string;
             /**
              * Offset Ned M
-             * @description North, east, down of it [m].
+             * @description Offset north, east, down of that vehicle [m].
              */
             offset_ned_m?: [
                 number,
@@ -4909,7 +4910,7 @@ export interface components {
             ] | null;
             /**
              * Offset Frd M
-             * @description Forward, right, down of it by its heading, level [m].
+             * @description Offset forward, right, down along that vehicle's heading, level [m].
              */
             offset_frd_m?: [
                 number,
@@ -4918,7 +4919,7 @@ export interface components {
             ] | null;
             /**
              * Yaw
-             * @description The heading: kept, the other's, or towards it.
+             * @description Heading: kept, that of the followed vehicle, or towards it.
              * @default keep
              * @enum {string}
              */
@@ -5010,7 +5011,7 @@ export interface components {
             yaw_lock: boolean;
             /**
              * Wait
-             * @description Answer once it is there or has stopped; false: once the vehicle has acknowledged, for angles that follow each other fast.
+             * @description Answer when the gimbal is there or has stopped; false: as soon as the vehicle has acknowledged, for rapid sequences of angles.
              * @default true
              */
             wait: boolean;
@@ -5076,18 +5077,17 @@ export interface components {
         };
         /**
          * GimbalLimited
-         * @description The gimbal stopped short of the angles that were asked for: its own limit.
+         * @description The gimbal stopped at its own limit, before the requested angles.
          */
         GimbalLimited: {
             /**
              * Pitch Deg
-             * @description Where it stopped; up is positive [deg].
+             * @description Reached pitch; up is positive [deg].
              */
             pitch_deg: number;
             /**
              * Yaw Deg
-             * @description Where it stopped, counted as asked: from the nose, or from north with `yaw_lock` [deg]; null where
-             *     the vehicle does not tell.
+             * @description Reached yaw, relative to the nose, or to north with `yaw_lock` [deg]; null if unknown.
              */
             yaw_deg: number | null;
             /**
@@ -5102,7 +5102,7 @@ export interface components {
             asked_yaw_deg: number;
             /**
              * Text
-             * @description In a sentence.
+             * @description The limit as a sentence.
              */
             text: string;
         };
@@ -5173,7 +5173,7 @@ export interface components {
         };
         /**
          * GimbalPointed
-         * @description The gimbal points there, or says where it stopped.
+         * @description Result of pointing the gimbal.
          */
         GimbalPointed: {
             /**
@@ -5183,17 +5183,17 @@ export interface components {
             vehicle: string;
             /**
              * Command
-             * @description What was asked.
+             * @description The command.
              */
             command: string;
             /**
              * Duration S
-             * @description From the request until the vehicle showed it [s].
+             * @description Time from the request until the vehicle's state showed the result [s].
              */
             duration_s: number;
-            /** @description The vehicle afterwards. */
+            /** @description State of the vehicle afterwards. */
             status: components["schemas"]["Status"];
-            /** @description Where the gimbal stopped at a limit of its own, short of what was asked; null where it is there, still moves after 3 s, or does not report its attitude. */
+            /** @description Where the gimbal stopped at its own limit; null if it reached the angles, still moves after 3 s, or does not report its attitude. */
             limited: components["schemas"]["GimbalLimited"] | null;
         };
         /**
@@ -5224,7 +5224,7 @@ export interface components {
         };
         /**
          * GimbalRoi
-         * @description A place to keep looking at.
+         * @description A location to keep pointing at (ROI).
          * @example {
          *       "alt_amsl_m": 488,
          *       "lat_deg": 47.3982,
@@ -5250,12 +5250,12 @@ export interface components {
         };
         /**
          * GimbalSample
-         * @description The newest `gimbal` and the two clocks it is judged by.
+         * @description The newest `gimbal` with its time on two clocks.
          */
         GimbalSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -5268,7 +5268,7 @@ export interface components {
         };
         /**
          * GimbalView
-         * @description The gimbal as it reports itself.
+         * @description State of the gimbal.
          */
         GimbalView: {
             /**
@@ -5286,9 +5286,9 @@ export interface components {
              * @description Whether this server is in primary control.
              */
             in_control: boolean;
-            /** @description The place this server asked it to look at; null: none, or ended since. */
+            /** @description The ROI that this server has set; null: none, or ended since. */
             roi: components["schemas"]["Roi"] | null;
-            /** @description State, limits, and who is in control. */
+            /** @description State and limits, and who controls it. */
             gimbal: components["schemas"]["gcs_server__api__reflect__Gimbal"] | null;
         };
         /**
@@ -5333,12 +5333,12 @@ export interface components {
         };
         /**
          * GlobalPositionSample
-         * @description The newest `global_position` and the two clocks it is judged by.
+         * @description The newest `global_position` with its time on two clocks.
          */
         GlobalPositionSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -5386,7 +5386,7 @@ export interface components {
             yaw_ned_deg?: number | null;
             /**
              * Max Distance M
-             * @description Refuse a place farther away than this [m]; 1000 unless given.
+             * @description Refuse targets farther away than this [m]; default 1000.
              */
             max_distance_m?: number | null;
         };
@@ -5418,12 +5418,12 @@ export interface components {
         };
         /**
          * GpsSample
-         * @description The newest `gps` and the two clocks it is judged by.
+         * @description The newest `gps` with its time on two clocks.
          */
         GpsSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -5482,7 +5482,7 @@ export interface components {
         Group: {
             /**
              * Id
-             * @description How the API calls it.
+             * @description Id of the group in the API.
              */
             id: string;
             /**
@@ -5493,86 +5493,87 @@ export interface components {
             state: "starting" | "waiting" | "flying" | "holding" | "ended";
             /**
              * Client
-             * @description Whose setpoints they are.
+             * @description Client that sent the setpoints.
              */
             client: string;
             /**
              * Client Key
-             * @description Tells the client from others of its name.
+             * @description Distinguishes clients of the same name.
              */
             client_key: string;
             /**
              * Minimum Separation M
-             * @description How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m].
+             * @description Minimum true distance between members, braking distance included; see `margin_m` [m].
              */
             minimum_separation_m: number;
             /**
              * Margin M
-             * @description What the guard adds to it now, at most, for the accuracy and age of the vehicles' positions and the
-             *     wind: it stops two whose positions would come nearer than both together. Null before the first look.
+             * @description Largest margin that the guard adds now for the accuracy and age of the positions and for wind: it stops
+             *     two vehicles whose positions would come nearer than minimum plus margin. Null before the first check
+             *     [m].
              */
             margin_m: number | null;
             /**
              * Others Go On
-             * @description Whether those whom trouble does not concern fly on; else all hold.
+             * @description Whether members that a problem does not concern fly on; otherwise all hold.
              */
             others_go_on: boolean;
             /**
              * Created Unix S
-             * @description When it was asked for [s since 1970 UTC].
+             * @description Time of the request [s since 1970 UTC].
              */
             created_unix_s: number;
             /**
              * Start Unix S
-             * @description The common start [s since 1970 UTC]; null until all were confirmed in Offboard.
+             * @description Common start [s since 1970 UTC]; null until all members have confirmed Offboard.
              */
             start_unix_s: number | null;
             /**
              * Valid Left S
-             * @description Until the setpoints of all expire together [s].
+             * @description Time until the setpoints of all members expire [s].
              */
             valid_left_s: number | null;
             /**
              * Members
-             * @description Its vehicles, in the order in which they were named.
+             * @description Members, in the order of the request.
              */
             members: components["schemas"]["GroupMember"][];
-            /** @description Null before the first look, and where fewer than two places are known. */
+            /** @description Null before the first check, and if fewer than two positions are known. */
             nearest: components["schemas"]["NearestTwo"] | null;
             /**
              * Findings
-             * @description What went wrong, oldest first.
+             * @description Problems, oldest first.
              */
             findings: components["schemas"]["GroupFinding"][];
             /**
              * Ended
-             * @description Why it ended; null while it lasts.
+             * @description Why the group ended; null while it exists.
              */
             ended: string | null;
         };
         /**
          * GroupFinding
-         * @description Something that went wrong in a group, and who was stopped for it.
+         * @description A problem in a group, and which vehicles were stopped because of it.
          */
         GroupFinding: {
             /**
              * Unix S
-             * @description When it was found [s since 1970 UTC].
+             * @description Time of the finding [s since 1970 UTC].
              */
             unix_s: number;
             /**
              * Code
-             * @description separation, place_unknown, left (a member flies its setpoints no more), late, fault.
+             * @description separation, place_unknown, left (a member no longer follows its setpoints), late, fault.
              */
             code: string;
             /**
              * Vehicles
-             * @description Whom it is about.
+             * @description Vehicles concerned.
              */
             vehicles: string[];
             /**
              * Held
-             * @description Who was stopped for it.
+             * @description Vehicles that were stopped because of it.
              */
             held: string[];
             /**
@@ -5582,7 +5583,7 @@ export interface components {
             text: string;
             /**
              * Distance M
-             * @description With separation: how far apart they were then [m].
+             * @description With code separation: distance between the two at that time [m].
              */
             distance_m: number | null;
         };
@@ -5593,28 +5594,28 @@ export interface components {
         GroupList: {
             /**
              * Groups
-             * @description Those there are, and the last that ended; oldest first.
+             * @description All groups, and the last ones that ended; oldest first.
              */
             groups: components["schemas"]["Group"][];
         };
         /**
          * GroupMember
-         * @description One vehicle of a group; its stream itself is told by its own topic `offboard`.
+         * @description One vehicle of a group; the state of its stream is in its own topic `offboard`.
          */
         GroupMember: {
             /**
              * Vehicle
-             * @description Its id.
+             * @description Id of the vehicle.
              */
             vehicle: string;
             /**
              * Ordered Type
-             * @description The type of the setpoint that it has in the group.
+             * @description Type of its setpoint in the group.
              */
             ordered_type: string;
             /**
              * Stream
-             * @description As `state` of its `offboard`; before the start it is sent the place where it is.
+             * @description As `state` in its topic `offboard`; before the start its current position is streamed.
              */
             stream: string;
             /**
@@ -5624,13 +5625,13 @@ export interface components {
             mode: string;
             /**
              * Held
-             * @description It was stopped, or left: it follows the group no more.
+             * @description It was stopped or has left: it no longer follows the group.
              */
             held: boolean;
         };
         /**
          * GroupSetpoints
-         * @description New setpoints for some or all members, sent at one instant; without any, all are renewed.
+         * @description New setpoints for some or all members, sent together; an empty list renews all setpoints.
          * @example {
          *       "setpoints": [
          *         {
@@ -5651,13 +5652,13 @@ export interface components {
         GroupSetpoints: {
             /**
              * Valid For S
-             * @description How long the setpoints of all are good without being renewed, from the end of the longest path [s]; then `on_expiry` happens to all at once.
+             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at once.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when they have become too old.
+             * @description Action of the server when the setpoints have expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -5666,7 +5667,7 @@ export interface components {
             on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /**
              * Setpoints
-             * @description Each vehicle at most once; members that are not named fly on as they do.
+             * @description Each vehicle at most once; other members continue with their setpoints.
              */
             setpoints: components["schemas"]["MemberBody"][];
         };
@@ -5677,7 +5678,7 @@ export interface components {
         GroupStarted: {
             /**
              * Id
-             * @description How the API calls it.
+             * @description Id of the group in the API.
              */
             id: string;
             /**
@@ -5688,78 +5689,110 @@ export interface components {
             state: "starting" | "waiting" | "flying" | "holding" | "ended";
             /**
              * Client
-             * @description Whose setpoints they are.
+             * @description Client that sent the setpoints.
              */
             client: string;
             /**
              * Client Key
-             * @description Tells the client from others of its name.
+             * @description Distinguishes clients of the same name.
              */
             client_key: string;
             /**
              * Minimum Separation M
-             * @description How far apart all are kept, the way of braking included: the true distance, see `margin_m` [m].
+             * @description Minimum true distance between members, braking distance included; see `margin_m` [m].
              */
             minimum_separation_m: number;
             /**
              * Margin M
-             * @description What the guard adds to it now, at most, for the accuracy and age of the vehicles' positions and the
-             *     wind: it stops two whose positions would come nearer than both together. Null before the first look.
+             * @description Largest margin that the guard adds now for the accuracy and age of the positions and for wind: it stops
+             *     two vehicles whose positions would come nearer than minimum plus margin. Null before the first check
+             *     [m].
              */
             margin_m: number | null;
             /**
              * Others Go On
-             * @description Whether those whom trouble does not concern fly on; else all hold.
+             * @description Whether members that a problem does not concern fly on; otherwise all hold.
              */
             others_go_on: boolean;
             /**
              * Created Unix S
-             * @description When it was asked for [s since 1970 UTC].
+             * @description Time of the request [s since 1970 UTC].
              */
             created_unix_s: number;
             /**
              * Start Unix S
-             * @description The common start [s since 1970 UTC]; null until all were confirmed in Offboard.
+             * @description Common start [s since 1970 UTC]; null until all members have confirmed Offboard.
              */
             start_unix_s: number | null;
             /**
              * Valid Left S
-             * @description Until the setpoints of all expire together [s].
+             * @description Time until the setpoints of all members expire [s].
              */
             valid_left_s: number | null;
             /**
              * Members
-             * @description Its vehicles, in the order in which they were named.
+             * @description Members, in the order of the request.
              */
             members: components["schemas"]["GroupMember"][];
-            /** @description Null before the first look, and where fewer than two places are known. */
+            /** @description Null before the first check, and if fewer than two positions are known. */
             nearest: components["schemas"]["NearestTwo"] | null;
             /**
              * Findings
-             * @description What went wrong, oldest first.
+             * @description Problems, oldest first.
              */
             findings: components["schemas"]["GroupFinding"][];
             /**
              * Ended
-             * @description Why it ended; null while it lasts.
+             * @description Why the group ended; null while it exists.
              */
             ended: string | null;
             /**
              * Limits
-             * @description By vehicle: what its setpoints are held to; `origin` says whether the operator's were restored.
+             * @description Limits by vehicle; `origin` says whether the operator's limits were restored.
              */
             limits: {
                 [key: string]: components["schemas"]["OffboardLimits"];
             };
         };
         /**
+         * Health
+         * @description SYS_STATUS bit masks (MAV_SYS_STATUS_SENSOR) and CPU load.
+         */
+        Health: {
+            /**
+             * Sensors Present
+             * @description Sensors present.
+             */
+            sensors_present: number;
+            /**
+             * Sensors Enabled
+             * @description Sensors enabled.
+             */
+            sensors_enabled: number;
+            /**
+             * Sensors Healthy
+             * @description Sensors healthy.
+             */
+            sensors_healthy: number;
+            /**
+             * Ready To Arm
+             * @description MAV_SYS_STATUS_PREARM_CHECK healthy; None before the vehicle has reported any sensor.
+             */
+            ready_to_arm: boolean | null;
+            /**
+             * Cpu Load
+             * @description 0–1.
+             */
+            cpu_load: number | null;
+        };
+        /**
          * HealthSample
-         * @description The newest `health` and the two clocks it is judged by.
+         * @description The newest `health` with its time on two clocks.
          */
         HealthSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -5768,16 +5801,16 @@ export interface components {
              */
             received_unix_s: number;
             /** @description The sample itself. */
-            value: components["schemas"]["gcs_server__api__reflect__Health"];
+            value: components["schemas"]["Health"];
         };
         /**
          * HeldPlanName
-         * @description Which plan a transfer was about.
+         * @description The plan of a transfer.
          */
         HeldPlanName: {
             /**
              * Id
-             * @description The plan's id on this server; null: it is not kept here.
+             * @description Id of the stored plan; null: not stored on this server.
              */
             id: string | null;
             /**
@@ -5793,20 +5826,20 @@ export interface components {
         };
         /**
          * HeldView
-         * @description Which plan the vehicle holds.
+         * @description The plan on the vehicle.
          */
         HeldView: {
             /**
              * State
-             * @description plan: the one named here; another: not the one that was uploaded last; not_known: the server has not uploaded or compared one, or the vehicle does not report what it holds.
+             * @description plan: the plan named here; another: not the plan that was uploaded last; not_known: the server has not uploaded or compared a plan, or the vehicle reports no ids.
              * @enum {string}
              */
             state: "plan" | "another" | "not_known";
-            /** @description The plan that was uploaded last and verified; what `state` is about. */
+            /** @description The last uploaded and verified plan, to which `state` refers. */
             plan: components["schemas"]["HeldPlanName"] | null;
             /**
              * Known Unix S
-             * @description When it was last transferred, whole and verified [s since 1970 UTC].
+             * @description Time of the last complete, verified transfer [s since 1970 UTC].
              */
             known_unix_s: number | null;
         };
@@ -5890,7 +5923,7 @@ export interface components {
         History: {
             /**
              * Samples
-             * @description Of all topics asked for, by time.
+             * @description Samples of all requested topics, by time.
              */
             samples: components["schemas"]["HistorySample"][];
         };
@@ -5955,7 +5988,7 @@ export interface components {
         };
         /**
          * HoldOnExpiry
-         * @description Hold the place reached by position setpoints, then PX4's Hold mode; without an estimate, land.
+         * @description Hold the position by setpoints, then switch to PX4's Hold mode; without a position estimate, land.
          */
         HoldOnExpiry: {
             /**
@@ -5965,7 +5998,7 @@ export interface components {
             action: "hold";
             /**
              * Hold For S
-             * @description How long before Hold mode [s].
+             * @description Time before Hold mode [s].
              * @default 5
              */
             hold_for_s: number;
@@ -6069,12 +6102,12 @@ export interface components {
         };
         /**
          * HomeSample
-         * @description The newest `home` and the two clocks it is judged by.
+         * @description The newest `home` with its time on two clocks.
          */
         HomeSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -6113,12 +6146,12 @@ export interface components {
         };
         /**
          * HudSample
-         * @description The newest `hud` and the two clocks it is judged by.
+         * @description The newest `hud` with its time on two clocks.
          */
         HudSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -6131,7 +6164,7 @@ export interface components {
         };
         /**
          * Identity
-         * @description Data of a vehicle that do not change in flight, as far as known.
+         * @description Data of a vehicle that do not change in flight, as far as they are known.
          */
         Identity: {
             /**
@@ -6156,12 +6189,12 @@ export interface components {
             vehicle_type: number;
             /**
              * Uid
-             * @description Hexadecimal, from AUTOPILOT_VERSION (uid2, else uid); None until it came or where there is none.
+             * @description Hexadecimal, from AUTOPILOT_VERSION (uid2, else uid); None until received, and if there is none.
              */
             uid: string | null;
             /**
              * Simulated
-             * @description None until the autopilot has said who it is, and where nothing tells (other autopilots than PX4).
+             * @description None until AUTOPILOT_VERSION is received, and for other autopilots than PX4.
              */
             simulated: boolean | null;
             /**
@@ -6181,18 +6214,18 @@ export interface components {
             capabilities: number | null;
             /**
              * Warnings
-             * @description What the operator should know about this identity, as sentences.
+             * @description Warnings about this identity, as sentences.
              */
             warnings: string[];
         };
         /**
          * ImportedArea
-         * @description An area of a file: for a survey or a fence, as a person decides.
+         * @description An area in a file, for a survey or a fence.
          */
         ImportedArea: {
             /**
              * Name
-             * @description As the file calls it.
+             * @description Name in the file.
              */
             name: string;
             /**
@@ -6202,7 +6235,7 @@ export interface components {
             outer: components["schemas"]["Point"][];
             /**
              * Holes
-             * @description Areas in it that do not belong to it.
+             * @description Holes in the area.
              */
             holes: components["schemas"]["Point"][][];
         };
@@ -6213,7 +6246,7 @@ export interface components {
         ImportedPlan: {
             /**
              * Format
-             * @description In which format the file is.
+             * @description Format of the file.
              * @enum {string}
              */
             format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz" | "yaml";
@@ -6230,12 +6263,12 @@ export interface components {
             plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Areas
-             * @description Areas that are no part of the plan.
+             * @description Areas in the file that are not part of the plan.
              */
             areas: components["schemas"]["ImportedArea"][];
             /**
              * Notes
-             * @description What was understood and what was not; sentences.
+             * @description Notes on what was imported and what was not; sentences.
              */
             notes: string[];
         };
@@ -6289,7 +6322,7 @@ export interface components {
             result: string;
             /**
              * Detail
-             * @description The error in words.
+             * @description Text of the error.
              */
             detail: string | null;
             /**
@@ -6299,7 +6332,7 @@ export interface components {
             duration_s: number;
             /**
              * Repeated
-             * @description Number of equal refusals of this client that this line stands for.
+             * @description Number of equal refusals of this client that this line represents.
              */
             repeated: number;
         };
@@ -6356,7 +6389,7 @@ export interface components {
             id: string;
             /**
              * Name
-             * @description What people call it.
+             * @description Name of the plan.
              */
             name: string;
             /**
@@ -6366,12 +6399,12 @@ export interface components {
             version: number;
             /**
              * Changed Unix S
-             * @description When it was saved [s since 1970 UTC].
+             * @description Time when it was saved [s since 1970 UTC].
              */
             changed_unix_s: number;
             /**
              * Changed By
-             * @description Who saved it.
+             * @description Client that saved it.
              */
             changed_by: string;
             /**
@@ -6381,7 +6414,7 @@ export interface components {
             item_count: number;
             /**
              * Kind
-             * @description Flown by the vehicle, or by the server's setpoints.
+             * @description Waypoint plan (flown by the vehicle) or offboard mission (flown by the server's setpoints).
              * @enum {string}
              */
             kind: "waypoint_plan" | "offboard_mission";
@@ -6393,7 +6426,7 @@ export interface components {
         };
         /**
          * KillRequest
-         * @description Says in words what is about to happen.
+         * @description Confirmation of Stop motors.
          * @example {
          *       "confirm": "motors stop, vehicle 1 falls"
          *     }
@@ -6407,7 +6440,7 @@ export interface components {
         };
         /**
          * LandNowRequest
-         * @description Says in words what is about to happen.
+         * @description Confirmation of Land now.
          * @example {
          *       "confirm": "vehicle 1 lands now"
          *     }
@@ -6421,7 +6454,7 @@ export interface components {
         };
         /**
          * LandOnExpiry
-         * @description Land where it is.
+         * @description Land at the current position.
          */
         LandOnExpiry: {
             /**
@@ -6523,54 +6556,55 @@ export interface components {
         };
         /**
          * LimitsOrigin
-         * @description Where the operator's limits come from, and what became of those set before a restart.
+         * @description Origin of the operator's limits, and whether limits from before a restart were restored.
          */
         LimitsOrigin: {
             /**
              * Active
-             * @description Whether limits of the operator's are in force.
+             * @description Whether the operator has set limits.
              */
             active: boolean;
             /**
              * Restored
-             * @description They were set before the server's last start and read back from its data folder.
+             * @description They were set before the server's last start and restored from its data folder.
              */
             restored: boolean;
             /**
              * Set By
-             * @description The client that set them; null where none was ever set.
+             * @description Client that set them; null if none were ever set.
              */
             set_by: string | null;
             /**
              * Set Unix S
-             * @description When it did [s since 1970 UTC].
+             * @description Time when they were set [s since 1970 UTC].
              */
             set_unix_s: number | null;
             /**
              * Kept
-             * @description They are in the data folder: a restart brings them back.
+             * @description They are stored in the data folder and are restored after a restart.
              */
             kept: boolean;
             /**
              * Recognised By
-             * @description How a restarted server knows the vehicle: `uid` (its autopilot's), `system_id` (it has no uid of its
-             *     own); null before it told its identity.
+             * @description How a restarted server recognises the vehicle: `uid` (of the autopilot), `system_id` (no unique uid);
+             *     null before the vehicle is identified.
              */
             recognised_by: ("uid" | "system_id") | null;
             /**
              * Warning
-             * @description Why limits that were set are not in force, or would be lost by a restart; null where all is well.
+             * @description Why limits that were set are not in force, or would be lost in a restart; null if there is no
+             *     problem.
              */
             warning: string | null;
             /**
              * Text
-             * @description All of this in a sentence.
+             * @description Summary in a sentence.
              */
             text: string;
         };
         /**
          * LimitsRequest
-         * @description The operator's limits, all at once: what is left out (or null) is no limit of the operator's.
+         * @description All operator limits; an omitted or null field means no limit.
          * @example {
          *       "distance_max_m": 100,
          *       "height_max_m": 30,
@@ -6615,7 +6649,7 @@ export interface components {
             distance_max_m?: number | null;
             /**
              * Fence
-             * @description Stay inside; beside the vehicle's own fence.
+             * @description Stay inside this fence, in addition to the vehicle's own fence.
              */
             fence?: (components["schemas"]["PolygonFenceBody"] | components["schemas"]["CircleFenceBody"]) | null;
             /**
@@ -6630,7 +6664,7 @@ export interface components {
             slew_attitude_rad_s?: number | null;
             /**
              * Obstacle Brake
-             * @description Stop before what the vehicle's own distance sensors measure; false switches that off.
+             * @description Stop before obstacles that the vehicle's distance sensors measure; false switches this off.
              * @default true
              */
             obstacle_brake: boolean;
@@ -6652,12 +6686,12 @@ export interface components {
             url: string;
             /**
              * State
-             * @description connecting, open, waiting (it will try again), closed, ended (a replay that came to its end).
+             * @description connecting, open, waiting (it will try again), closed, ended (a replay at its end).
              */
             state: string;
             /**
              * Detail
-             * @description For people: what is wrong and what to do about it; empty when all is well.
+             * @description What is wrong and what to do about it; empty if there is no problem.
              */
             detail: string;
             /**
@@ -6687,22 +6721,22 @@ export interface components {
             bytes_sent: number;
             /**
              * Bytes Dropped
-             * @description Not sent because too much waited, the system refused it, or nobody was connected.
+             * @description Not sent because the queue was full, the system refused it, or no peer was connected.
              */
             bytes_dropped: number;
             /**
              * Frames Sent
-             * @description Frames that have left.
+             * @description Sent frames.
              */
             frames_sent: number;
             /**
              * Frames Waiting
-             * @description Frames that wait now, because the link takes no more at the moment.
+             * @description Frames waiting in the queue.
              */
             frames_waiting: number;
             /**
              * Frames Replaced
-             * @description Frames that waited until a newer one took their place: setpoints, commands sent again or overtaken.
+             * @description Waiting frames replaced by newer ones: setpoints, repeated or replaced commands.
              */
             frames_replaced: number;
             /**
@@ -6712,32 +6746,32 @@ export interface components {
             frames_expired: number;
             /**
              * Frames Dropped
-             * @description Frames not sent because too much waited or the link failed.
+             * @description Frames not sent because the queue was full or the link failed.
              */
             frames_dropped: number;
             /**
              * Frames Received
-             * @description Whole MAVLink frames, of peers that have gone, too; so are the next four.
+             * @description Received MAVLink frames, including those of former peers, as in the next four counters.
              */
             frames_received: number;
             /**
              * Frames Unknown
-             * @description Frames of messages that the dialect does not have.
+             * @description Frames of messages that are not in the dialect.
              */
             frames_unknown: number;
             /**
              * Frames Lost
-             * @description Counted by gaps in the sequence numbers; not counted in a recording.
+             * @description Lost frames, counted by gaps in sequence numbers; not counted in a recording.
              */
             frames_lost: number;
             /**
              * Crc Errors
-             * @description Frames whose checksum is wrong.
+             * @description Frames with a wrong checksum.
              */
             crc_errors: number;
             /**
              * Bytes Skipped
-             * @description Bytes that belong to no frame: garbage, another protocol, a wrong baud rate.
+             * @description Bytes that are not part of a frame: garbage, another protocol, a wrong baud rate.
              */
             bytes_skipped: number;
             /**
@@ -6747,17 +6781,17 @@ export interface components {
             handler_errors: number;
             /**
              * Frames Refused
-             * @description Frames that were refused because of their signature or its absence; `signing` says why.
+             * @description Frames refused because of a wrong or missing signature; `signing` says why.
              */
             frames_refused: number;
             /**
              * Frames Unverified
-             * @description Signed frames that were taken as they are, since this link has no key.
+             * @description Signed frames accepted without a check, because this link has no key.
              */
             frames_unverified: number;
-            /** @description Null where the link's URL names no key. */
+            /** @description Null if the link has no key. */
             signing: components["schemas"]["SigningReport"] | null;
-            /** @description Null where nothing is to be recorded: a replay, or a server with --no-record. */
+            /** @description Null if the link is not recorded: a replay, or a server with --no-record. */
             recording: components["schemas"]["Recording"] | null;
         };
         /**
@@ -6776,7 +6810,7 @@ export interface components {
             url: string;
             /**
              * Name
-             * @description How to call it: 1 to 64 characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit; made from the URL if left out.
+             * @description Name of the link: 1 to 64 characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit; made from the URL if left out.
              */
             name?: string | null;
         };
@@ -6793,7 +6827,7 @@ export interface components {
         };
         /**
          * LocalPosition
-         * @description LOCAL_POSITION_NED: where the estimator believes to be, from its own origin.
+         * @description LOCAL_POSITION_NED: the estimated position from the estimator's origin.
          */
         LocalPosition: {
             /**
@@ -6817,12 +6851,12 @@ export interface components {
         };
         /**
          * LocalPositionSample
-         * @description The newest `local_position` and the two clocks it is judged by.
+         * @description The newest `local_position` with its time on two clocks.
          */
         LocalPositionSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -7022,7 +7056,7 @@ export interface components {
             url: string;
             /**
              * Format
-             * @description Kind of file.
+             * @description Format of the file.
              * @enum {string}
              */
             format: "pmtiles" | "mbtiles";
@@ -7034,17 +7068,17 @@ export interface components {
             tiles: "raster" | "vector";
             /**
              * Min Zoom
-             * @description Least zoom it has tiles for.
+             * @description Smallest zoom with tiles.
              */
             min_zoom: number;
             /**
              * Max Zoom
-             * @description Greatest zoom it has tiles for.
+             * @description Largest zoom with tiles.
              */
             max_zoom: number;
             /**
              * Bounds Deg
-             * @description West, south, east, north; null where it does not say.
+             * @description West, south, east, north; null if unknown.
              */
             bounds_deg: [
                 number,
@@ -7054,7 +7088,7 @@ export interface components {
             ] | null;
             /**
              * Attribution
-             * @description Whom its licence asks to name; may hold HTML.
+             * @description Attribution that its licence requires; may contain HTML.
              */
             attribution: string | null;
             /**
@@ -7080,7 +7114,7 @@ export interface components {
             folder: string;
             /**
              * Maps
-             * @description By name; drawn in this order, the first lowest.
+             * @description Maps by name; drawn in this order, the first at the bottom.
              */
             maps: components["schemas"]["MapFile"][];
             /**
@@ -7091,17 +7125,17 @@ export interface components {
         };
         /**
          * Me
-         * @description Who the caller is.
+         * @description The caller.
          */
         Me: {
             /**
              * Name
-             * @description As the journal and the others see it.
+             * @description Name in the journal and for other clients.
              */
             name: string;
             /**
              * Key
-             * @description Tells it from clients of the same name; stands as `holder_key`.
+             * @description Distinguishes clients of the same name; as in `holder_key`.
              */
             key: string;
             /**
@@ -7160,11 +7194,32 @@ export interface components {
             text: string;
             /**
              * Data
-             * @description What else the kind carries.
+             * @description Further data of this kind.
              */
             data: {
                 [key: string]: unknown;
             };
+        };
+        /**
+         * MessageMark
+         * @description A status text or event.
+         */
+        MessageMark: {
+            /**
+             * Unix S
+             * @description Unix [s].
+             */
+            unix_s: number;
+            /**
+             * Severity
+             * @description MAV_SEVERITY: 0 emergency … 6 info, 7 debug.
+             */
+            severity: number;
+            /**
+             * Text
+             * @description Text.
+             */
+            text: string;
         };
         /**
          * Messages
@@ -7179,44 +7234,43 @@ export interface components {
         };
         /**
          * Mission
-         * @description MISSION_CURRENT, and MISSION_ITEM_REACHED: what the vehicle holds, and where in it it is.
+         * @description MISSION_CURRENT and MISSION_ITEM_REACHED: the vehicle's mission, and its progress.
          */
         Mission: {
             /**
              * Current
-             * @description Index of the item that is flown, or would be flown next, from 0.
+             * @description Index of the current or next item, from 0.
              */
             current: number;
             /**
              * Count
-             * @description Items of its mission; None where it does not say.
+             * @description Number of items of the mission; null if unknown.
              */
             count: number | null;
             /**
              * Reached
-             * @description Index of the item that it reported last as reached, from 0, of whichever mission it flew then; None:
-             *     none.
+             * @description Index of the item last reported as reached, from 0, in the mission at that time; null: none.
              */
             reached: number | null;
             /**
              * Mission Id
-             * @description The vehicle's own sum over its mission; 0: none, or not told.
+             * @description The vehicle's checksum of its mission; 0: none or unknown.
              */
             mission_id: number;
             /**
              * Fence Id
-             * @description The same of its geofence.
+             * @description The vehicle's checksum of its geofence.
              */
             fence_id: number;
             /**
              * Rally Points Id
-             * @description The same of its rally points.
+             * @description The vehicle's checksum of its rally points.
              */
             rally_points_id: number;
         };
         /**
          * MissionComparison
-         * @description What differs between a plan and what the vehicle held when it was last read.
+         * @description Differences between a plan and the last download from the vehicle.
          */
         MissionComparison: {
             /**
@@ -7226,7 +7280,7 @@ export interface components {
             vehicle: string;
             /**
              * Equal
-             * @description No difference that changes the flight.
+             * @description True if no difference changes the flight.
              */
             equal: boolean;
             /**
@@ -7236,7 +7290,7 @@ export interface components {
             differences: components["schemas"]["PlanDifference"][];
             /**
              * Read Unix S
-             * @description When the vehicle's plan was read [s since 1970 UTC].
+             * @description Time of the download [s since 1970 UTC].
              */
             read_unix_s: number;
             /**
@@ -7247,12 +7301,12 @@ export interface components {
         };
         /**
          * MissionSample
-         * @description The newest `mission` and the two clocks it is judged by.
+         * @description The newest `mission` with its time on two clocks.
          */
         MissionSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -7265,7 +7319,7 @@ export interface components {
         };
         /**
          * MissionView
-         * @description What a vehicle flies by itself.
+         * @description The mission on a vehicle.
          */
         MissionView: {
             /**
@@ -7273,19 +7327,18 @@ export interface components {
              * @description The vehicle's id.
              */
             vehicle: string;
-            /** @description As the topic `mission`; null: the vehicle has not reported. */
+            /** @description As the topic `mission`; null: not reported yet. */
             mission: components["schemas"]["Mission"] | null;
-            /** @description Which plan it holds. */
             holds: components["schemas"]["HeldView"];
             /**
              * Transfer
-             * @description What transfer is under way; null: none.
+             * @description The running transfer; null: none.
              */
             transfer: string | null;
         };
         /**
          * ModeCause
-         * @description Why the vehicle flies its present mode, as far as can be known.
+         * @description Cause of the current mode, as far as it can be known.
          */
         ModeCause: {
             /**
@@ -7297,7 +7350,7 @@ export interface components {
             source: "command" | "vehicle" | "failsafe" | "pilot" | "station" | "unknown";
             /**
              * Who
-             * @description The client, or the other station.
+             * @description Client or other station.
              */
             who: string | null;
             /**
@@ -7318,38 +7371,38 @@ export interface components {
         ModeReadiness: {
             /**
              * Mode
-             * @description As the API calls it.
+             * @description Name of the mode in the API.
              */
             mode: string;
             /**
              * Label
-             * @description As people call it.
+             * @description Label of the mode.
              */
             label: string;
             /**
              * Can Arm
-             * @description Whether the vehicle would arm in it.
+             * @description Whether the vehicle can be armed in this mode.
              */
             can_arm: boolean;
             /**
              * Can Run
-             * @description Whether it may be switched to, in the air too.
+             * @description Whether the vehicle can switch to this mode, also in flight.
              */
             can_run: boolean;
             /**
              * Arming
-             * @description What keeps it from arming, gravest first.
+             * @description What prevents arming, most severe first.
              */
             arming: components["schemas"]["ReadinessCause"][];
             /**
              * Running
-             * @description What keeps the mode from being flown, gravest first.
+             * @description What prevents flying the mode, most severe first.
              */
             running: components["schemas"]["ReadinessCause"][];
         };
         /**
          * ModeRequest
-         * @description Which flight mode to ask for.
+         * @description The flight mode to switch to.
          * @example {
          *       "mode": "position"
          *     }
@@ -7399,18 +7452,18 @@ export interface components {
             pwm_us: number[];
             /**
              * Groups
-             * @description All of several groups, by their ports; empty where there is one.
+             * @description All groups, by port; empty if there is only one.
              */
             groups: components["schemas"]["OutputGroup"][];
         };
         /**
          * MotorsSample
-         * @description The newest `motors` and the two clocks it is judged by.
+         * @description The newest `motors` with its time on two clocks.
          */
         MotorsSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -7533,12 +7586,12 @@ export interface components {
         };
         /**
          * NearestTwo
-         * @description The two members that are nearest now.
+         * @description The two members that are nearest to each other now.
          */
         NearestTwo: {
             /**
              * Vehicles
-             * @description Their ids.
+             * @description Ids of the vehicles.
              */
             vehicles: [
                 string,
@@ -7546,18 +7599,18 @@ export interface components {
             ];
             /**
              * Distance M
-             * @description By both vehicles' own positions on the earth [m].
+             * @description Distance from both vehicles' own global positions [m].
              */
             distance_m: number;
         };
         /**
          * NewPlan
-         * @description A plan to keep.
+         * @description A new plan to store.
          */
         NewPlan: {
             /**
              * Name
-             * @description What people call it.
+             * @description Name of the plan.
              */
             name: string;
             /**
@@ -7568,7 +7621,7 @@ export interface components {
         };
         /**
          * Notice
-         * @description One line of `GET /warnings`: stands until its cause has gone.
+         * @description One line of `GET /warnings`, shown until its cause is gone.
          */
         Notice: {
             /**
@@ -7671,23 +7724,23 @@ export interface components {
             on: boolean;
             /**
              * Way
-             * @description What is tried first: over an obstacle, or around it at the same altitude.
+             * @description Direction that is tried first: over an obstacle, or around it at the same altitude.
              * @enum {string}
              */
             way: "over" | "around";
             /**
              * State
-             * @description What it does now; null while it is off or nothing is streamed.
+             * @description Current state; null while avoidance is off or nothing is streamed.
              */
             state: ("clear" | "turning" | "over" | "around" | "back" | "stopped") | null;
             /**
              * Text
-             * @description The same for people; empty while it flies as ordered.
+             * @description The state as text; empty while the vehicle flies as ordered.
              */
             text: string;
             /**
              * Sensor
-             * @description Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one, too.
+             * @description Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one as well.
              */
             sensor: boolean;
         };
@@ -7698,22 +7751,22 @@ export interface components {
         ObstacleDistance: {
             /**
              * Frame
-             * @description What the angles count from: body (the nose) or north.
+             * @description Reference of the angles: body (the nose) or north.
              */
             frame: string;
             /**
              * First Deg
-             * @description Direction of the first sector's middle, clockwise.
+             * @description Direction of the middle of the first sector, clockwise.
              */
             first_deg: number;
             /**
              * Step Deg
-             * @description From one sector to the next, clockwise; negative: the other way.
+             * @description Angle between sectors, clockwise; negative: counter-clockwise.
              */
             step_deg: number;
             /**
              * Distances M
-             * @description More than `range_max_m`: nothing within it; None: not known.
+             * @description More than `range_max_m`: no obstacle within range; null: unknown.
              */
             distances_m: (number | null)[];
             /**
@@ -7729,12 +7782,12 @@ export interface components {
         };
         /**
          * ObstacleDistanceSample
-         * @description The newest `obstacle_distance` and the two clocks it is judged by.
+         * @description The newest `obstacle_distance` with its time on two clocks.
          */
         ObstacleDistanceSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -7747,12 +7800,12 @@ export interface components {
         };
         /**
          * OffboardFailsafe
-         * @description What the vehicle does by itself when the stream stops.
+         * @description The vehicle's own action when the stream stops.
          */
         OffboardFailsafe: {
             /**
              * After S
-             * @description COM_OF_LOSS_T; None where it did not tell.
+             * @description COM_OF_LOSS_T; null if unknown.
              */
             after_s: number | null;
             /**
@@ -7762,7 +7815,7 @@ export interface components {
             action: string | null;
             /**
              * Transmitter
-             * @description Whether a transmitter is heard: without one the modes flown by sticks come down by themselves.
+             * @description Whether an RC transmitter is connected: without one the vehicle descends in modes that need sticks.
              */
             transmitter: boolean;
             /**
@@ -7778,7 +7831,7 @@ export interface components {
         OffboardFlight: {
             /**
              * Steps
-             * @description On the way that takes longest, in their order.
+             * @description Steps in order; at a branch, the longest way.
              */
             steps: components["schemas"]["PlanStepTime"][];
             /**
@@ -7793,14 +7846,14 @@ export interface components {
             needs: string[];
             /**
              * Start Ned M
-             * @description Where it starts, from the local origin [m].
+             * @description Start position, from the local origin [m].
              */
             start_ned_m: [
                 number,
                 number,
                 number
             ];
-            /** @description The local origin on the earth; null: neither vehicle nor mission says it. */
+            /** @description Global position of the local origin; null if unknown. */
             origin: components["schemas"]["PlanOrigin"] | null;
         };
         /**
@@ -7812,7 +7865,7 @@ export interface components {
             vehicle: components["schemas"]["VehicleLimits"];
             /** @description Operator. */
             operator: components["schemas"]["OperatorLimits"];
-            /** @description Of the operator's. */
+            /** @description Origin of the operator's limits. */
             origin: components["schemas"]["LimitsOrigin"];
         };
         /**
@@ -7980,50 +8033,51 @@ export interface components {
              * @description The vehicle's id.
              */
             vehicle: string;
-            /** @description As the topic `offboard_mission`; null: none has been started since the server began. */
+            /** @description As the topic `offboard_mission`; null: none has been started since the server started. */
             mission: components["schemas"]["OffboardMissionStatus"] | null;
         };
         /**
          * OffboardStarted
-         * @description The stream that has begun, and what it is held to.
+         * @description The started stream and its limits.
          */
         OffboardStarted: {
             /**
              * Streaming
-             * @description Whether setpoints go out to the vehicle now.
+             * @description Whether setpoints are being sent.
              */
             streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
-             *     (the start failed, but the vehicle may yet take Offboard).
+             * @description idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
+             *     (the start failed, but the vehicle may still switch to Offboard).
              */
             state: string;
             /**
              * Client
-             * @description Whose setpoint it is.
+             * @description Client that sent the setpoint.
              */
             client: string | null;
             /**
              * Client Key
-             * @description Tells the client from others of its name.
+             * @description Distinguishes clients of the same name.
              */
             client_key: string | null;
             /**
              * Owner
-             * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
+             * @description operator: a client flies this vehicle; group: setpoints come through `/groups` only; mission: an
+             *     offboard mission flies it.
              */
             owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
-             * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
+             * @description Type of the ordered setpoint; the sent type may differ (path, follow, after expiry).
              */
             ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
-            /** @description What goes out now: the client's within its limits, or the place held after it expired. */
+            /** @description The setpoint sent now: the client's, limited, or the position held after expiry. */
             setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
              * Limited
-             * @description What the limits take away from the order now, in words; empty where nothing.
+             * @description Texts of what the limits reduce now; empty if nothing is limited.
              */
             limited: string[];
             /**
@@ -8058,72 +8112,70 @@ export interface components {
             on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
             /**
              * If Stream Stops
-             * @description What the vehicle will do by itself, in words; None before it was asked.
+             * @description The vehicle's own action when the stream stops; null before it is known.
              */
             if_stream_stops: string | null;
             /**
              * Sends Failed
-             * @description Setpoints that could not be handed to the link.
+             * @description Number of setpoints that could not be handed to the link.
              */
             sends_failed: number;
             /**
              * Ended
-             * @description Why the last stream ended; None while one runs or before the first.
+             * @description Why the last stream ended; null while one runs and before the first.
              */
             ended: string | null;
-            /**
-             * @description Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
-             *     them.
-             */
+            /** @description Whether operator limits are in force, who set them and when, and whether they survive a restart. */
             limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             avoidance: components["schemas"]["ObstacleAvoidance"];
             /** @description Health. */
             health: components["schemas"]["StreamHealth"];
-            /** @description What its setpoints are held to; `origin` says whether the operator's were restored. */
+            /** @description Limits of its setpoints; `origin` says whether the operator's limits were restored. */
             limits: components["schemas"]["OffboardLimits"];
         };
         /**
          * OffboardStatus
-         * @description The topic `offboard`, and what the calls below `…/offboard` answer.
+         * @description The topic `offboard`, and the answer of the calls below `…/offboard`.
          */
         OffboardStatus: {
             /**
              * Streaming
-             * @description Whether setpoints go out to the vehicle now.
+             * @description Whether setpoints are being sent.
              */
             streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
-             *     (the start failed, but the vehicle may yet take Offboard).
+             * @description idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
+             *     (the start failed, but the vehicle may still switch to Offboard).
              */
             state: string;
             /**
              * Client
-             * @description Whose setpoint it is.
+             * @description Client that sent the setpoint.
              */
             client: string | null;
             /**
              * Client Key
-             * @description Tells the client from others of its name.
+             * @description Distinguishes clients of the same name.
              */
             client_key: string | null;
             /**
              * Owner
-             * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
+             * @description operator: a client flies this vehicle; group: setpoints come through `/groups` only; mission: an
+             *     offboard mission flies it.
              */
             owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
-             * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
+             * @description Type of the ordered setpoint; the sent type may differ (path, follow, after expiry).
              */
             ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
-            /** @description What goes out now: the client's within its limits, or the place held after it expired. */
+            /** @description The setpoint sent now: the client's, limited, or the position held after expiry. */
             setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
              * Limited
-             * @description What the limits take away from the order now, in words; empty where nothing.
+             * @description Texts of what the limits reduce now; empty if nothing is limited.
              */
             limited: string[];
             /**
@@ -8158,23 +8210,20 @@ export interface components {
             on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
             /**
              * If Stream Stops
-             * @description What the vehicle will do by itself, in words; None before it was asked.
+             * @description The vehicle's own action when the stream stops; null before it is known.
              */
             if_stream_stops: string | null;
             /**
              * Sends Failed
-             * @description Setpoints that could not be handed to the link.
+             * @description Number of setpoints that could not be handed to the link.
              */
             sends_failed: number;
             /**
              * Ended
-             * @description Why the last stream ended; None while one runs or before the first.
+             * @description Why the last stream ended; null while one runs and before the first.
              */
             ended: string | null;
-            /**
-             * @description Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
-             *     them.
-             */
+            /** @description Whether operator limits are in force, who set them and when, and whether they survive a restart. */
             limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -8183,45 +8232,46 @@ export interface components {
         };
         /**
          * OffboardView
-         * @description The stream, what can be flown, what holds it in, and what happens without it.
+         * @description The stream, available setpoint types, limits, and the vehicle's failsafe.
          */
         OffboardView: {
             /**
              * Streaming
-             * @description Whether setpoints go out to the vehicle now.
+             * @description Whether setpoints are being sent.
              */
             streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (expired, place held), to_hold, landing (mode asked for), undoing
-             *     (the start failed, but the vehicle may yet take Offboard).
+             * @description idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
+             *     (the start failed, but the vehicle may still switch to Offboard).
              */
             state: string;
             /**
              * Client
-             * @description Whose setpoint it is.
+             * @description Client that sent the setpoint.
              */
             client: string | null;
             /**
              * Client Key
-             * @description Tells the client from others of its name.
+             * @description Distinguishes clients of the same name.
              */
             client_key: string | null;
             /**
              * Owner
-             * @description operator: a client that flies this vehicle alone; group: setpoints come through `/groups` only.
+             * @description operator: a client flies this vehicle; group: setpoints come through `/groups` only; mission: an
+             *     offboard mission flies it.
              */
             owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
-             * @description The type of the setpoint that was ordered; what goes out may be another (path, follow, an expiry).
+             * @description Type of the ordered setpoint; the sent type may differ (path, follow, after expiry).
              */
             ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
-            /** @description What goes out now: the client's within its limits, or the place held after it expired. */
+            /** @description The setpoint sent now: the client's, limited, or the position held after expiry. */
             setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
              * Limited
-             * @description What the limits take away from the order now, in words; empty where nothing.
+             * @description Texts of what the limits reduce now; empty if nothing is limited.
              */
             limited: string[];
             /**
@@ -8256,23 +8306,20 @@ export interface components {
             on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
             /**
              * If Stream Stops
-             * @description What the vehicle will do by itself, in words; None before it was asked.
+             * @description The vehicle's own action when the stream stops; null before it is known.
              */
             if_stream_stops: string | null;
             /**
              * Sends Failed
-             * @description Setpoints that could not be handed to the link.
+             * @description Number of setpoints that could not be handed to the link.
              */
             sends_failed: number;
             /**
              * Ended
-             * @description Why the last stream ended; None while one runs or before the first.
+             * @description Why the last stream ended; null while one runs and before the first.
              */
             ended: string | null;
-            /**
-             * @description Whether limits of the operator's are in force, by whom and when they were set, whether a restart kept
-             *     them.
-             */
+            /** @description Whether operator limits are in force, who set them and when, and whether they survive a restart. */
             limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -8280,13 +8327,14 @@ export interface components {
             health: components["schemas"]["StreamHealth"];
             /**
              * Available
-             * @description For each type of setpoint: can this vehicle, on this link, fly it now; and why not.
+             * @description For each setpoint type: whether this vehicle on this link can fly it now, and why not.
              */
             available: {
                 [key: string]: components["schemas"]["Available"];
             };
+            /** @description Limits of setpoints. */
             limits: components["schemas"]["OffboardLimits"];
-            /** @description What the vehicle does by itself when the stream stops; null before it told. */
+            /** @description The vehicle's own action when the stream stops; null before it is known. */
             failsafe: components["schemas"]["OffboardFailsafe"] | null;
         };
         /**
@@ -8306,7 +8354,7 @@ export interface components {
             kind: string;
             /**
              * Vehicle
-             * @description The vehicle's id; null: it concerns none.
+             * @description The vehicle's id; null: no vehicle.
              */
             vehicle: string | null;
             /**
@@ -8321,7 +8369,7 @@ export interface components {
             client: string;
             /**
              * Client Key
-             * @description Tells the client from others of its name.
+             * @description Distinguishes clients of the same name.
              */
             client_key: string;
             /**
@@ -8342,12 +8390,12 @@ export interface components {
             text: string;
             /**
              * Started Unix S
-             * @description When it began [s since 1970 UTC].
+             * @description Start time [s since 1970 UTC].
              */
             started_unix_s: number;
             /**
              * Ended Unix S
-             * @description When it ended [s since 1970 UTC]; null while it runs.
+             * @description End time [s since 1970 UTC]; null while it runs.
              */
             ended_unix_s: number | null;
             /**
@@ -8373,7 +8421,7 @@ export interface components {
         };
         /**
          * OperatorLimits
-         * @description What the operator allows; None: no limit of the operator's.
+         * @description Limits set by the operator; None: no limit.
          */
         OperatorLimits: {
             /**
@@ -8408,24 +8456,24 @@ export interface components {
             height_max_m: number | null;
             /**
              * Distance Max M
-             * @description From home, over the ground.
+             * @description Horizontal distance from home.
              */
             distance_max_m: number | null;
             /** @description Fence. */
             fence: components["schemas"]["FenceView"] | null;
             /**
              * Slew Velocity M S2
-             * @description A velocity that is sent changes by no more than this a second.
+             * @description Largest change of a sent velocity per second.
              */
             slew_velocity_m_s2: number | null;
             /**
              * Slew Attitude Rad S
-             * @description An attitude that is sent turns by no more than this a second.
+             * @description Largest rotation of a sent attitude per second.
              */
             slew_attitude_rad_s: number | null;
             /**
              * Obstacle Brake
-             * @description Stop before what the vehicle's own sensors measure; without such a sensor it does nothing.
+             * @description Stop before obstacles that the vehicle's own sensors measure; has no effect without such a sensor.
              */
             obstacle_brake: boolean;
         };
@@ -8610,12 +8658,12 @@ export interface components {
         ParameterFacts: {
             /**
              * Name
-             * @description As on the wire.
+             * @description Name as in MAVLink.
              */
             name: string;
             /**
              * Is Integer
-             * @description Whole number of 32 bits, else a 32-bit float.
+             * @description Whether it is a 32-bit integer; otherwise a 32-bit float.
              */
             is_integer: boolean;
             /**
@@ -8640,17 +8688,17 @@ export interface components {
             details: string | null;
             /**
              * Default
-             * @description The firmware's; null: none is told.
+             * @description Default of the firmware; null if unknown.
              */
             default: number | null;
             /**
              * Min
-             * @description Least sensible value.
+             * @description Smallest recommended value.
              */
             min: number | null;
             /**
              * Max
-             * @description Greatest sensible value.
+             * @description Largest recommended value.
              */
             max: number | null;
             /**
@@ -8665,7 +8713,7 @@ export interface components {
             decimals: number | null;
             /**
              * Increment
-             * @description A sensible step.
+             * @description Recommended step.
              */
             increment: number | null;
             /**
@@ -8696,7 +8744,7 @@ export interface components {
         ParameterList: {
             /**
              * State
-             * @description unknown (never asked for), reading, ready, outdated (the link was away since), failed.
+             * @description unknown (never read), reading, ready, outdated (the link was lost since), failed.
              * @enum {string}
              */
             state: "unknown" | "reading" | "ready" | "outdated" | "failed";
@@ -8722,7 +8770,7 @@ export interface components {
             hash: string | null;
             /**
              * Read Unix S
-             * @description When they were known to hold [s since 1970 UTC].
+             * @description Time when they were last known to be valid [s since 1970 UTC].
              */
             read_unix_s: number | null;
             /**
@@ -8732,12 +8780,12 @@ export interface components {
             problem: string | null;
             /**
              * Facts
-             * @description Whether the vehicle's own description (unit, range, default) is at hand.
+             * @description Whether the vehicle's metadata (unit, range, default) is available.
              */
             facts: boolean;
             /**
              * Facts Problem
-             * @description Why it is not, or what of it was left out.
+             * @description Why it is not available, or what was dropped.
              */
             facts_problem: string | null;
             /**
@@ -8758,12 +8806,12 @@ export interface components {
             name: string;
             /**
              * Value
-             * @description In its own unit; null: not a number.
+             * @description Value in the parameter's unit; null: not a number.
              */
             value: number | null;
             /**
              * Is Integer
-             * @description Whole number of 32 bits, else a 32-bit float.
+             * @description Whether it is a 32-bit integer; otherwise a 32-bit float.
              */
             is_integer: boolean;
             /**
@@ -8794,7 +8842,7 @@ export interface components {
         };
         /**
          * PathOrder
-         * @description A path, begun at once.
+         * @description A path, started at once.
          * @example {
          *       "points": [
          *         {
@@ -8828,13 +8876,13 @@ export interface components {
         PathOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -8881,7 +8929,7 @@ export interface components {
          * PathSetpoint
          * @description A smooth curve through points in time, flown by the server even if its client disconnects.
          *
-         *     It begins where the vehicle is (the first point within 5 m) and at `t_s` 0.
+         *     It starts at the vehicle's position (the first point within 5 m) and at `t_s` 0.
          *     `valid_for_s` counts from its end.
          * @example {
          *       "points": [
@@ -8927,12 +8975,12 @@ export interface components {
         };
         /**
          * PatternFigures
-         * @description What a pattern does.
+         * @description Figures of a pattern.
          */
         PatternFigures: {
             /**
              * Lines Length M
-             * @description Of the lines where pictures are taken [m].
+             * @description Total length of the lines with pictures [m].
              */
             lines_length_m: number;
             /**
@@ -8942,7 +8990,7 @@ export interface components {
             lower_bound_m: number;
             /**
              * Photos
-             * @description How many pictures.
+             * @description Number of pictures.
              */
             photos: number;
             /**
@@ -8981,7 +9029,7 @@ export interface components {
                 components["schemas"]["Point"],
                 components["schemas"]["Point"]
             ][];
-            /** @description What it does. */
+            /** @description Figures of the pattern. */
             figures: components["schemas"]["PatternFigures"];
         };
         /**
@@ -9255,7 +9303,7 @@ export interface components {
         };
         /**
          * PlanCheck
-         * @description What is wrong with a plan, and what its flight takes.
+         * @description Findings and estimates of a plan.
          */
         PlanCheck: {
             /**
@@ -9275,18 +9323,18 @@ export interface components {
             flight: components["schemas"]["OffboardFlight"] | null;
             /**
              * Vehicle
-             * @description For which vehicle it was checked.
+             * @description Vehicle for which the plan was checked.
              */
             vehicle: string | null;
             /**
              * Not Known
-             * @description What was not known of the vehicle; sentences.
+             * @description What is not known about the vehicle; sentences.
              */
             not_known: string[];
         };
         /**
          * PlanDifference
-         * @description One value that is another on the vehicle.
+         * @description One value that differs on the vehicle.
          */
         PlanDifference: {
             /**
@@ -9307,17 +9355,17 @@ export interface components {
             field: string;
             /**
              * Planned
-             * @description None: no number.
+             * @description Planned value; null: not set.
              */
             planned: number | null;
             /**
              * Held
-             * @description What the vehicle has; None: no number.
+             * @description What the vehicle has; Planned value; null: not set.
              */
             held: number | null;
             /**
              * Essential
-             * @description The vehicle would fly something else; false: a parameter that it does not keep.
+             * @description Whether the flight changes; false: a parameter that the vehicle does not store.
              */
             essential: boolean;
         };
@@ -9410,7 +9458,7 @@ export interface components {
         PlanList: {
             /**
              * Plans
-             * @description The newest version of each, by name.
+             * @description Newest version of each plan, by name.
              */
             plans: components["schemas"]["PlanVersion"][];
         };
@@ -9468,7 +9516,7 @@ export interface components {
         };
         /**
          * PlanToCheck
-         * @description What to check.
+         * @description The plan to check.
          */
         PlanToCheck: {
             /**
@@ -9478,33 +9526,33 @@ export interface components {
             plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Vehicle
-             * @description For this vehicle's parameters and home, as far as known.
+             * @description Use this vehicle's parameters and home, as far as known.
              */
             vehicle?: string | null;
-            /** @description For the energy; null: neither energy nor endurance is checked. */
+            /** @description For the energy estimate; null: energy and endurance are not checked. */
             power?: components["schemas"]["Power"] | null;
         };
         /**
          * PlanToConvert
-         * @description The waypoint plan to make an offboard mission of.
+         * @description The waypoint plan to convert into an offboard mission.
          */
         PlanToConvert: {
             /** @description The plan's document (docs/missions.md). */
             plan: components["schemas"]["Plan"];
             /**
              * Name
-             * @description What people call it.
+             * @description Name of the plan.
              */
             name: string;
             /**
              * Vehicle
-             * @description For this vehicle's parameters and home, as far as known.
+             * @description Use this vehicle's parameters and home, as far as known.
              */
             vehicle?: string | null;
         };
         /**
          * PlanToExport
-         * @description What to write as a file.
+         * @description The plan to export.
          */
         PlanToExport: {
             /**
@@ -9525,7 +9573,7 @@ export interface components {
             id: string;
             /**
              * Name
-             * @description What people call it.
+             * @description Name of the plan.
              */
             name: string;
             /**
@@ -9535,12 +9583,12 @@ export interface components {
             version: number;
             /**
              * Changed Unix S
-             * @description When it was saved [s since 1970 UTC].
+             * @description Time when it was saved [s since 1970 UTC].
              */
             changed_unix_s: number;
             /**
              * Changed By
-             * @description Who saved it.
+             * @description Client that saved it.
              */
             changed_by: string;
             /**
@@ -9550,14 +9598,14 @@ export interface components {
             item_count: number;
             /**
              * Kind
-             * @description Flown by the vehicle, or by the server's setpoints.
+             * @description Waypoint plan (flown by the vehicle) or offboard mission (flown by the server's setpoints).
              * @enum {string}
              */
             kind: "waypoint_plan" | "offboard_mission";
         };
         /**
          * PlanVersions
-         * @description The versions of one plan that are kept.
+         * @description The stored versions of one plan.
          */
         PlanVersions: {
             /**
@@ -9603,7 +9651,7 @@ export interface components {
         };
         /**
          * PositionBodyOrder
-         * @description A step from where the vehicle is now.
+         * @description An offset from the vehicle's current position.
          * @example {
          *       "offset_frd_m": [
          *         5,
@@ -9616,13 +9664,13 @@ export interface components {
         PositionBodyOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -9645,7 +9693,7 @@ export interface components {
             ];
             /**
              * Yaw Offset Rad
-             * @description Turned clockwise by this [rad]; the heading is kept unless given.
+             * @description Yaw offset, clockwise [rad]; without it the heading is kept.
              */
             yaw_offset_rad?: number | null;
         };
@@ -9679,13 +9727,13 @@ export interface components {
             ];
             /**
              * Yaw Offset Rad
-             * @description Turned clockwise by this [rad]; the heading is kept unless given.
+             * @description Yaw offset, clockwise [rad]; without it the heading is kept.
              */
             yaw_offset_rad?: number | null;
         };
         /**
          * PositionGlobalOrder
-         * @description A new place on the earth, sent at once.
+         * @description A new global position, sent at once.
          * @example {
          *       "alt_home_m": 12,
          *       "lat_deg": 47.3979,
@@ -9696,13 +9744,13 @@ export interface components {
         PositionGlobalOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -9747,7 +9795,7 @@ export interface components {
         };
         /**
          * PositionGlobalSetpoint
-         * @description A place on the earth; exactly one of the two altitudes.
+         * @description A global position; exactly one of the two altitudes.
          * @example {
          *       "alt_home_m": 12,
          *       "lat_deg": 47.3979,
@@ -9794,7 +9842,7 @@ export interface components {
         };
         /**
          * PositionOrder
-         * @description A new place, sent at once.
+         * @description A new position, sent at once.
          * @example {
          *       "position_ned_m": [
          *         0,
@@ -9807,13 +9855,13 @@ export interface components {
         PositionOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -9847,7 +9895,7 @@ export interface components {
         };
         /**
          * PositionSetpoint
-         * @description A place in the vehicle's local frame.
+         * @description A position in the vehicle's local frame.
          * @example {
          *       "position_ned_m": [
          *         0,
@@ -9885,7 +9933,7 @@ export interface components {
         };
         /**
          * Power
-         * @description What a flight's energy is estimated from: constant power in flight, and the work of climbing.
+         * @description Values for the energy estimate: constant power in flight, plus the energy for climbing.
          */
         Power: {
             /**
@@ -9895,17 +9943,17 @@ export interface components {
             hover_power_w: number;
             /**
              * Battery Wh
-             * @description What the full battery gives [Wh].
+             * @description Energy of the full battery [Wh].
              */
             battery_wh: number;
             /**
              * Mass Kg
-             * @description With battery and load [kg].
+             * @description Mass with battery and payload [kg].
              */
             mass_kg: number;
             /**
              * Reserve
-             * @description Share of the battery that is not planned with.
+             * @description Share of the battery that is kept as reserve.
              * @default 0.2
              */
             reserve: number;
@@ -9937,7 +9985,7 @@ export interface components {
             code: string;
             /**
              * Detail
-             * @description What happened and why, for people.
+             * @description What happened and why.
              */
             detail: string;
             /**
@@ -9957,7 +10005,7 @@ export interface components {
             errors?: components["schemas"]["FieldError"][] | null;
             /**
              * Reasons
-             * @description The vehicle's own words.
+             * @description Texts from the vehicle.
              */
             reasons?: string[] | null;
             /**
@@ -9967,7 +10015,7 @@ export interface components {
             mav_result?: number | null;
             /**
              * Vehicle
-             * @description The vehicle's id, where it is unknown.
+             * @description With an unknown vehicle: its id.
              */
             vehicle?: string | null;
             /**
@@ -9977,17 +10025,17 @@ export interface components {
             holder?: string | null;
             /**
              * Holder Key
-             * @description Tells holders of one name apart.
+             * @description Distinguishes holders of the same name.
              */
             holder_key?: string | null;
             /**
              * Permission
-             * @description With `not_permitted`: what the role lacks.
+             * @description With `not_permitted`: the missing permission.
              */
             permission?: string | null;
             /**
              * Vehicles
-             * @description With `not_together`: on whose account the group does not fly.
+             * @description With `not_together`: vehicles because of which the group cannot fly.
              */
             vehicles?: string[] | null;
             /**
@@ -10017,12 +10065,12 @@ export interface components {
             changed_unix_s?: number | null;
             /**
              * Codes
-             * @description With `plan_findings`: what `despite` would have to name.
+             * @description With `plan_findings`: the codes that `despite` would have to name.
              */
             codes?: string[] | null;
             /**
              * Deadline S
-             * @description With 504: how long was waited [s].
+             * @description With 504: how long the server waited [s].
              */
             deadline_s?: number | null;
         };
@@ -10059,13 +10107,13 @@ export interface components {
         RatesOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -10088,7 +10136,7 @@ export interface components {
             ];
             /**
              * Thrust
-             * @description Of all rotors, 0 to 1, along the body's up.
+             * @description Total thrust, 0 to 1, along the body's up axis.
              */
             thrust: number;
         };
@@ -10122,13 +10170,13 @@ export interface components {
             ];
             /**
              * Thrust
-             * @description Of all rotors, 0 to 1, along the body's up.
+             * @description Total thrust, 0 to 1, along the body's up axis.
              */
             thrust: number;
         };
         /**
          * ReadinessCause
-         * @description One check that found something, as the API tells it.
+         * @description One failed check, as the API shows it.
          */
         ReadinessCause: {
             /**
@@ -10138,7 +10186,7 @@ export interface components {
             id: number;
             /**
              * Name
-             * @description PX4's name of the check; `event_…` with the bare id where neither the vehicle nor we have one.
+             * @description PX4's name of the check; `event_…` with its id if neither the vehicle nor this server has a name.
              */
             name: string;
             /**
@@ -10148,12 +10196,12 @@ export interface components {
             severity: string;
             /**
              * Modes
-             * @description Modes it concerns; null: all.
+             * @description Modes concerned; null: all.
              */
             modes: string[] | null;
             /**
              * Component
-             * @description The part of the vehicle it is about.
+             * @description Part of the vehicle concerned.
              */
             component: string | null;
             /**
@@ -10169,12 +10217,12 @@ export interface components {
         };
         /**
          * ReadinessOffer
-         * @description Something that can be done now about what keeps the vehicle from arming, ready for a button.
+         * @description An action that can help the vehicle to arm now, for a button.
          */
         ReadinessOffer: {
             /**
              * Code
-             * @description What: `choose_mode` is `POST /vehicles/{v}/mode` with the mode named here.
+             * @description The action: `choose_mode` is `POST /vehicles/{v}/mode` with the mode named here.
              * @constant
              */
             code: "choose_mode";
@@ -10185,12 +10233,12 @@ export interface components {
             mode: string;
             /**
              * Label
-             * @description What people call that mode.
+             * @description Label of that mode.
              */
             label: string;
             /**
              * Text
-             * @description Why, and what to do, for people.
+             * @description Why, and what to do.
              */
             text: string;
         };
@@ -10201,7 +10249,7 @@ export interface components {
         RecordedFlight: {
             /**
              * Name
-             * @description The file's name; how the API calls it.
+             * @description Name of the file, also in the API.
              */
             name: string;
             /**
@@ -10211,7 +10259,7 @@ export interface components {
             bytes: number;
             /**
              * Started Unix S
-             * @description When its first record was written; null where nothing in it can be read.
+             * @description Time of the first record; null if nothing can be read.
              */
             started_unix_s: number | null;
             /**
@@ -10221,22 +10269,22 @@ export interface components {
             duration_s: number | null;
             /**
              * Vehicles
-             * @description System ids of the vehicles heard near its begin, of all once it has been opened.
+             * @description System ids of the vehicles near its start; of all vehicles once it has been opened.
              */
             vehicles: number[];
             /**
              * Link
-             * @description The link it was recorded from, as its name says; null for files of another origin.
+             * @description Link from which it was recorded, from the file name; null for other files.
              */
             link: string | null;
             /**
              * Running
-             * @description It is being written now.
+             * @description Whether it is being written now.
              */
             running: boolean;
             /**
              * Problem
-             * @description Why it cannot be played in full, for people; null if it can.
+             * @description Why it cannot be played completely; null if it can.
              */
             problem: string | null;
         };
@@ -10252,17 +10300,17 @@ export interface components {
             file: string | null;
             /**
              * Bytes
-             * @description Written to this file; a full one is followed by the next.
+             * @description Size of this file; when it is full, the next file begins.
              */
             bytes: number;
             /**
              * Started Unix S
-             * @description When this file began.
+             * @description Start time of this file.
              */
             started_unix_s: number | null;
             /**
              * Stopped
-             * @description Why nothing is recorded now, for people; null while all is well.
+             * @description Why nothing is recorded now; null while recording works.
              */
             stopped: string | null;
         };
@@ -10293,12 +10341,12 @@ export interface components {
             records: number;
             /**
              * Bytes Skipped
-             * @description Damaged bytes, which belong to no record.
+             * @description Damaged bytes outside records.
              */
             bytes_skipped: number;
             /**
              * Left Out
-             * @description Records that the index leaves out: it has more senders, changes or messages than are kept.
+             * @description Records left out of the index, because there are too many senders, changes or messages.
              */
             left_out: number;
             /**
@@ -10314,7 +10362,7 @@ export interface components {
         Recordings: {
             /**
              * Recordings
-             * @description Of the data folder.
+             * @description Recordings in the data folder.
              */
             recordings: components["schemas"]["RecordedFlight"][];
         };
@@ -10364,32 +10412,32 @@ export interface components {
         };
         /**
          * Replay
-         * @description A recording that is being played.
+         * @description An open replay.
          */
         Replay: {
             /**
              * Name
-             * @description Its name in the API: that of its link.
+             * @description Name in the API, equal to its link's name.
              */
             name: string;
             /**
              * Recording
-             * @description The file's name.
+             * @description Name of the file.
              */
             recording: string;
             /**
              * Vehicles
-             * @description Ids of the vehicles it shows now.
+             * @description Ids of its current vehicles.
              */
             vehicles: string[];
             /**
              * State
-             * @description connecting (it is being read), open, ended (at its end, or it cannot be played: see `detail`).
+             * @description connecting (reading the file), open, ended (at its end, or it cannot be played: see `detail`).
              */
             state: string;
             /**
              * Detail
-             * @description For people; empty while all is well.
+             * @description Text of a problem; empty if there is none.
              */
             detail: string;
             /**
@@ -10399,12 +10447,12 @@ export interface components {
             playing: boolean;
             /**
              * Speed
-             * @description Times the pace at which it was recorded; 0 is as fast as it goes.
+             * @description Playback speed; 1 is real time, 0 is as fast as possible.
              */
             speed: number;
             /**
              * Position Unix S
-             * @description Which moment is shown, by the recording machine's clock; null while the recording is being read.
+             * @description Current time in the recording, by the recording computer's clock; null while the file is being read.
              */
             position_unix_s: number | null;
             /**
@@ -10420,7 +10468,7 @@ export interface components {
         };
         /**
          * ReplayChange
-         * @description Changes of a replay; fields that are left out stay as they are.
+         * @description Changes of a replay; omitted fields stay unchanged.
          * @example {
          *       "playing": true,
          *       "position_unix_s": 1783762200,
@@ -10430,17 +10478,17 @@ export interface components {
         ReplayChange: {
             /**
              * Playing
-             * @description Whether it plays; at the end, from the begin.
+             * @description Whether it plays; at the end it restarts from the beginning.
              */
             playing?: boolean | null;
             /**
              * Speed
-             * @description Times the recorded pace.
+             * @description Playback speed; 1 is real time.
              */
             speed?: number | null;
             /**
              * Position Unix S
-             * @description The moment to show [s since 1970, recording clock]; the nearest there is.
+             * @description Time to jump to [s since 1970, recording clock]; the nearest recorded time is used.
              */
             position_unix_s?: number | null;
         };
@@ -10459,25 +10507,25 @@ export interface components {
             recording: string;
             /**
              * Speed
-             * @description Times the recorded pace.
+             * @description Playback speed; 1 is real time.
              * @default 1
              */
             speed: number;
             /**
              * Playing
-             * @description Whether it plays at once.
+             * @description Whether it starts playing at once.
              * @default true
              */
             playing: boolean;
         };
         /**
          * Replays
-         * @description The recordings that are played.
+         * @description Open replays.
          */
         Replays: {
             /**
              * Replays
-             * @description Empty where none is open.
+             * @description Empty if none is open.
              */
             replays: components["schemas"]["Replay"][];
         };
@@ -10528,7 +10576,7 @@ export interface components {
         };
         /**
          * Roi
-         * @description A place that the gimbal keeps looking at.
+         * @description A location that the gimbal keeps pointing at.
          */
         Roi: {
             /**
@@ -10688,25 +10736,25 @@ export interface components {
             gimbal_id: number | null;
         };
         /**
-         * Said
-         * @description A status text or event.
+         * ServerHealth
+         * @description The server is up.
          */
-        Said: {
+        ServerHealth: {
             /**
-             * Unix S
-             * @description Unix [s].
+             * Status
+             * @description Always `ok`: a server with a problem does not answer.
              */
-            unix_s: number;
+            status: string;
             /**
-             * Severity
-             * @description MAV_SEVERITY: 0 emergency … 6 info, 7 debug.
+             * Uptime S
+             * @description Since its start [s].
              */
-            severity: number;
+            uptime_s: number;
             /**
-             * Text
-             * @description Text.
+             * Vehicles
+             * @description Number of known vehicles.
              */
-            text: string;
+            vehicles: number;
         };
         /**
          * SetActuator
@@ -10845,7 +10893,7 @@ export interface components {
         };
         /**
          * SigningReport
-         * @description Signing of a link, and how many frames it refused.
+         * @description Signing of a link, and its refused frames.
          */
         SigningReport: {
             /**
@@ -10855,7 +10903,8 @@ export interface components {
             key: string;
             /**
              * Mode
-             * @description required: unsigned frames are refused; allowed: they are taken. Wrongly signed ones are refused.
+             * @description required: unsigned frames are refused; allowed: they are accepted. Wrongly signed frames are always
+             *     refused.
              */
             mode: string;
             /**
@@ -10865,17 +10914,17 @@ export interface components {
             link_id: number;
             /**
              * Unsigned
-             * @description Refused: no signature, where one is required.
+             * @description Refused: no signature, but one is required.
              */
             unsigned: number;
             /**
              * Wrong Signature
-             * @description Refused: signed with another key, or changed on the way.
+             * @description Refused: signed with another key, or changed in transfer.
              */
             wrong_signature: number;
             /**
              * Replayed
-             * @description Refused: no later than a frame that this sender has sent already.
+             * @description Refused: not newer than an earlier frame of this sender.
              */
             replayed: number;
             /**
@@ -10885,7 +10934,7 @@ export interface components {
             too_old: number;
             /**
              * Too Many Streams
-             * @description Refused: another sender with this key, where there are too many.
+             * @description Refused: one sender too many with this key.
              */
             too_many_streams: number;
         };
@@ -10970,7 +11019,7 @@ export interface components {
         };
         /**
          * StartGroup
-         * @description A group: vehicles in flight that start at one instant and are kept apart.
+         * @description A group: flying vehicles that start together and are kept apart.
          * @example {
          *       "members": [
          *         {
@@ -11003,13 +11052,13 @@ export interface components {
         StartGroup: {
             /**
              * Valid For S
-             * @description How long the setpoints of all are good without being renewed, from the end of the longest path [s]; then `on_expiry` happens to all at once.
+             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at once.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when they have become too old.
+             * @description Action of the server when the setpoints have expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -11018,12 +11067,12 @@ export interface components {
             on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /**
              * Members
-             * @description Each vehicle once.
+             * @description Members; each vehicle once.
              */
             members: components["schemas"]["MemberBody"][];
             /**
              * Minimum Separation M
-             * @description How far apart all are kept, the way of braking included [m].
+             * @description Minimum separation, braking distance included [m].
              * @default 5
              */
             minimum_separation_m: number;
@@ -11040,27 +11089,27 @@ export interface components {
             rate_hz: number;
             /**
              * Others Go On
-             * @description Whether members whom trouble does not concern fly on; else all hold.
+             * @description Whether members that a problem does not concern fly on; otherwise all hold.
              * @default false
              */
             others_go_on: boolean;
         };
         /**
          * StartMission
-         * @description Which mission is flown, and what the caller knows to be wrong.
+         * @description The mission to fly, and which findings the caller accepts.
          */
         StartMission: {
             /**
              * Plan Id
-             * @description Of an offboard mission that the server keeps.
+             * @description Id of a stored offboard mission.
              */
             plan_id?: string | null;
             /**
              * Version
-             * @description Of that plan; the newest unless named.
+             * @description Version of that plan; default: the newest.
              */
             version?: number | null;
-            /** @description A mission that is not kept on the server. */
+            /** @description A mission that is not stored on the server. */
             mission?: components["schemas"]["OffboardMission"] | null;
             /**
              * Dry Run
@@ -11076,7 +11125,7 @@ export interface components {
         };
         /**
          * Status
-         * @description What the vehicle is doing: HEARTBEAT, CURRENT_MODE and EXTENDED_SYS_STATE together.
+         * @description State of the vehicle, from HEARTBEAT, CURRENT_MODE and EXTENDED_SYS_STATE.
          */
         Status: {
             /**
@@ -11086,7 +11135,7 @@ export interface components {
             armed: boolean;
             /**
              * Mode
-             * @description Our name of it, as the API takes it: hold, takeoff, land, rtl, position, offboard, mission, …
+             * @description Name of the mode in the API: hold, takeoff, land, rtl, position, offboard, mission, …
              */
             mode: string;
             /**
@@ -11101,7 +11150,7 @@ export interface components {
             custom_mode: number;
             /**
              * Intended Custom Mode
-             * @description CURRENT_MODE's intended mode: what was asked for, where a failsafe flies something else.
+             * @description Intended mode of CURRENT_MODE: the requested mode while a failsafe flies another one.
              */
             intended_custom_mode: number | null;
             /**
@@ -11116,23 +11165,23 @@ export interface components {
             system_status: number;
             /**
              * Link Lost
-             * @description No heartbeat for longer than 3.5 s on any link.
+             * @description Whether the connection is lost: no message of the autopilot for 3.5 s on any link.
              */
             link_lost: boolean;
             /**
              * Last Heartbeat Age S
-             * @description When the sample was made; None before the first.
+             * @description Age when the sample was made; null before the first heartbeat.
              */
             last_heartbeat_age_s: number | null;
         };
         /**
          * StatusSample
-         * @description The newest `status` and the two clocks it is judged by.
+         * @description The newest `status` with its time on two clocks.
          */
         StatusSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -11145,7 +11194,7 @@ export interface components {
         };
         /**
          * StopStreamOnExpiry
-         * @description Stop sending: the vehicle's own failsafe decides.
+         * @description Stop sending: the vehicle's own failsafe takes over.
          */
         StopStreamOnExpiry: {
             /**
@@ -11156,65 +11205,70 @@ export interface components {
         };
         /**
          * StreamHealth
-         * @description Whether the stream does what it should, and the vehicle what the stream says.
+         * @description Whether the stream reaches its rate, and the vehicle follows the setpoints.
          */
         StreamHealth: {
             /**
              * Rate Achieved Hz
-             * @description Over the last two seconds, as handed to the link; a slow link leaves out what a newer one replaces.
+             * @description Setpoints handed to the link over the last two seconds; a slow link drops a setpoint when a newer one
+             *     replaces it.
              */
             rate_achieved_hz: number | null;
             /**
              * Setpoint Age S
-             * @description Since the order was taken.
+             * @description Time since the order was accepted.
              */
             setpoint_age_s: number | null;
             /**
              * Sent Age S
-             * @description Since a setpoint last went out.
+             * @description Time since the last sent setpoint.
              */
             sent_age_s: number | null;
             /**
              * Valid Left S
-             * @description Until the order expires.
+             * @description Time until the order expires.
              */
             valid_left_s: number | null;
             /**
              * Failsafe In S
-             * @description Until the vehicle's own failsafe (COM_OF_LOSS_T after the last one), were nothing sent from now on.
+             * @description Time until the vehicle's own failsafe (COM_OF_LOSS_T after the last setpoint), if sending stopped
+             *     now.
              */
             failsafe_in_s: number | null;
-            /** @description POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, whichever fits what is sent; None while nothing is. */
+            /**
+             * @description POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None while nothing is
+             *     sent.
+             */
             echo: components["schemas"]["Echo"] | null;
             /**
              * Position Error M
-             * @description From where it is to the position that is sent.
+             * @description Distance from the vehicle to the sent position.
              */
             position_error_m: number | null;
             /**
              * Velocity Error M S
-             * @description Between its velocity and the one that is sent.
+             * @description Difference between the vehicle's velocity and the sent one.
              */
             velocity_error_m_s: number | null;
             /**
              * Attitude Error Rad
-             * @description Angle between its attitude and the one that is sent.
+             * @description Angle between the vehicle's attitude and the sent one.
              */
             attitude_error_rad: number | null;
             /**
              * Yaw Error Rad
-             * @description Between its heading and the one that is sent.
+             * @description Angle between the vehicle's heading and the sent one.
              */
             yaw_error_rad: number | null;
         };
         /**
          * StreamedSetpoint
-         * @description What goes out to the vehicle now; fields of other types are left out.
+         * @description The setpoint sent to the vehicle now; fields of other types are omitted.
          */
         StreamedSetpoint: {
             /**
              * Type
-             * @description Of what goes out: a path or follow goes out as trajectory.
+             * @description Type of the sent setpoint: path and follow are sent as trajectory.
              * @enum {string}
              */
             type: "position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow";
@@ -11437,7 +11491,7 @@ export interface components {
             force: boolean;
             /**
              * On Expiry
-             * @description What the flying vehicle is told once, should this client not be heard for `lease_s`: `nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never against somebody who steers.
+             * @description Command that the flying vehicle gets once if this client is silent for `lease_s`: `nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never sent while another party controls the vehicle.
              */
             on_expiry?: ("nothing" | "hold" | "land" | "rtl") | null;
         };
@@ -11567,12 +11621,12 @@ export interface components {
         };
         /**
          * TargetAttitudeSample
-         * @description The newest `target_attitude` and the two clocks it is judged by.
+         * @description The newest `target_attitude` with its time on two clocks.
          */
         TargetAttitudeSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -11585,7 +11639,7 @@ export interface components {
         };
         /**
          * TargetLocal
-         * @description POSITION_TARGET_LOCAL_NED: what the vehicle's controller follows. None: not controlled.
+         * @description POSITION_TARGET_LOCAL_NED: the target of the vehicle's controllers. Null: not controlled.
          */
         TargetLocal: {
             /**
@@ -11628,12 +11682,12 @@ export interface components {
         };
         /**
          * TargetLocalSample
-         * @description The newest `target_local` and the two clocks it is judged by.
+         * @description The newest `target_local` with its time on two clocks.
          */
         TargetLocalSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
@@ -11664,13 +11718,13 @@ export interface components {
         ThrustTorqueOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -11745,7 +11799,7 @@ export interface components {
         };
         /**
          * Topics
-         * @description Every topic's newest sample; topics that never came are left out.
+         * @description Newest sample of every topic; topics never received are omitted.
          */
         Topics: {
             /** @description Newest `status`. */
@@ -11806,13 +11860,13 @@ export interface components {
         TrajectoryOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -12119,15 +12173,15 @@ export interface components {
         UploadRequest: {
             /**
              * Plan Id
-             * @description Of a plan that the server keeps.
+             * @description Id of a stored plan.
              */
             plan_id?: string | null;
             /**
              * Version
-             * @description Of that plan; the newest unless named.
+             * @description Version of that plan; default: the newest.
              */
             version?: number | null;
-            /** @description A plan that is not kept on the server. */
+            /** @description A plan that is not stored on the server. */
             plan?: components["schemas"]["Plan"] | null;
             /**
              * Confirm
@@ -12136,7 +12190,7 @@ export interface components {
             confirm?: string | null;
             /**
              * Wait
-             * @description Answer once it is there and verified.
+             * @description Answer only when the plan is uploaded and verified.
              * @default false
              */
             wait: boolean;
@@ -12148,28 +12202,28 @@ export interface components {
         Vehicle: {
             /**
              * Id
-             * @description How the API calls it.
+             * @description Id of the vehicle in the API.
              */
             id: string;
-            /** @description Who it is. */
+            /** @description Identity of the vehicle. */
             identity: components["schemas"]["Identity"];
-            /** @description What it is doing. */
+            /** @description State of the vehicle. */
             status: components["schemas"]["Status"];
             /**
              * Links
-             * @description Names of the links it is heard on, most recent first.
+             * @description Names of the links on which it is heard, most recent first.
              */
             links: string[];
             /** @description Every topic's newest sample. */
             topics: components["schemas"]["Topics"];
-            /** @description Who may command it; null for a recording. */
+            /** @description Who controls it; null for a recording. */
             control: components["schemas"]["Control"] | null;
             /** @description The setpoint stream to it. */
             offboard: components["schemas"]["OffboardStatus"] | null;
         };
         /**
          * VehicleLimits
-         * @description What the vehicle's parameters say; None: it has not told (or the limit is off).
+         * @description Limits from the vehicle's parameters; None: unknown, or the limit is off.
          */
         VehicleLimits: {
             /**
@@ -12262,7 +12316,7 @@ export interface components {
              * Messages
              * @description Oldest first.
              */
-            messages: components["schemas"]["Said"][];
+            messages: components["schemas"]["MessageMark"][];
             /**
              * Messages Left Out
              * @description Messages left out.
@@ -12271,7 +12325,7 @@ export interface components {
         };
         /**
          * VehicleReadiness
-         * @description Why the vehicle cannot arm or fly each of its modes, as it last said.
+         * @description Why the vehicle cannot arm or fly each of its modes, from its last report.
          */
         VehicleReadiness: {
             /**
@@ -12281,22 +12335,22 @@ export interface components {
             known: boolean;
             /**
              * Reported Unix S
-             * @description When the report came [s since 1970 UTC].
+             * @description Time of the report [s since 1970 UTC].
              */
             reported_unix_s: number | null;
             /**
              * Words
-             * @description `vehicle` where the sentences are from its own metadata, else `own`.
+             * @description Source of the texts: `vehicle` (its metadata) or `own` (this server).
              */
             words: string;
             /**
              * Modes
-             * @description Every mode it has.
+             * @description All modes of the vehicle.
              */
             modes: components["schemas"]["ModeReadiness"][];
             /**
              * Findings
-             * @description All that its checks found, those that block nothing included.
+             * @description All findings, also those that block nothing.
              */
             findings: components["schemas"]["ReadinessCause"][];
             /**
@@ -12341,13 +12395,13 @@ export interface components {
         VelocityBodyOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -12433,13 +12487,13 @@ export interface components {
         VelocityOrder: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -12546,7 +12600,7 @@ export interface components {
         };
         /**
          * Version
-         * @description Which server this is.
+         * @description Version and features of the server.
          */
         Version: {
             /**
@@ -12561,7 +12615,7 @@ export interface components {
             version: string;
             /**
              * Schema Version
-             * @description Of the telemetry; a page of another one cannot read it.
+             * @description Version of the telemetry format; a page with another version cannot read it.
              */
             schema_version: number;
             /**
@@ -12576,7 +12630,7 @@ export interface components {
             scene: boolean;
             /**
              * Recording
-             * @description Whether links are to be recorded; how it goes stands in /links.
+             * @description Whether links are recorded; details are in /links.
              */
             recording: boolean;
         };
@@ -12712,12 +12766,12 @@ export interface components {
         };
         /**
          * Warnings
-         * @description The present warnings.
+         * @description Current warnings.
          */
         Warnings: {
             /**
              * Warnings
-             * @description Empty where all is well.
+             * @description Empty if there are none.
              */
             warnings: components["schemas"]["Notice"][];
         };
@@ -12788,20 +12842,20 @@ export interface components {
         };
         /**
          * WhichPlan
-         * @description A plan that the server keeps, or one that is sent.
+         * @description A plan stored on the server, or one in the request.
          */
         WhichPlan: {
             /**
              * Plan Id
-             * @description Of a plan that the server keeps.
+             * @description Id of a stored plan.
              */
             plan_id?: string | null;
             /**
              * Version
-             * @description Of that plan; the newest unless named.
+             * @description Version of that plan; default: the newest.
              */
             version?: number | null;
-            /** @description A plan that is not kept on the server. */
+            /** @description A plan that is not stored on the server. */
             plan?: components["schemas"]["Plan"] | null;
         };
         /**
@@ -12897,17 +12951,17 @@ export interface components {
         };
         /**
          * StartRequest
-         * @description Where to begin, and what the caller knows to be wrong.
+         * @description Where to start, and which findings the caller accepts.
          */
         gcs_server__api__mission_models__StartRequest: {
             /**
              * Item
-             * @description Index of the item to begin at, from 0; null: the current.
+             * @description Index of the first item, from 0; null: the current item.
              */
             item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` where the server does not know what the vehicle holds.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle.
              * @default []
              */
             despite: string[];
@@ -12919,13 +12973,13 @@ export interface components {
         gcs_server__api__offboard_models__StartRequest: {
             /**
              * Valid For S
-             * @description How long the setpoint is good without being renewed [s]; then `on_expiry` happens.
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
              * @default 1
              */
             valid_for_s: number;
             /**
              * On Expiry
-             * @description What the server does by itself when the setpoint has become too old.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -12973,7 +13027,7 @@ export interface components {
             yaw_ned_rad: number | null;
             /**
              * Q
-             * @description As the device sent it; its yaw is in the frame that `yaw_in_earth_frame` says.
+             * @description Quaternion from the device; `yaw_in_earth_frame` says the frame of its yaw.
              */
             q: [
                 number,
@@ -12993,7 +13047,7 @@ export interface components {
             yaw_lock: boolean;
             /**
              * Primary Control
-             * @description (system id, component id) of who is in control; None when nobody is.
+             * @description (system id, component id) of the controller; null if the gimbal is not controlled.
              */
             primary_control: [
                 number,
@@ -13032,58 +13086,6 @@ export interface components {
              * @description Yaw max [rad].
              */
             yaw_max_rad: number | null;
-        };
-        /**
-         * Health
-         * @description SYS_STATUS bit masks (MAV_SYS_STATUS_SENSOR) and CPU load.
-         */
-        gcs_server__api__reflect__Health: {
-            /**
-             * Sensors Present
-             * @description Sensors present.
-             */
-            sensors_present: number;
-            /**
-             * Sensors Enabled
-             * @description Sensors enabled.
-             */
-            sensors_enabled: number;
-            /**
-             * Sensors Healthy
-             * @description Sensors healthy.
-             */
-            sensors_healthy: number;
-            /**
-             * Ready To Arm
-             * @description MAV_SYS_STATUS_PREARM_CHECK healthy; None before the vehicle has reported any sensor.
-             */
-            ready_to_arm: boolean | null;
-            /**
-             * Cpu Load
-             * @description 0–1.
-             */
-            cpu_load: number | null;
-        };
-        /**
-         * Health
-         * @description The server is up.
-         */
-        gcs_server__api__responses__Health: {
-            /**
-             * Status
-             * @description Always `ok`: a server that is not well does not answer.
-             */
-            status: string;
-            /**
-             * Uptime S
-             * @description Since its start [s].
-             */
-            uptime_s: number;
-            /**
-             * Vehicles
-             * @description How many it knows.
-             */
-            vehicles: number;
         };
         /**
          * Land
@@ -13222,7 +13224,7 @@ export interface components {
         };
     };
     responses: {
-        /** @description Not HTTP, or without one Host. */
+        /** @description Not valid HTTP, or not exactly one Host header. */
         Refused400: {
             headers: {
                 [name: string]: unknown;
@@ -13295,7 +13297,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description Malformed; names the field. */
+        /** @description Invalid request; names the field. */
         Refused422: {
             headers: {
                 [name: string]: unknown;
@@ -13304,7 +13306,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description The link to the vehicle was lost, or: The server has as many connections and requests as it takes. */
+        /** @description The link to the vehicle was lost, or: The server has reached its limit of connections and requests. */
         Refused503: {
             headers: {
                 [name: string]: unknown;
@@ -13336,7 +13338,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["gcs_server__api__responses__Health"];
+                    "application/json": components["schemas"]["ServerHealth"];
                 };
             };
             400: components["responses"]["Refused400"];
@@ -16749,7 +16751,7 @@ export interface operations {
                     "application/octet-stream": unknown;
                 };
             };
-            /** @description A part. */
+            /** @description A part of the file. */
             206: {
                 headers: {
                     [name: string]: unknown;
@@ -18131,7 +18133,7 @@ export interface operations {
     delete_plan_api_v1_plans__plan__delete: {
         parameters: {
             query: {
-                /** @description The version that was looked at: the newest one, else 409. */
+                /** @description Version that the caller has seen: must be the newest, otherwise 409. */
                 base_version: number;
             };
             header?: never;

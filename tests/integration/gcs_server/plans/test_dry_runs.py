@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api.dry_run_models import DryRunView
 from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.plans import dry_runs
-from gcs_server.plans.dry_runs import AT_ONCE, MOST_KEPT, DryRuns
+from gcs_server.plans.dry_runs import AT_ONCE, MAX_KEPT, DryRuns
 from missions import plan as plan_document
 from tests.support.dry_runs import HOME, QUICK, hop
 
@@ -80,7 +80,7 @@ def test_who_cancels_one_ends_its_process_and_makes_room(monkeypatch):
             for n in range(AT_ONCE)
         ]
         await asyncio.sleep(0)
-        with pytest.raises(Refused, match="under way"):
+        with pytest.raises(Refused, match="already running"):
             runs.next_id()
         with pytest.raises(Refused):
             await runs.run("more", request(hop()), ABOUT, lambda *_: None)
@@ -102,11 +102,11 @@ def test_the_newest_results_are_kept(monkeypatch):
 
     async def story():
         runs = DryRuns()
-        for n in range(MOST_KEPT + 1):
+        for n in range(MAX_KEPT + 1):
             await runs.run(str(n), request(hop()), ABOUT, lambda *_: None)
         return runs
 
     runs = asyncio.run(story())
-    assert runs.get(str(MOST_KEPT))["nominal"]["finished"]
+    assert runs.get(str(MAX_KEPT))["nominal"]["finished"]
     with pytest.raises(UnknownDryRun, match="There is no result of a dry run '0'"):
         runs.get("0")

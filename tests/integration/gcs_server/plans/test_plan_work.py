@@ -76,7 +76,7 @@ def test_no_more_wait_than_there_is_room_for(monkeypatch):
             for _ in range(work.MAX_WAITING)
         ]
         await asyncio.sleep(0)
-        with pytest.raises(Refused, match="not done yet"):
+        with pytest.raises(Refused, match="still waiting"):
             await plan_work.run("pattern", {"pattern": "{}"}, small=False)
         for each in waiting:
             each.cancel()

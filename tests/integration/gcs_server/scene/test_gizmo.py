@@ -9,7 +9,7 @@ import httpx
 import msgspec
 import pytest
 
-from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged, words
+from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, drag_label, dragged
 from gcs_server.scene.proxy import understood
 from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
 from missions.frames import q_from_yaw
@@ -53,7 +53,7 @@ def test_a_release_keeps_the_place():
 
 
 def test_the_label_says_distance_height_and_yaw():
-    assert words(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0) == "10.0 m · height 4.0 m · 000°"
+    assert drag_label(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0) == "10.0 m · height 4.0 m · 000°"
 
 
 EYE, VEHICLE = (-7.0, 0.0, 16.0), (0.0, 0.0, 10.0)

@@ -67,14 +67,14 @@ def test_a_process_that_ends_without_an_answer_is_a_sentence(monkeypatch):
 
 
 def test_documents_of_all_vehicles_together_take_limited_memory(monkeypatch):
-    monkeypatch.setattr(metadata_process, "MOST_HELD_BYTES", 250)
+    monkeypatch.setattr(metadata_process, "MAX_BUFFERED_BYTES", 250)
     reader = metadata_process.DocumentReader()
 
     async def read():
         return await reader.read(PARAMETERS, parameters(), 0)
 
     held = [asyncio.run(read())]
-    with pytest.raises(ValueError, match="of other vehicles"):
+    with pytest.raises(ValueError, match="metadata of vehicles"):
         asyncio.run(read())
     held.clear()
     assert list(asyncio.run(read())) == ["GOOD"]

@@ -6,10 +6,10 @@ import json
 import pytest
 from fastapi.testclient import TestClient
 
-from gcs_server.api.bodies import DEEPEST, MOST_KEYS, Bodies, json_fault
-from gcs_server.api.problems import LONGEST_WORDS, MOST_ERRORS
-from gcs_server.api.refusals import BODY_DEADLINE_S, LARGEST_BODY_BYTES
-from gcs_server.api.turns import Turns
+from gcs_server.api.bodies import MAX_DEPTH, MAX_KEYS, Bodies, json_fault
+from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
+from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
+from gcs_server.api.request_queue import RequestQueue
 from gcs_server.app import create_app
 from gcs_server.settings import Settings
 from tests.jump_time import in_jumps
@@ -44,14 +44,14 @@ def client(tmp_path_factory):
         json.dumps({"a": "[" * 500 + "{:,}" * 100}),
         json.dumps({"digits": "9" * 5000}),
         json.dumps({"quotes": '"\\"[[' * 100}),
-        "[" * DEEPEST + "]" * DEEPEST,
+        "[" * MAX_DEPTH + "]" * MAX_DEPTH,
         '"' + "[" * 5000,
         "{",
         "",
     ],
 )
 def test_what_is_within_bounds_is_left_to_the_parser(text):
-    assert len(text) <= LARGEST_BODY_BYTES
+    assert len(text) <= MAX_BODY_BYTES
     assert json_fault(text.encode()) is None
 
 
@@ -59,11 +59,11 @@ def test_what_is_within_bounds_is_left_to_the_parser(text):
     ("text", "word"),
     [
         (b"[" * 100_000, "deeper"),
-        (b'{"a":' * (DEEPEST + 1) + b"1" + b"}" * (DEEPEST + 1), "deeper"),
+        (b'{"a":' * (MAX_DEPTH + 1) + b"1" + b"}" * (MAX_DEPTH + 1), "deeper"),
         (b'["\\"", ' + b"[" * 50, "deeper"),
         (b"[" + b"{}," * 100_000 + b"{}]", "values"),
-        (json.dumps({f"k{n}": 1 for n in range(MOST_KEYS + 1)}).encode(), "keys"),
-        (json.dumps([{"a": {f"k{n}": 1 for n in range(MOST_KEYS + 1)}}]).encode(), "keys"),
+        (json.dumps({f"k{n}": 1 for n in range(MAX_KEYS + 1)}).encode(), "keys"),
+        (json.dumps([{"a": {f"k{n}": 1 for n in range(MAX_KEYS + 1)}}]).encode(), "keys"),
         (b"[1" + b"0" * 5000 + b"]", "digits"),
         (b'{"a": "\xff"}', "UTF-8"),
         ('{"a": 1}'.encode("utf-16"), "UTF-8"),
@@ -97,8 +97,8 @@ def test_complaints_about_the_worst_that_is_parsed_are_few_and_short(client, bod
         answer = client.post(f"/api/v1/{path}", json=body)
         assert answer.status_code == 422
         errors = answer.json()["errors"]
-        assert len(errors) <= MOST_ERRORS + 1
-        assert all(len(e["field"]) + len(e["message"]) < 2 * LONGEST_WORDS + 10 for e in errors)
+        assert len(errors) <= MAX_ERRORS + 1
+        assert all(len(e["field"]) + len(e["message"]) < 2 * MAX_VALUE_LENGTH + 10 for e in errors)
         assert len(client.get("/api/v1/journal?limit=1").content) < 30_000
 
 
@@ -111,7 +111,7 @@ def test_a_path_of_a_thousand_bad_points_makes_one_complaint(client):
 
 
 def test_a_body_that_is_too_large_is_413_whether_it_says_so_or_not(client):
-    large = b" " * (LARGEST_BODY_BYTES + 1)
+    large = b" " * (MAX_BODY_BYTES + 1)
     declared = client.post("/api/v1/vehicles/1/arm", content=large)
     pieces = client.post("/api/v1/vehicles/1/arm", content=iter([large[:-1], b" "]))
     for answer in (declared, pieces):
@@ -148,7 +148,7 @@ def test_a_body_that_does_not_come_is_408_in_time():
             "query_string": b"",
             "client": None,
         }
-        await Bodies(app, Turns(lambda _: False))(scope, never, send)
+        await Bodies(app, RequestQueue(lambda _: False))(scope, never, send)
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
 
     in_jumps(run)

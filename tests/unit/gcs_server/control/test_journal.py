@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from gcs_server.clock import SystemClock
-from gcs_server.control.journal import LONGEST_TEXT, MAX_REFUSED_BYTES, Journal
+from gcs_server.control.journal import MAX_REFUSED_BYTES, MAX_TEXT_LENGTH, Journal
 from gcs_server.supervise import Supervisor
 
 
@@ -91,7 +91,7 @@ def test_complaints_cannot_turn_the_commands_out(tmp_path):
     ]
     refused = [path for path in tmp_path.iterdir() if "refused" in path.name]
     assert sum(path.stat().st_size for path in refused) < 2 * MAX_REFUSED_BYTES + 1_500_000
-    assert max(len(line["detail"]) for line in of_disk(refused[0])) < LONGEST_TEXT + 50
+    assert max(len(line["detail"]) for line in of_disk(refused[0])) < MAX_TEXT_LENGTH + 50
 
 
 def test_large_arguments_are_cut(tmp_path):

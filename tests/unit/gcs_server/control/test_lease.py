@@ -2,9 +2,9 @@
 
 import pytest
 
-from gcs_server.control.lease import Lease, Terms
+from gcs_server.control.lease import Lease, LeaseTimes
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MOST_REQUESTS, MOST_REQUESTS_BY_ADDRESS, REQUEST_LIVES_S
+from gcs_server.control.requests import MAX_REQUESTS, MAX_REQUESTS_PER_ADDRESS, REQUEST_LIVES_S
 from gcs_server.errors import NotInControl, Refused
 
 ANNA, BOB, CARL = (Principal.of(name, name * 3) for name in ("anna", "bob", "carl"))
@@ -26,7 +26,9 @@ class Desk:
     def __init__(self):
         self.clock, self.there, self.told = Clock(), set(), []
         reachable = lambda client: client.key in self.there  # noqa: E731
-        self.lease = Lease(self.clock, "7", Terms(lease_s=30.0, answer_s=15.0), reachable, self.told.append)
+        self.lease = Lease(
+            self.clock, "7", LeaseTimes(lease_s=30.0, answer_s=15.0), reachable, self.told.append
+        )
 
     def sits_down(self, *clients):
         self.there |= {client.key for client in clients}
@@ -36,7 +38,7 @@ class Desk:
 
     def after(self, seconds):
         self.clock.now_s += seconds
-        self.lease.settle()
+        self.lease.expire_due()
 
     def actions(self):
         return [change.action for change in self.told]
@@ -274,15 +276,15 @@ def test_the_holder_hears_what_others_did_by_the_actions_open_to_all(desk):
 def test_so_many_clients_may_ask_and_no_more_until_some_were_answered(desk):
     desk.sits_down(ANNA)
     desk.lease.take(ANNA)
-    crowd = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MOST_REQUESTS + 1)]
-    for client in crowd[:MOST_REQUESTS]:
+    crowd = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MAX_REQUESTS + 1)]
+    for client in crowd[:MAX_REQUESTS]:
         desk.lease.request(client)
     assert desk.lease.has_most_requests
-    with pytest.raises(Refused, match="20 clients ask"):
-        desk.lease.request(crowd[MOST_REQUESTS])
+    with pytest.raises(Refused, match="20 clients already request"):
+        desk.lease.request(crowd[MAX_REQUESTS])
     desk.lease.deny(ANNA, crowd[0].key)
-    desk.lease.request(crowd[MOST_REQUESTS])
-    assert len(desk.lease.requests()) == MOST_REQUESTS
+    desk.lease.request(crowd[MAX_REQUESTS])
+    assert len(desk.lease.requests()) == MAX_REQUESTS
     desk.after(REQUEST_LIVES_S + 1)
     assert desk.lease.requests() == ()
     assert not desk.lease.has_most_requests
@@ -291,12 +293,12 @@ def test_so_many_clients_may_ask_and_no_more_until_some_were_answered(desk):
 def test_one_address_cannot_keep_the_others_from_asking(desk):
     desk.sits_down(ANNA)
     desk.lease.take(ANNA)
-    for n in range(MOST_REQUESTS_BY_ADDRESS):
+    for n in range(MAX_REQUESTS_PER_ADDRESS):
         desk.lease.request(Principal.of("hostile", f"id {n}", "6.6.6.6"))
     for n in range(3000):
         with pytest.raises(Refused, match="at your address"):
             desk.lease.request(Principal.of("hostile", f"other id {n}", "6.6.6.6"))
-    assert len(desk.lease.requests()) == MOST_REQUESTS_BY_ADDRESS
+    assert len(desk.lease.requests()) == MAX_REQUESTS_PER_ADDRESS
     bob = Principal.of("bob", "bob", "10.0.0.7")
     desk.lease.request(bob)
     assert [r.key for r in desk.lease.requests()][-1] == bob.key

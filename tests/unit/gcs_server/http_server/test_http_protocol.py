@@ -9,7 +9,7 @@ import random
 import pytest
 
 from gcs_server.api import refusals as r
-from gcs_server.http_server.http_protocol import LINGER_BYTES, LINGER_S, MOST_CHUNKS
+from gcs_server.http_server.http_protocol import LINGER_BYTES, LINGER_S, MAX_CHUNKS
 from tests.unit.gcs_server.http_server.wire import echo, on_a_wire
 
 GET = b"GET /x HTTP/1.1\r\nHost: a\r\n"
@@ -58,7 +58,7 @@ def test_what_is_too_large_is_refused_in_words_and_not_kept(name, piece):
         flood = begin + more * (8_000_000 // len(more))
         taken = await wire.sends(transport, flood, piece)
         assert refusal(transport)[0] == status
-        assert taken <= r.LARGEST_BODY_BYTES + LINGER_BYTES + 1_000_000
+        assert taken <= r.MAX_BODY_BYTES + LINGER_BYTES + 1_000_000
         assert transport.aborted
         await asyncio.sleep(0.1)
         assert len(wire.connections) == 0
@@ -67,7 +67,7 @@ def test_what_is_too_large_is_refused_in_words_and_not_kept(name, piece):
 
 
 def test_what_is_within_the_limits_is_served_whatever_pieces_it_comes_in():
-    body = b"a" * r.LARGEST_BODY_BYTES
+    body = b"a" * r.MAX_BODY_BYTES
     request = POST + b"x: " + b"y" * 30_000 + b"\r\nContent-Length: %d\r\n\r\n" % len(body) + body
     chunked = (
         POST
@@ -215,4 +215,4 @@ def test_another_protocol_that_is_asked_for_is_left_out_and_the_request_answered
 
 
 def test_the_largest_number_of_chunks_is_more_than_anybody_needs():
-    assert r.LARGEST_BODY_BYTES / MOST_CHUNKS <= 256, "bytes that a chunk must have on average"
+    assert r.MAX_BODY_BYTES / MAX_CHUNKS <= 256, "bytes that a chunk must have on average"

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from gcs_server.api.refusals import UNREAD_DEADLINE_S
-from gcs_server.http_server.websocket_protocol import CLOSE_DEADLINE_S, MOST_FRAMES, MOST_FRAMES_PER_S
+from gcs_server.http_server.websocket_protocol import CLOSE_DEADLINE_S, MAX_FRAMES, MAX_FRAMES_PER_S
 from tests.e2e.hostile import frame
 from tests.unit.gcs_server.http_server.wire import echo, on_a_wire
 
@@ -51,7 +51,7 @@ def test_a_flood_of_empty_frames_is_parsed_bit_by_bit_and_then_closed(opcode):
         await wire.sends(transport, frame(b"", opcode) * 42_000)
         over = True
         await watching
-        assert closing(transport) == (1008, f"more than {MOST_FRAMES_PER_S} frames in a second")
+        assert closing(transport) == (1008, f"more than {MAX_FRAMES_PER_S} frames in a second")
         assert longest_s < 0.3, "a quarter of a megabyte at once would take longer"
         await asyncio.sleep(0.1)
         assert len(wire.connections) == 0
@@ -100,7 +100,7 @@ def test_a_message_in_more_parts_than_anybody_sends_is_closed():
         transport = await opened(wire)
         parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
         await wire.sends(transport, parts)
-        assert closing(transport) == (1009, f"a message of more than {MOST_FRAMES} frames")
+        assert closing(transport) == (1009, f"a message of more than {MAX_FRAMES} frames")
 
     on_a_wire(story)
 

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.errors import Disconnected
-from gcs_server.mavlink.mailbox import MOST_WAITING, Mailbox
+from gcs_server.mavlink.mailbox import MAX_WAITING, Mailbox
 
 
 class Frame:
@@ -16,10 +16,10 @@ def test_a_flood_of_matches_is_bounded_and_the_lost_link_still_told():
     async def run():
         mailbox = Mailbox(lambda frame: frame)
         with mailbox.expect(Frame.msg_id) as waiter:
-            for _ in range(3 * MOST_WAITING):
+            for _ in range(3 * MAX_WAITING):
                 mailbox.deliver(Frame())
             mailbox.fail_all(Disconnected("The link was lost."))
-            for _ in range(MOST_WAITING):
+            for _ in range(MAX_WAITING):
                 assert isinstance(await waiter.next(), Frame)
             with pytest.raises(Disconnected):
                 await waiter.next()

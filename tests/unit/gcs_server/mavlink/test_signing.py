@@ -20,7 +20,7 @@ from gcs_server.mavlink.key_store import KeyStore, KeyUnusable, key_of_passphras
 from gcs_server.mavlink.link_signing import WARNED_FOR_S, Signing
 from gcs_server.mavlink.signing import (
     EPOCH_UNIX_S,
-    LATEST_ADOPTED_TIMESTAMP,
+    MAX_ADOPTED_TIMESTAMP,
     MAX_STREAMS,
     MAX_TIMESTAMP,
     TICKS_PER_S,
@@ -167,7 +167,7 @@ def test_the_time_of_a_vehicle_that_is_ahead_is_taken_over_and_none_of_the_end_o
     assert own.next() == NOW + 7 * MINUTE
     own.adopt(MAX_TIMESTAMP)
     assert own.next() == NOW + 7 * MINUTE + 1
-    assert own.next() < LATEST_ADOPTED_TIMESTAMP
+    assert own.next() < MAX_ADOPTED_TIMESTAMP
 
 
 def test_two_that_take_over_each_others_time_do_not_run_away():

@@ -8,11 +8,11 @@ import pytest
 from gcs_server.clock import LoopClock
 from gcs_server.errors import Disconnected, NoReply, Refused, UnknownOperation
 from gcs_server.operations.operations import (
-    LARGEST_RESULT,
     LINK_GRACE_S,
-    LONGEST_TEXT,
-    MOST_ENDED,
-    MOST_RUNNING,
+    MAX_ENDED,
+    MAX_RESULT,
+    MAX_RUNNING,
+    MAX_TEXT_LENGTH,
     TELL_PERIOD_S,
     Operations,
 )
@@ -83,7 +83,7 @@ def test_progress_is_told_a_few_times_a_second_however_often_it_is_reported():
         await asyncio.sleep(2.0)
         assert len(at.told) <= 2 + 1.0 / TELL_PERIOD_S
         assert all(o.progress is None or 0 <= o.progress <= 1 for o in at.told)
-        assert all(len(o.text) <= LONGEST_TEXT for o in at.told)
+        assert all(len(o.text) <= MAX_TEXT_LENGTH for o in at.told)
 
     story(tell)
 
@@ -151,7 +151,7 @@ def test_what_it_raises_is_its_error(error, code):
 def test_a_result_that_is_large_is_a_fault_of_the_work():
     async def tell(at):
         async def work(report):
-            return {"all": "x" * LARGEST_RESULT}
+            return {"all": "x" * MAX_RESULT}
 
         begun = begin(at, work)
         await asyncio.sleep(0.1)
@@ -198,7 +198,7 @@ def test_when_the_server_stops_all_are_cancelled_and_none_begins():
         await at.operations.close()
         assert {at.operations.get(o.id).state for o in begun} == {"cancelled"}
         assert at.operations.get(begun[0].id).text == "The server stopped."
-        with pytest.raises(Refused, match="stopping"):
+        with pytest.raises(Refused, match="shutting down"):
             begin(at)
 
     story(tell)
@@ -209,15 +209,15 @@ def test_so_many_run_and_no_more_and_of_the_ended_the_oldest_are_forgotten():
         async def short(report):
             await asyncio.sleep(0.01)
 
-        running = [begin(at, kind="dry_run", vehicle=str(n)) for n in range(MOST_RUNNING)]
-        with pytest.raises(Refused, match="no more are begun"):
+        running = [begin(at, kind="dry_run", vehicle=str(n)) for n in range(MAX_RUNNING)]
+        with pytest.raises(Refused, match="which is the limit"):
             begin(at, short)
         await at.operations.cancel(running[0].id)
         ended = []
-        for _ in range(MOST_ENDED + 10):
+        for _ in range(MAX_ENDED + 10):
             ended.append(begin(at, short).id)
             await asyncio.sleep(0.02)
-        assert len(at.operations.all()) == MOST_RUNNING - 1 + MOST_ENDED
+        assert len(at.operations.all()) == MAX_RUNNING - 1 + MAX_ENDED
         with pytest.raises(UnknownOperation):
             at.operations.get(running[0].id)
         with pytest.raises(UnknownOperation):

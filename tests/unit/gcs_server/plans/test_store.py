@@ -146,12 +146,12 @@ def test_number_and_size_are_bounded_and_deleting_makes_room(tmp_path, monkeypat
     async def work(at):
         first = await at.store.create("a", plan(), by=ANNA)
         await at.store.create("b", plan(), by=ANNA)
-        with pytest.raises(Refused, match="2 plans are kept"):
+        with pytest.raises(Refused, match="2 plans are stored"):
             await at.store.create("c", plan(), by=ANNA)
         await at.store.delete(first.id, base_version=1, by=ANNA)
         third = await at.store.create("c", plan(), by=ANNA)
         monkeypatch.setattr(plan_store, "MAX_TOTAL_BYTES", 1000)
-        with pytest.raises(Refused, match="MB, no more are kept"):
+        with pytest.raises(Refused, match="MB, which is the limit"):
             await at.store.save(third.id, "c", plan(count=50), base_version=1, by=ANNA)
 
     story(tmp_path, work)

@@ -51,13 +51,13 @@ def index_of(path):
 
 
 def test_more_kinds_of_message_than_any_fleet_sends_are_left_out_and_counted(log):
-    index = index_of(log(many_kinds(index_module.KINDS_AT_MOST + 2000)))
+    index = index_of(log(many_kinds(index_module.MAX_KINDS + 2000)))
     assert index.left_out == 2000
-    assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.KINDS_AT_MOST
+    assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KINDS
 
 
 def test_a_story_without_end_is_cut_and_counted(log, monkeypatch):
-    monkeypatch.setattr(index_module, "STORY_AT_MOST", 30)
+    monkeypatch.setattr(index_module, "MAX_STORY_RECORDS", 30)
     speaker = Speaker(1)
     switching = [(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16))) for i in range(100)]
     index = index_of(log(log_bytes(switching)))
@@ -69,7 +69,7 @@ def test_checkpoints_stay_within_their_bound_and_a_jump_still_finds_every_state(
     monkeypatch.setattr(records, "BATCH_BYTES", 8192)
     path = log(log_bytes(flight(seconds=120)))
     whole = index_of(path)
-    monkeypatch.setattr(index_module, "CHECKPOINT_NUMBERS_AT_MOST", 200)
+    monkeypatch.setattr(index_module, "MAX_CHECKPOINT_NUMBERS", 200)
     thinned = index_of(path)
     assert len(thinned.checkpoints) < len(whole.checkpoints) / 2
     assert sum(len(c.newest) for c in thinned.checkpoints) <= 200
@@ -143,9 +143,9 @@ def test_a_file_whose_name_is_no_text_is_left_out_of_the_list(tmp_path):
 @pytest.mark.parametrize("how", ["fast", "jump"])
 def test_no_turn_of_the_event_loop_plays_more_than_a_bounded_number_of_records(log, monkeypatch, how):
     """A recording of thousands of senders, all at once: the vehicles in the air wait for none of it."""
-    monkeypatch.setattr(tlog, "RECORDS_A_TICK", 50)
+    monkeypatch.setattr(tlog, "RECORDS_PER_TICK", 50)
     path = log(many_kinds(3000, step_us=10))
-    turns = []
+    request_queue = []
 
     async def story():
         link = TlogLink("made", "tlog:made", path, 50.0, index=index_of(path))
@@ -172,8 +172,8 @@ def test_no_turn_of_the_event_loop_plays_more_than_a_bounded_number_of_records(l
                 await enough.wait()
         handle.cancel()
         await link.close()
-        turns.extend(len(part) for part in fed.getvalue().split("|"))
+        request_queue.extend(len(part) for part in fed.getvalue().split("|"))
 
     asyncio.run(story())
-    assert sum(turns) >= 1000
-    assert max(turns) <= 50
+    assert sum(request_queue) >= 1000
+    assert max(request_queue) <= 50

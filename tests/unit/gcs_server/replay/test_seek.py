@@ -66,7 +66,7 @@ def picture(vehicle):
     topics = {name: vehicle.topic(name) for name in TOPICS}
     events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
     story = sorted(e for e in events if e[1] != "link")
-    return vehicle.identity, vehicle.facts, vehicle.health.report, topics, story
+    return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, story
 
 
 def everything(file):
@@ -125,9 +125,9 @@ def test_in_flights_of_a_real_px4(shared, name, share):
     vehicles, before, fed = compare(shared / "px4" / "tlogs" / name, share)
     assert len(vehicles) == 1
     assert before > 10 * fed
-    ((identity, facts, _, topics, events),) = vehicles.values()
+    ((identity, flight_state, _, topics, events),) = vehicles.values()
     assert identity.replayed
-    assert facts.custom_mode
+    assert flight_state.custom_mode
     assert topics["gimbal"] is not None
     assert events
 

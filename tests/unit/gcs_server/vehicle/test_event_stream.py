@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs_server.vehicle.event_stream import ASK_EVERY_S, ASK_TIMES, LONGEST_GAP, EventStream
+from gcs_server.vehicle.event_stream import ASK_EVERY_S, ASK_TIMES, MAX_GAP, EventStream
 
 
 def started(at):
@@ -80,7 +80,7 @@ def test_what_the_vehicle_has_no_more_is_skipped():
 
 def test_a_large_jump_or_a_reset_begins_anew():
     stream = started(1000)
-    assert stream.take(1000 + LONGEST_GAP + 2, "far") == ["far"]
+    assert stream.take(1000 + MAX_GAP + 2, "far") == ["far"]
     assert stream.take(3, "restarted") == ["restarted"]
     assert stream.lost == 2
     stream.current(500, 1)

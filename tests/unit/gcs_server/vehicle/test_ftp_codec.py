@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_server.vehicle.services import ftp_codec as codec
-from gcs_server.vehicle.services.ftp_pieces import MOST_HOLES, Pieces
+from gcs_server.vehicle.services.ftp_pieces import MAX_HOLES, Pieces
 from tests.steps import lines_run
 
 packets = st.builds(
@@ -89,7 +89,7 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
     for name, words in (
         ("ftp_open_missing", "no such file"),
         ("ftp_unknown_opcode", "does not know"),
-        ("ftp_open_no_session_free_slash", "another file open"),
+        ("ftp_open_no_session_free_slash", "another file is open"),
         ("ftp_rmdir_not_empty", "not empty"),
     ):
         assert words in str(codec.refusal(answer(name), "p", "Doing")), name
@@ -97,7 +97,7 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
 
 @pytest.mark.parametrize("path", ["x" * 239, "a\0b"])
 def test_a_path_that_no_packet_holds_is_refused(path):
-    with pytest.raises(codec.FtpFailed, match="no path"):
+    with pytest.raises(codec.FtpFailed, match="not a valid path"):
         codec.request(codec.Opcode.OPEN_FILE_RO, 0, path=path)
 
 
@@ -114,8 +114,8 @@ def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
 def test_missing_parts_are_limited_and_what_leaves_too_many_counts_as_lost():
     pieces = Pieces(100_000)
     every_second_byte(pieces)
-    assert pieces.holes <= MOST_HOLES
-    assert pieces.received == MOST_HOLES
+    assert pieces.holes <= MAX_HOLES
+    assert pieces.received == MAX_HOLES
     while (hole := pieces.first_hole) is not None:
         assert pieces.put(hole[0], bytes(hole[1] - hole[0]))
     assert pieces.received == pieces.size

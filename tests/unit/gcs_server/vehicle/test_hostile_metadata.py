@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gcs_server.storage import cache as cache_module
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import event_document, metadata_files, param_document
-from gcs_server.vehicle.event_definitions import LONGEST_TEXT
+from gcs_server.vehicle.event_definitions import MAX_TEXT_LENGTH
 from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged
 from tests.steps import lines_run
 
@@ -90,7 +90,7 @@ def test_an_event_is_told_in_a_text_of_limited_length():
     words = event_document.parse(events(enums, message="{1}" * 150, arguments=[{"name": "a", "type": "e"}]))
     definition = words[1 << 24 | 7]
     text = definition.text(b"\xff" * 40)
-    assert len(text) == LONGEST_TEXT
+    assert len(text) == MAX_TEXT_LENGTH
     assert lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
 
 
@@ -157,7 +157,7 @@ def test_any_json_is_a_document_or_a_sentence(value):
                 problems.append(str(error))
         with contextlib.suppress(ValueError):
             metadata_files.read_general(content, 0)
-    assert all(0 < len(problem) <= metadata_files.LONGEST_PROBLEM for problem in problems)
+    assert all(0 < len(problem) <= metadata_files.MAX_PROBLEM_LENGTH for problem in problems)
 
 
 def test_a_damaged_file_is_told_from_a_bad_one():
@@ -183,7 +183,7 @@ def test_a_general_file_of_wrong_types_keeps_its_good_lines():
 
 
 def test_the_cache_keeps_limited_bytes_in_all(monkeypatch, tmp_path):
-    monkeypatch.setattr(cache_module, "MOST_BYTES_IN_ALL", 1000)
+    monkeypatch.setattr(cache_module, "MAX_TOTAL_BYTES", 1000)
     cache = Cache(tmp_path)
     for n in range(20):
         cache.write(f"f{n}", bytes(300))

@@ -54,7 +54,7 @@ ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
 
 def test_silent_it_is_lost_after_three_and_a_half_seconds(listener):
     assert listener.lost_after_s() == 4.0
-    assert listener.state.silence() == "it has not been heard for 4.0 s"
+    assert listener.state.silence() == "no messages for 4.0 s"
 
 
 def test_heartbeats_that_get_lost_on_a_bad_link_lose_no_vehicle_that_is_heard(listener):

@@ -15,10 +15,10 @@ from gcs_server.vehicle.event_stream import EventStream
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
 from gcs_server.vehicle.readiness import (
-    MOST_CAUSES,
-    MOST_FINDINGS,
+    MAX_CAUSES,
+    MAX_FINDINGS,
     Finding,
-    Report,
+    HealthReport,
     ReportJoiner,
     head_of,
 )
@@ -28,7 +28,7 @@ GPS = "no valid global position"
 POSITION = "no valid position estimate"
 STICKS = "there is no transmitter or joystick"
 MISSION = "there is no mission to fly"
-SIGNAL = "no offboard setpoints are coming in"
+SIGNAL = "no offboard setpoints arrive"
 GROUND = "this mode cannot take off from the ground"
 
 
@@ -134,7 +134,7 @@ def test_every_recorded_report_explains_every_mode_that_is_shut(shared, px4_word
                 if report is None:
                     continue
                 reports += 1
-                told = readiness.told(report, 0.0, "own")
+                told = readiness.readiness_of(report, 0.0, "own")
                 assert len({m.mode for m in told.modes}) == len(told.modes) >= 14
                 for mode in told.modes:
                     # the recorded vehicle had no external mode: they are shown only where they are named
@@ -218,7 +218,7 @@ def test_chunks_forbid_together_and_a_missing_one_spoils_the_report():
         "unknown event 16777221 from component 1 (autopilot)",
         MISSION,
     ]
-    assert readiness.told(report, 0, "own").findings[0].name == "event_16777221"
+    assert readiness.readiness_of(report, 0, "own").findings[0].name == "event_16777221"
     assert join(second) is None
     assert join(first[1:]) is None
     joiner = ReportJoiner()
@@ -244,7 +244,7 @@ def test_recorded_flights_are_told_in_words_from_start_to_end(shared, px4_words)
             assert not decode_event(event, px4_words).name.startswith("event_"), path.name
         for report in joins(in_order, px4_words):
             reports += 1
-            for mode in readiness.told(report, 0.0, "own").modes:
+            for mode in readiness.readiness_of(report, 0.0, "own").modes:
                 assert bool(mode.arming) != mode.can_arm, (path.name, mode.mode)
                 assert bool(mode.running) != mode.can_run, (path.name, mode.mode)
     assert events > 100
@@ -277,16 +277,16 @@ def hostile_report(chunks, findings):
 @pytest.mark.parametrize(("chunks", "findings"), [(1, 20_000), (250, 80)])
 def test_a_report_without_end_is_cut_and_counted(chunks, findings):
     report = hostile_report(chunks, findings)
-    assert len(report.findings) == MOST_FINDINGS
-    told = readiness.told(report, 0.0, "vehicle")
-    assert told.left_out == f"The vehicle reported 20,000 findings; {MOST_FINDINGS} of them are shown."
-    assert all(len(m.arming) <= MOST_CAUSES and len(m.running) <= MOST_CAUSES for m in told.modes)
+    assert len(report.findings) == MAX_FINDINGS
+    told = readiness.readiness_of(report, 0.0, "vehicle")
+    assert told.left_out == f"The vehicle reported 20,000 findings; {MAX_FINDINGS} of them are shown."
+    assert all(len(m.arming) <= MAX_CAUSES and len(m.running) <= MAX_CAUSES for m in told.modes)
     assert len(encode(told)) < 500_000
-    assert lines_run(lambda: readiness.told(report, 0.0, "vehicle")) < 60_000
+    assert lines_run(lambda: readiness.readiness_of(report, 0.0, "vehicle")) < 60_000
 
 
 def test_a_report_of_usual_length_leaves_nothing_out():
-    told = readiness.told(hostile_report(1, 3), 0.0, "own")
+    told = readiness.readiness_of(hostile_report(1, 3), 0.0, "own")
     assert told.left_out is None
     assert len(told.findings) == 3
 
@@ -303,7 +303,7 @@ def test_a_report_of_usual_length_leaves_nothing_out():
     ],
 )
 def test_a_mode_that_cannot_be_armed_in_offers_another(mode, armed, can_arm, offered):
-    report = Report(sum(1 << BY_NAME[name].nav_state for name in can_arm), 0)
+    report = HealthReport(sum(1 << BY_NAME[name].nav_state for name in can_arm), 0)
     found = readiness.offers(report, BY_NAME[mode], armed)
     assert [(o.code, o.mode) for o in found] == ([] if offered is None else [("choose_mode", offered)])
     assert all(o.label in o.text and BY_NAME[mode].label in o.text for o in found)

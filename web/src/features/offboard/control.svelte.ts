@@ -5,7 +5,7 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Turns } from '../../api/turns';
 import { ageText } from '../../live/age';
-import { SetpointKeeper } from './keeper';
+import { SetpointRenewer } from './renewer';
 import { LASTING, nudge, STEPS, type AnySetpoint, type Axis, type Lasting, type PositionSetpoint, type StartWish, type Steps } from '../../vehicle/setpoint';
 import { nudgeBase } from '../../vehicle/offboard';
 
@@ -33,7 +33,7 @@ const PASSING: readonly string[] = ['unreachable', 'refused'];
 
 export class OffboardControl {
   steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
-  private readonly keepers = new Map<string, SetpointKeeper>();
+  private readonly renewers = new Map<string, SetpointRenewer>();
   /** Called with each vehicle that gets a setpoint of its own, not a group's. */
   onAlone: (id: string) => void = () => undefined;
   /** Called when a renewal is refused: the setpoint will expire. */
@@ -65,14 +65,14 @@ export class OffboardControl {
 
   /** Sends a new setpoint of any kind. If it is refused, the previous one is still renewed; without an answer it is unknown which one is flown, and none is renewed. */
   async send(id: string, setpoint: AnySetpoint, lasting: Lasting): Promise<Outcome<unknown>> {
-    const keeper = this.keeper(id);
+    const renewer = this.renewer(id);
     this.onAlone(id);
-    const refused = keeper.keep(setpoint, lasting, this.nowS());
+    const refused = renewer.keep(setpoint, lasting, this.nowS());
     const outcome = await this.say(id, setpoint, lasting);
     if (!outcome.ok && outcome.problem.status !== 0) refused();
-    if (keeper.setpoint !== setpoint) return outcome;
-    if (outcome.ok) keeper.keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
-    else keeper.forget();
+    if (renewer.setpoint !== setpoint) return outcome;
+    if (outcome.ok) renewer.keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    else renewer.forget();
     return outcome;
   }
 
@@ -84,22 +84,22 @@ export class OffboardControl {
 
   /** The vehicle flies in a group now: its own setpoint is no longer renewed. */
   drop(id: string): void {
-    this.keepers.get(id)?.forget();
+    this.renewers.get(id)?.forget();
   }
 
   private async begin(id: string, setpoint: AnySetpoint, lasting: Lasting, rate_hz?: number): Promise<Outcome<unknown>> {
     const { valid_for_s, on_expiry } = lasting;
     const outcome = await this.api.post(`${base(id)}/start`, { setpoint, valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) });
-    if (outcome.ok) this.keeper(id).keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    if (outcome.ok) this.renewer(id).keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
     return outcome;
   }
 
   /** One step along an axis from what is streamed now. */
   async nudge(facts: VehicleFacts, axis: Axis, sign: 1 | -1): Promise<Outcome<unknown>> {
-    const keeper = this.keeper(facts.id);
+    const renewer = this.renewer(facts.id);
     const streamed = facts.offboard;
     const from =
-      wholePosition(keeper.setpoint) ??
+      wholePosition(renewer.setpoint) ??
       (streamed === null ? null : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
     if (from === null) return noPosition(null);
     return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, LASTING);
@@ -112,31 +112,31 @@ export class OffboardControl {
 
   /** Vehicles whose setpoint this page renews. */
   renewed(): string[] {
-    return [...this.keepers].flatMap(([id, keeper]) => (keeper.setpoint === null ? [] : [id]));
+    return [...this.renewers].flatMap(([id, renewer]) => (renewer.setpoint === null ? [] : [id]));
   }
 
   /** Called as telemetry arrives. */
   tick(streaming: (id: string) => boolean): void {
-    for (const [id, keeper] of this.keepers) keeper.tick(this.nowS(), streaming(id));
+    for (const [id, renewer] of this.renewers) renewer.tick(this.nowS(), streaming(id));
   }
 
   private say(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Lasting): Promise<Outcome<unknown>> {
     return this.turns.run([id], () => this.api.post(`${base(id)}/setpoint`, { ...setpoint, valid_for_s, on_expiry }));
   }
 
-  private keeper(id: string): SetpointKeeper {
-    let keeper = this.keepers.get(id);
-    if (keeper === undefined) {
-      keeper = new SetpointKeeper(async ({ setpoint, lasting }) => {
+  private renewer(id: string): SetpointRenewer {
+    let renewer = this.renewers.get(id);
+    if (renewer === undefined) {
+      renewer = new SetpointRenewer(async ({ setpoint, lasting }) => {
         const outcome = await this.say(id, setpoint, lasting);
         if (outcome.ok) return 'taken';
         if (PASSING.includes(outcome.problem.code)) return 'not now';
         this.onNotRenewed(id, outcome.problem);
         return 'refused';
       });
-      this.keepers.set(id, keeper);
+      this.renewers.set(id, renewer);
     }
-    return keeper;
+    return renewer;
   }
 }
 

@@ -3,11 +3,11 @@
 import { page } from '../../app/page.svelte';
 import { actions, nameOf, nowS, turns } from '../../app/session.svelte';
 import { OffboardControl } from './control.svelte';
-import { GroupDesk } from './groups/groups.svelte';
+import { GroupController } from './groups/groups.svelte';
 
 export const offboard = new OffboardControl(page.api, turns, nowS);
 
-export const groups = new GroupDesk(
+export const groups = new GroupController(
   page.api,
   turns,
   actions,

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { Turns } from '../../api/turns';
 import { OffboardControl } from './control.svelte';
-import { SetpointKeeper, type Said } from './keeper';
+import { SetpointRenewer, type Said } from './renewer';
 import { LASTING, nudge, STEPS, type PositionSetpoint } from '../../vehicle/setpoint';
 import { error_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
 
@@ -74,42 +74,42 @@ describe('offboard', () => {
   it('says a setpoint again in time, and stops when the stream or the server says no', async () => {
     const said: unknown[] = [];
     let answer: Said = 'taken';
-    const keeper = new SetpointKeeper((s) => {
+    const renewer = new SetpointRenewer((s) => {
       said.push(s);
       return Promise.resolve(answer);
     });
     const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
-    keeper.keep({ ...setpoint }, LASTING, 0);
-    keeper.tick(2.9, true);
+    renewer.keep({ ...setpoint }, LASTING, 0);
+    renewer.tick(2.9, true);
     expect(said).toHaveLength(0);
-    keeper.tick(3, true);
-    keeper.tick(3.1, true);
+    renewer.tick(3, true);
+    renewer.tick(3.1, true);
     expect(said).toHaveLength(1);
     await Promise.resolve();
     answer = 'refused';
-    keeper.tick(6.1, true);
+    renewer.tick(6.1, true);
     await Promise.resolve();
-    expect(keeper.setpoint).toBeNull();
-    keeper.keep({ ...setpoint }, LASTING, 10);
-    keeper.tick(14, false);
-    expect(keeper.setpoint).toBeNull();
-    keeper.keep({ ...setpoint }, { ...LASTING, renew: false }, 20);
-    keeper.tick(24, true);
-    expect(keeper.setpoint).toBeNull();
+    expect(renewer.setpoint).toBeNull();
+    renewer.keep({ ...setpoint }, LASTING, 10);
+    renewer.tick(14, false);
+    expect(renewer.setpoint).toBeNull();
+    renewer.keep({ ...setpoint }, { ...LASTING, renew: false }, 20);
+    renewer.tick(24, true);
+    expect(renewer.setpoint).toBeNull();
     expect(said).toHaveLength(2);
   });
   it('tries again what did not get through, until it has expired', async () => {
     const said: number[] = [];
     let answer: Said = 'not now';
-    const keeper = new SetpointKeeper((): Promise<Said> => {
+    const renewer = new SetpointRenewer((): Promise<Said> => {
       said.push(now_s);
       return Promise.resolve(answer);
     });
     let now_s = 0;
-    keeper.keep({ type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 }, LASTING, now_s);
+    renewer.keep({ type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 }, LASTING, now_s);
     const until = async (end_s: number): Promise<void> => {
       for (; now_s < end_s; now_s += 1) {
-        keeper.tick(now_s, true);
+        renewer.tick(now_s, true);
         await Promise.resolve();
       }
     };
@@ -119,7 +119,7 @@ describe('offboard', () => {
     answer = 'not now';
     await until(60);
     expect(said).toEqual([3, 6, 9, 12, 15]); // taken at 6, good for 10 s
-    expect(keeper.setpoint).toBeNull();
+    expect(renewer.setpoint).toBeNull();
   });
   it('goes on saying what is flown where something new is refused, and nothing where no answer came', async () => {
     const said: unknown[] = [];

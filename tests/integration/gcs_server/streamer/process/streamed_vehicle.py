@@ -54,7 +54,7 @@ class Vehicle:
         self.relayed.append((time.monotonic(), msg_id, payload))
         return True
 
-    def way_out(self):
+    def send_path(self):
         return self.way
 
     def close(self):

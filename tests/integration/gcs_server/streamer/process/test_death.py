@@ -46,12 +46,12 @@ async def test_a_killed_process_is_told_and_started_again_but_no_stream_is(strea
 
 @flown
 async def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
-    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWERS_WITHIN_S", 0.2)
+    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.2)
     await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
     streams.attach("2", vehicle, (8, 1))
-    with pytest.raises(Refused, match="started again"):
+    with pytest.raises(Refused, match="restarted"):
         await streams.begin("2", Order(HOVER), 50.0, snapshot())
     await soon(lambda: ended(pid))
     assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
@@ -59,7 +59,7 @@ async def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
 
 @flown
 async def test_a_process_that_hangs_while_nobody_asks_is_ended_too(streams, vehicle, monkeypatch):
-    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWERS_WITHIN_S", 0.3)
+    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
@@ -70,7 +70,7 @@ async def test_a_process_that_hangs_while_nobody_asks_is_ended_too(streams, vehi
 
 @flown
 async def test_a_loop_that_stood_still_does_not_end_a_living_process(streams, vehicle, monkeypatch):
-    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWERS_WITHIN_S", 0.3)
+    monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
     streams.beat({"1": snapshot()})
@@ -132,7 +132,7 @@ async def test_whatever_the_process_does_nothing_in_the_loop_waits_for_it(stream
 
 @flown
 async def test_a_process_that_reads_nothing_is_ended_at_a_bound(streams, vehicle, monkeypatch):
-    monkeypatch.setattr("gcs_server.streamer.process.handle.MOST_WAITING_BYTES", 2_000_000)
+    monkeypatch.setattr("gcs_server.streamer.process.handle.MAX_WAITING_BYTES", 2_000_000)
     await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)

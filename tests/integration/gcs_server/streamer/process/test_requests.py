@@ -142,11 +142,11 @@ async def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams
     os.kill(pid, signal.SIGKILL)
     await soon(lambda: streams.beat({}) or streams.pid not in (None, pid))
     os.kill(streams.pid, signal.SIGSTOP)
-    monkeypatch.setattr("gcs_server.streamer.process.stream_process.STARTS_WITHIN_S", 0.1)
-    with pytest.raises(Refused, match="started again"):
+    monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 0.1)
+    with pytest.raises(Refused, match="restarted"):
         await streams.ready()
     os.kill(streams.pid, signal.SIGCONT)
-    monkeypatch.setattr("gcs_server.streamer.process.stream_process.STARTS_WITHIN_S", 10.0)
+    monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 10.0)
     await streams.ready()
     assert await begin(streams, "1", vehicle, attach=False)
     turning.cancel()
@@ -155,7 +155,7 @@ async def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams
 @flown
 async def test_an_order_that_cannot_be_flown_is_an_error_here_and_ends_nothing(streams, vehicle):
     await begin(streams, "1", vehicle)
-    with pytest.raises(ValueError, match="vehicle 2 is not heard"):
+    with pytest.raises(ValueError, match="vehicle 2 sends no position"):
         await streams.change("1", Order(Follow("2"), 60.0), snapshot())
     assert streams.active() == ["1"]
 

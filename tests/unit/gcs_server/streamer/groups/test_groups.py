@@ -11,9 +11,9 @@ import pytest
 
 from gcs_server.streamer.groups import plan
 from gcs_server.streamer.groups.checks import GroupChecks
-from gcs_server.streamer.groups.plan import LONGEST_PLAN_S, Planned, first_conflict, too_near_now
-from gcs_server.streamer.separation.distance import UNSTEADY_M, Moving, closest_m, margin_m, stopping_m
-from gcs_server.streamer.separation.guard import GroupGuard, Seen, moving
+from gcs_server.streamer.groups.plan import MAX_PLAN_S, Planned, first_conflict, too_near_now
+from gcs_server.streamer.separation.distance import UNSTEADY_M, MovingVehicle, closest_m, margin_m, stopping_m
+from gcs_server.streamer.separation.guard import GroupGuard, MemberView, moving
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
@@ -84,7 +84,7 @@ def test_a_fast_pass_between_two_samples_is_seen():
 
 def test_the_margin_grows_with_inaccuracy_and_age():
     def of(accuracy_m, age_s):
-        return Moving((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), accuracy_m, age_s)
+        return MovingVehicle((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), accuracy_m, age_s)
 
     exact = of(0.0, 0.0)
     assert margin_m(exact, exact) == pytest.approx(2 * UNSTEADY_M)
@@ -122,14 +122,14 @@ def test_places_in_two_local_frames_are_compared_on_the_earth():
     assert found is not None
     assert found.vehicles == ("1", "2")
     assert found.distance_m < 0.5
-    assert "vehicles 1 and 2 would come within" in found.words(3.0)
+    assert "vehicles 1 and 2 would come within" in found.text(3.0)
 
 
 def test_two_that_stand_too_near_are_found_at_once():
     found = conflict(planned("1", None), planned("2", None, east_m=2.0))
     assert found is not None
     assert (found.after_s, found.distance_m) == (0.0, pytest.approx(2.0, abs=0.01))
-    assert "are 2.0 m apart now (at least 3 m were asked for, with 0.8 m of margin)" in found.words(3.0)
+    assert "are 2.0 m apart now (the minimum is 3 m, plus 0.8 m of margin)" in found.text(3.0)
 
 
 def test_paths_are_compared_in_time():
@@ -199,7 +199,7 @@ def test_so_fast_that_both_could_not_be_stopped_is_refused_though_they_would_pas
 def test_looking_ahead_has_an_end():
     endless = planned("1", Follow("9", offset_ned_m=(0.0, 3.0, 0.0)))
     assert conflict(endless, planned("2", None, east_m=50.0)) is None
-    assert LONGEST_PLAN_S == 600.0
+    assert MAX_PLAN_S == 600.0
 
 
 def far(index, north_m_s):
@@ -234,7 +234,7 @@ def test_the_others_have_a_turn_after_each_small_piece_of_a_long_search(monkeypa
         fastest_m_s = max(np.max(np.linalg.norm(v, axis=-1)) for v in (velocity_a, velocity_b))
         return len(place_a) * (0.8 + fastest_m_s / min(brakes_a, brakes_b)) / 0.1
 
-    course = plan._Course
+    course = plan._PredictedTrack
     monkeypatch.setattr(course, "__init__", counted("courses", course.__init__))
     monkeypatch.setattr(course, "step", counted("steps", course.step))
     monkeypatch.setattr(plan, "margin_m", counted("pairs", plan.margin_m))
@@ -301,25 +301,25 @@ def guard(**more):
 
 
 def seen(second=None, order=WAIT, phase="streaming", **more):
-    first = Seen("streaming", order, snapshot(**more), None)
-    return {"1": first, "2": Seen(phase, order, second or snapshot(20.0), None)}
+    first = MemberView("streaming", order, snapshot(**more), None)
+    return {"1": first, "2": MemberView(phase, order, second or snapshot(20.0), None)}
 
 
 def test_all_begin_at_the_instant_and_once():
     watch = guard()
-    assert not watch.look(100.5, seen()).take
+    assert not watch.check(100.5, seen()).take
     assert watch.due_s <= 101.0
-    assert set(watch.look(101.0, seen()).take) == {"1", "2"}
+    assert set(watch.check(101.0, seen()).take) == {"1", "2"}
     assert watch.phase == "flying"
-    assert not watch.look(101.1, seen(order=GO)).take
+    assert not watch.check(101.1, seen(order=GO)).take
 
 
 def test_woken_late_nobody_begins():
     watch = guard()
     late = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin()))
     other = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin(20.0)))
-    both = {"1": Seen("streaming", WAIT, late, None), "2": Seen("streaming", WAIT, other, None)}
-    actions = watch.look(102.5, both)
+    both = {"1": MemberView("streaming", WAIT, late, None), "2": MemberView("streaming", WAIT, other, None)}
+    actions = watch.check(102.5, both)
     assert not actions.take
     assert set(actions.hold) == {"1", "2"}
     assert watch.findings[0].code == "late"
@@ -327,14 +327,14 @@ def test_woken_late_nobody_begins():
 
 def test_the_two_that_come_too_near_hold_and_the_finding_says_how_near():
     watch = guard()
-    watch.look(101.0, seen())
+    watch.check(101.0, seen())
     near = seen(snapshot(8.0, velocity=(0.0, -2.0, 0.0)), GO, velocity=(0.0, 2.0, 0.0))
-    actions = watch.look(101.1, near)
+    actions = watch.check(101.1, near)
     assert set(actions.hold) == {"1", "2"}
     assert actions.code == "separation"
     finding = watch.findings[0]
     assert (finding.code, finding.vehicles, finding.held) == ("separation", ("1", "2"), ("1", "2"))
-    assert not watch.look(101.2, near).hold  # told and done once
+    assert not watch.check(101.2, near).hold  # told and done once
 
 
 def test_one_that_is_driven_ever_faster_is_stopped_while_there_is_still_room():
@@ -343,13 +343,13 @@ def test_one_that_is_driven_ever_faster_is_stopped_while_there_is_still_room():
     watch = GroupGuard(
         "7", dict.fromkeys("12", WAIT), dict.fromkeys("12", drift), minimum_m=3.0, start_s=101.0, lasts_s=60.0
     )
-    watch.look(101.0, seen(snapshot(60.0)))
+    watch.check(101.0, seen(snapshot(60.0)))
     for step in range(1, 100):
         now_s, speed_m_s = 101.0 + 0.05 * step, gains_m_s2 * 0.05 * step
         apart_m = 60.0 - 0.5 * gains_m_s2 * (0.05 * step) ** 2
         coming = replace(snapshot(apart_m, velocity=(0.0, -speed_m_s, 0.0)), taken_s=now_s)
-        standing = Seen("streaming", drift, replace(snapshot(), taken_s=now_s), None)
-        if watch.look(now_s, {"1": standing, "2": Seen("streaming", drift, coming, None)}).hold:
+        standing = MemberView("streaming", drift, replace(snapshot(), taken_s=now_s), None)
+        if watch.check(now_s, {"1": standing, "2": MemberView("streaming", drift, coming, None)}).hold:
             break
     else:
         pytest.fail("it was not stopped")
@@ -360,27 +360,27 @@ def test_one_that_is_driven_ever_faster_is_stopped_while_there_is_still_room():
 
 def test_an_expiry_of_all_at_their_instant_is_no_finding():
     watch = guard()
-    watch.look(101.0, seen())
+    watch.check(101.0, seen())
     watch._next_look_s = 0.0
-    assert not watch.look(130.99, seen(order=GO, phase="holding")).hold
+    assert not watch.check(130.99, seen(order=GO, phase="holding")).hold
     assert not watch.findings
-    over = {v: Seen("idle", None, snapshot(), "done") for v in "12"}
-    watch.look(140.0, over)
+    over = {v: MemberView("idle", None, snapshot(), "done") for v in "12"}
+    watch.check(140.0, over)
     assert (watch.phase, watch.due_s) == ("over", math.inf)
 
 
 def test_one_whose_place_is_not_known_holds_all():
     watch = guard()
-    watch.look(101.0, seen())
+    watch.check(101.0, seen())
     blind = Snapshot(101.0, "offboard", None, None, 0.0, bounds=Bounds(origin=origin(20.0)))
-    actions = watch.look(101.1, seen(blind, GO))
+    actions = watch.check(101.1, seen(blind, GO))
     assert set(actions.hold) == {"1", "2"}
     assert watch.findings[0].code == "place_unknown"
 
 
 def test_others_go_on_where_that_was_asked_for():
     watch = guard(others_go_on=True)
-    watch.look(101.0, seen())
-    actions = watch.look(101.1, seen(order=GO, phase="holding"))
+    watch.check(101.0, seen())
+    actions = watch.check(101.1, seen(order=GO, phase="holding"))
     assert set(actions.hold) == {"2"}
     assert watch.held == {"2"}

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from gcs_server.streamer.limits.brake import SEES_FOR_S, BrakeMemory
+from gcs_server.streamer.limits.brake import SCAN_VALID_S, BrakeMemory
 from gcs_server.streamer.limits.braking import MARGIN_M
 from gcs_server.streamer.limits.limiter import apply_limits
 from gcs_server.streamer.limits.region import VehicleMotion
@@ -103,7 +103,7 @@ def test_what_the_sensor_does_not_see_counts_as_the_end_of_the_way():
     result = limited(Velocity((12.0, 0.0, 0.0)), seen(None, range_m=10.0))
     speed = result.setpoint.velocity_ned_m_s[0]
     assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(10.0 - MARGIN_M)
-    assert result.notes == ("speed reduced to what the obstacle sensor sees",)
+    assert result.notes == ("speed reduced to the range of the obstacle sensor",)
     sideways = Velocity((0.0, 12.0, 0.0))
     assert limited(sideways, seen(None, range_m=10.0)).setpoint == sideways, "no sensor looks there"
 
@@ -159,7 +159,7 @@ def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_then_forgotten()
     older = limited(Velocity(fast), seen(8.0, velocity=fast, age_s=1.0)).setpoint.velocity_ned_m_s[0]
     assert older == pytest.approx(limited(Velocity(fast), seen(4.0)).setpoint.velocity_ned_m_s[0])
     assert older < fresh
-    assert limited(Velocity(fast), seen(1.0, age_s=SEES_FOR_S + 0.1)).notes == ()
+    assert limited(Velocity(fast), seen(1.0, age_s=SCAN_VALID_S + 0.1)).notes == ()
 
 
 @pytest.mark.parametrize(

@@ -230,7 +230,7 @@ def test_from_outside_only_the_way_back_is_flown():
     )
     stopped = apply_limits(Velocity((3.0, 0.0, 0.0)), limits, here)
     assert stopped.setpoint.velocity_ned_m_s == (-1.0, 0.0, 0.0)
-    assert "only the way back" in stopped.notes[0]
+    assert "only a velocity back inside" in stopped.notes[0]
 
 
 def test_next_to_the_edge_it_is_pushed_back_though_it_is_told_to_stand():

@@ -14,8 +14,8 @@ from gcs_server.streamer.offboard.failsafe import Failsafe
         (Failsafe(1.0, 5, False), "Hold"),
         (Failsafe(1.0, 7, False), "falls"),
         (Failsafe(None, None, False), "unknown"),
-        (Failsafe(1.0, 42, False), "not known here"),
+        (Failsafe(1.0, 42, False), "unknown to this server"),
     ],
 )
 def test_what_the_vehicle_will_do_is_said_in_words(failsafe, says):
-    assert says in failsafe.words()
+    assert says in failsafe.text()

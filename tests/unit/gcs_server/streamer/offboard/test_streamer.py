@@ -15,7 +15,7 @@ from gcs_server.streamer.values.order import Order
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
-from gcs_server.vehicle.services.command import Asked
+from gcs_server.vehicle.services.command import ModeCommand
 from missions.setpoints import Position
 from tests.jump_time import in_jumps
 from tests.loop_streams import LoopStreams
@@ -173,7 +173,7 @@ def test_prerequisites_are_explained():
         with pytest.raises(Refused, match="2000 m"):
             await vehicle.offboard.start(Order(Position(position_ned_m=(2000.0, 0.0, 0.0))))
         vehicle.status.mode = "offboard"
-        with pytest.raises(Refused, match="somebody else"):
+        with pytest.raises(Refused, match="another program"):
             await vehicle.offboard.start(Order(UP))
         assert vehicle.sent == []
 
@@ -194,7 +194,7 @@ def test_leaving_offboard_ends_the_stream_and_is_told():
 def test_a_mode_that_we_commanded_ends_the_stream_as_news_not_as_a_warning():
     async def story(vehicle):
         await vehicle.offboard.start(Order(UP, 60.0))
-        vehicle.ours = Asked("Land", "land", "page", 0.0)
+        vehicle.ours = ModeCommand("Land", "land", "page", 0.0)
         vehicle.status.mode = "land"
         await asyncio.sleep(0.35)
         (told,) = vehicle.events.since()

@@ -240,7 +240,7 @@ def test_a_guard_that_fails_holds_its_group_and_the_streams_go_on(monkeypatch):
     def broken(*_):
         raise ZeroDivisionError("broken")
 
-    monkeypatch.setattr(bench.streams._guards["g"], "look", broken)
+    monkeypatch.setattr(bench.streams._guards["g"], "check", broken)
     for _ in range(10):
         bench.clock.now_s += 0.05
         bench.streams.beat({"bad": replace(bench.snapshot(), bounds=bounds["bad"]), "1": bench.snapshot()})

@@ -9,7 +9,7 @@ from gcs_server.api.offboard_views import SetpointType
 from gcs_server.api.setpoint_models import AnySetpoint
 from gcs_server.streamer.frames.resolve import RESOLVED_KINDS
 from gcs_server.streamer.transport.mavlink import MAVLINK_CARRIES
-from gcs_server.streamer.validation.availability import carried
+from gcs_server.streamer.validation.availability import why_not_carried
 from missions.setpoints import KINDS
 
 
@@ -25,6 +25,6 @@ def test_the_answers_name_each_kind():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_is_encoded_or_resolved_or_refused_with_a_reason(kind):
-    why_not = carried(kind, "MAVLink")
+    why_not = why_not_carried(kind, "MAVLink")
     assert (why_not is None) == (kind in MAVLINK_CARRIES | RESOLVED_KINDS)
     assert why_not is None or kind in why_not

@@ -94,7 +94,7 @@ export class Pilot {
 function blind(pad: PadSnapshot | null, around: Surroundings): string | null {
   if (pad === null) return 'The gamepad was disconnected.';
   if (!around.visible) return 'The page was hidden.';
-  return around.focused ? null : 'The window was left.';
+  return around.focused ? null : 'The window lost focus.';
 }
 
 function wrapPi(angle_rad: number): number {

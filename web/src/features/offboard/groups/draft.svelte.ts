@@ -6,7 +6,7 @@ import { actions } from '../../../app/session.svelte';
 import { groups } from '../controllers';
 import type { Outcome } from '../../../api/client';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
-import { desk } from '../setpoints/desk.svelte';
+import { editor } from '../setpoints/editor.svelte';
 import { commandable, listed, type Group } from './group';
 import {
   flownHow,
@@ -78,9 +78,9 @@ class GroupDraft {
   }
 
   private async logged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
-    const line = desk.noteSent('group', { type: `Group of ${listed(members)}: ${togetherWords(draft)}` });
+    const line = editor.noteSent('group', { type: `Group of ${listed(members)}: ${togetherWords(draft)}` });
     const outcome = await send();
-    desk.answered(line, outcome, null);
+    editor.answered(line, outcome, null);
     if (outcome.ok) {
       // The form is cleared, because an offset sent twice would be flown twice.
       if (draft.how === 'move') this.edit({ axes: { ...this.now.axes, move: NEW_DRAFT.axes.move } });

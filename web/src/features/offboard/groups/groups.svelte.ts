@@ -7,7 +7,7 @@ import type { WireEvent } from '../../../live/wire';
 import type { ActionController } from '../../../app/actions/controller.svelte';
 import type { AnySetpoint, Lasting } from '../../../vehicle/setpoint';
 import { isLive, keyOf, newestOver, readGroup, withGroup, type Group, type Heard } from './group';
-import { GroupKeeper, type Said } from './keeper';
+import { GroupRenewer, type Said } from './renewer';
 
 const ASK_EVERY_S = 1;
 
@@ -16,12 +16,12 @@ export interface Ordered {
   setpoint: AnySetpoint;
 }
 
-export class GroupDesk {
+export class GroupController {
   list = $state.raw<readonly Heard[]>([]);
   /** Renews the setpoints of this page's group. */
   keptKey = $state<string | null>(null);
   private seenLive = $state.raw<ReadonlySet<string>>(new Set());
-  private readonly keeper = new GroupKeeper((group, lasting) => this.renewed(group, lasting));
+  private readonly renewer = new GroupRenewer((group, lasting) => this.renewed(group, lasting));
   /** This page's setpoint of each member, by group: sent again with each renewal, except for members that got a setpoint of their own since. */
   private readonly asked = new Map<string, Map<string, AnySetpoint>>();
   private askedAt_s = -Infinity;
@@ -74,9 +74,9 @@ export class GroupDesk {
     const anew = connection !== this.connection;
     this.connection = connection;
     if (anew || (this.live.length > 0 && this.seen() && now_s - this.askedAt_s >= ASK_EVERY_S)) void this.ask(now_s);
-    const kept = this.list.find((one) => this.keeper.keeps(one.group));
+    const kept = this.list.find((one) => this.renewer.keeps(one.group));
     if (kept === undefined || !this.turns.busy(vehiclesOf(kept.group)))
-      this.keeper.tick(
+      this.renewer.tick(
         now_s,
         this.list.map((one) => one.group),
         this.seen(),
@@ -165,7 +165,7 @@ export class GroupDesk {
     for (const { vehicle, setpoint } of setpoints) asked.set(vehicle, setpoint);
     this.asked.clear(); // of those before: they are over
     this.asked.set(keyOf(group), asked);
-    this.keeper.keep(group, lasting, this.nowS());
+    this.renewer.keep(group, lasting, this.nowS());
     this.tellKept();
   }
 
@@ -180,7 +180,7 @@ export class GroupDesk {
   }
 
   private keepNone(): void {
-    this.keeper.forget();
+    this.renewer.forget();
     this.tellKept();
   }
 
@@ -188,7 +188,7 @@ export class GroupDesk {
     this.keptKey =
       this.live
         .map((one) => one.group)
-        .filter((group) => this.keeper.keeps(group))
+        .filter((group) => this.renewer.keeps(group))
         .map(keyOf)[0] ?? null;
   }
 

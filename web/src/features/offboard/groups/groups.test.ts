@@ -20,8 +20,8 @@ import {
   type Group,
   type Heard,
 } from './group';
-import { GroupDesk } from './groups.svelte';
-import { GroupKeeper, type Said } from './keeper';
+import { GroupController } from './groups.svelte';
+import { GroupRenewer, type Said } from './renewer';
 import { flownHow } from './order';
 import { vehicle } from './vehicle.fixture';
 
@@ -107,33 +107,33 @@ describe('how a group stands', () => {
   });
 });
 
-describe('the keeper of a group', () => {
+describe('the renewer of a group', () => {
   const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
-  function keeper(answers: Said[] = []): { said: number[]; keeper: GroupKeeper; at: { now_s: number } } {
+  function renewer(answers: Said[] = []): { said: number[]; renewer: GroupRenewer; at: { now_s: number } } {
     const said: number[] = [];
     const at = { now_s: 0 };
-    const one = new GroupKeeper(() => {
+    const one = new GroupRenewer(() => {
       said.push(at.now_s);
       return Promise.resolve(answers.shift() ?? 'taken');
     });
     one.keep(GROUP, LASTING, 0);
-    return { said, keeper: one, at };
+    return { said, renewer: one, at };
   }
   async function run(
-    one: ReturnType<typeof keeper>,
+    one: ReturnType<typeof renewer>,
     until_s: number,
     groups: (s: number) => Group[],
     seen: (s: number) => boolean = () => true,
   ): Promise<void> {
     for (; one.at.now_s < until_s; one.at.now_s += 1) {
-      one.keeper.tick(one.at.now_s, groups(one.at.now_s), seen(one.at.now_s));
+      one.renewer.tick(one.at.now_s, groups(one.at.now_s), seen(one.at.now_s));
       await Promise.resolve();
       await Promise.resolve();
     }
   }
 
   it('renews in time, and only while somebody sees the page', async () => {
-    const one = keeper();
+    const one = renewer();
     await run(
       one,
       20,
@@ -144,35 +144,35 @@ describe('the keeper of a group', () => {
   });
 
   it('waits for the start, and brings nothing back that is being stopped or over', async () => {
-    const one = keeper();
+    const one = renewer();
     await run(one, 30, (s) => [as({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
     expect(one.said).toEqual([10]);
-    const other = keeper();
+    const other = renewer();
     await run(other, 10, () => [as({ created_unix_s: 999 })]);
     expect(other.said).toEqual([]);
-    expect(other.keeper.keeps(GROUP)).toBe(false);
+    expect(other.renewer.keeps(GROUP)).toBe(false);
   });
 
   it('tries again where nobody answered, and not where it was refused', async () => {
-    const one = keeper(['unheard', 'refused']);
+    const one = renewer(['unheard', 'refused']);
     await run(one, 30, () => [GROUP]);
     expect(one.said).toEqual([3, 6]);
   });
 
   it('keeps nothing that shall not be renewed', async () => {
-    const one = keeper();
-    one.keeper.keep(GROUP, { ...LASTING, renew: false }, 0);
+    const one = renewer();
+    one.renewer.keep(GROUP, { ...LASTING, renew: false }, 0);
     await run(one, 30, () => [GROUP]);
     expect(one.said).toEqual([]);
   });
 });
 
-describe('the desk of groups', () => {
+describe('the controller of groups', () => {
   const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
   const MEMBERS = ['1', '2'].map((vehicle) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } }));
 
   function station(): {
-    desk: GroupDesk;
+    controller: GroupController;
     calls: { call: string; body: unknown }[];
     at: { now_s: number; seen: boolean; group: Group; status: number; answer: Promise<void> };
     dropped: string[];
@@ -205,7 +205,7 @@ describe('the desk of groups', () => {
         return outcome.ok;
       },
     };
-    const desk = new GroupDesk(
+    const controller = new GroupController(
       api,
       new Turns(),
       actions,
@@ -215,33 +215,33 @@ describe('the desk of groups', () => {
       (id) => dropped.push(id),
     );
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
-    return { desk, calls, at, dropped, refused, settle };
+    return { controller, calls, at, dropped, refused, settle };
   }
 
   it('says again what it asked of each, but of whom it has sent alone since or who is held', async () => {
-    const { desk, calls, at, dropped, settle } = station();
-    expect((await desk.start({ members: MEMBERS }, LASTING)).ok).toBe(true);
+    const { controller, calls, at, dropped, settle } = station();
+    expect((await controller.start({ members: MEMBERS }, LASTING)).ok).toBe(true);
     expect(dropped).toEqual(['1', '2']);
-    expect([desk.own?.group.id, desk.keptKey, desk.of('2')?.id, desk.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
+    expect([controller.own?.group.id, controller.keptKey, controller.of('2')?.id, controller.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
     at.now_s = 3;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
-    desk.sentAlone('1');
+    controller.sentAlone('1');
     at.now_s = 6;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
     expect(renewals()).toEqual([MEMBERS, [MEMBERS[1]]]);
     at.seen = false;
     at.now_s = 20;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
     expect(renewals()).toHaveLength(2);
   });
 
   it('lets no renewal overtake what is ordered anew', async () => {
-    const { desk, calls, at, settle } = station();
-    await desk.start({ members: MEMBERS }, LASTING);
+    const { controller, calls, at, settle } = station();
+    await controller.start({ members: MEMBERS }, LASTING);
     const held = (): (() => void) => {
       let answered = (): void => undefined;
       at.answer = new Promise((done) => (answered = done));
@@ -253,9 +253,9 @@ describe('the desk of groups', () => {
     // Ordered while a renewal is under way: it goes out behind the answer.
     const renewed = held();
     at.now_s = 3;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
-    const ordered = desk.send(GROUP, anew, { ...LASTING, valid_for_s: 30 });
+    const ordered = controller.send(GROUP, anew, { ...LASTING, valid_for_s: 30 });
     await settle();
     expect(posts()).toEqual([{ setpoints: MEMBERS, valid_for_s: 10, on_expiry: LASTING.on_expiry }]);
     renewed();
@@ -265,62 +265,62 @@ describe('the desk of groups', () => {
 
     // The renewal that falls due while the order is under way is not sent; the next says what was ordered, for as long.
     at.now_s = 8;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
     taken();
     expect((await ordered).ok).toBe(true);
-    desk.tick('open');
+    controller.tick('open');
     await settle();
     expect(posts()).toHaveLength(2);
     at.now_s = 17.5;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
     expect(posts()[2]).toEqual(posts()[1]);
 
     // Where no answer came nobody knows what is flown, and nothing is said again.
     at.answer = Promise.reject(new TypeError('network'));
-    expect((await desk.send(GROUP, MEMBERS, LASTING)).ok).toBe(false);
+    expect((await controller.send(GROUP, MEMBERS, LASTING)).ok).toBe(false);
     at.answer = Promise.resolve();
     at.now_s = 60;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
-    expect([posts().length, desk.keptKey]).toEqual([4, null]);
+    expect([posts().length, controller.keptKey]).toEqual([4, null]);
   });
 
   it('asks once a second while there is one and somebody looks, and after each new connection', async () => {
-    const { desk, calls, at, settle } = station();
+    const { controller, calls, at, settle } = station();
     const asked = (): number => calls.filter((c) => c.call === 'GET /groups').length;
     for (; at.now_s < 2.95; at.now_s += 0.1) {
-      desk.tick('open');
+      controller.tick('open');
       await settle();
     }
     expect(asked()).toBe(3);
     at.group = as({ state: 'ended', ended: 'me commanded Hold.' });
-    desk.heard({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
-    expect([desk.live.length, desk.over?.ended, desk.own]).toEqual([0, 'me commanded Hold.', null]);
+    controller.heard({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
+    expect([controller.live.length, controller.over?.ended, controller.own]).toEqual([0, 'me commanded Hold.', null]);
     at.now_s = 60;
-    desk.tick('open');
+    controller.tick('open');
     await settle();
     expect(asked()).toBe(3);
-    desk.tick('another connection');
+    controller.tick('another connection');
     await settle();
     expect(asked()).toBe(4);
-    desk.putAway();
-    expect(desk.over).toBeNull();
+    controller.putAway();
+    expect(controller.over).toBeNull();
   });
 
   it('tells why it was not renewed, and tries no more', async () => {
-    const { desk, at, refused, calls, settle } = station();
-    await desk.start({ members: MEMBERS }, LASTING);
+    const { controller, at, refused, calls, settle } = station();
+    await controller.start({ members: MEMBERS }, LASTING);
     at.status = 409;
     for (const now_s of [3, 6, 9]) {
       at.now_s = now_s;
-      desk.tick('open');
+      controller.tick('open');
       await settle();
     }
     expect(refused.map((r) => [r.what, r.vehicleName, r.problem.detail])).toEqual([['Renewing group 1', '1 Quad, 2 Quad', 'x has control of vehicle 1.']]);
     expect(calls.filter((c) => c.call.endsWith('setpoints'))).toHaveLength(1);
-    expect(desk.keptKey).toBeNull();
+    expect(controller.keptKey).toBeNull();
   });
 
   it('never renews a velocity by the rule for places', () => {

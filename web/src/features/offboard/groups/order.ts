@@ -52,7 +52,7 @@ function outside(text: string, [least, most, unit]: readonly [number, number, st
 export function problemsOf(draft: Draft, flying: boolean): Problems {
   const found: Record<string, string> = {};
   const note = (field: string, problem: string | null): void => void (problem !== null && (found[field] = problem));
-  AXES.forEach((axis, i) => note(`axis${i}`, typed(draft.axes[draft.how][i] ?? '') === null ? `${axis}: a number is needed.` : null));
+  AXES.forEach((axis, i) => note(`axis${i}`, typed(draft.axes[draft.how][i] ?? '') === null ? `${axis}: enter a number.` : null));
   note('valid', outside(draft.valid_s[draft.how], RANGES.valid));
   if (flying) return found;
   if (draft.members.length < 2) note('members', 'Choose two vehicles or more.');

@@ -64,9 +64,9 @@ describe('forms', () => {
   });
 
   it('name the field that is wrong, and the unknown is not filled in', () => {
-    expect(bad(put(formHere('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: a number is needed.' });
+    expect(bad(put(formHere('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
     expect(bad(put(formHere('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
-    expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: a number is needed.' });
+    expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
     expect(bad(formHere('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
     expect(typed(' 1e400 ')).toBeNull();
   });

@@ -1,4 +1,4 @@
-"""Turns what a vehicle sends into lines of its event feed, each thing once, in its own words."""
+"""Writes a vehicle's texts, events and state changes to its event feed, each once."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, VehicleEvent
-from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.texts import LineBudget, TextJoiner
 
 PAIR_WITHIN_S = 0.3
-"""PX4 sends a text that ends in a tab and its event within a few milliseconds of each other."""
+"""PX4 sends a text that ends in a tab and its event within a few milliseconds."""
 SAME_TEXT_S = 1.0
 REMEMBERED_SEQUENCES = 64
 LATE_PAIR_S = 5.0
-"""An event that the link had lost comes so long after its text at most."""
+"""Longest delay between a text and its event, if the event was lost and requested again."""
 WARNING, NOTICE = 4, 5
-MOST_UNWORDED = 20
-"""Events that wait for words; what is more is told without."""
+MAX_UNDESCRIBED = 20
+"""Events that wait for a description; further ones are logged without."""
 
 
-class Narrator:
-    """Writes one vehicle's feed.
+class EventLogger:
+    """Writes one vehicle's event feed.
 
-    A text that ends in a tab repeats an event: the pair becomes one line, in the text's words. A text
-    or event that comes on two links becomes one line as well.
+    A text that ends in a tab repeats an event: the pair becomes one line with the text. A text or event
+    received on two links also becomes one line.
     """
 
     def __init__(self, feed: EventFeed, clock: Clock) -> None:
@@ -40,21 +40,21 @@ class Narrator:
         self._seen_events: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_SEQUENCES)
         self._seen_texts: deque[tuple[float, object, str]] = deque(maxlen=16)
         self._lone_texts: deque[float] = deque(maxlen=8)
-        """When texts that repeat an event were told without it."""
-        self._unworded: deque[tuple[float, VehicleEvent]] = deque()
-        """Events that nobody has words for: their text, or the vehicle's words, may still come."""
+        """Times of texts that repeat an event and were logged before it."""
+        self._undescribed: deque[tuple[float, VehicleEvent]] = deque()
+        """Events without a description: their text, or the vehicle's metadata, may still arrive."""
         self._budget = LineBudget()
-        self.worded: Callable[[VehicleEvent, float], VehicleEvent | None] = lambda event, _: event
-        """(event, how long it has waited [s]) → it with the words that are known; None: they may come."""
+        self.describe_again: Callable[[VehicleEvent, float], VehicleEvent | None] = lambda event, _: event
+        """(event, how long it has waited [s]) → the event with its description; None: it may still arrive."""
 
     def text(self, payload: bytes, source: object) -> None:
-        """STATUSTEXT heard from `source` (an endpoint)."""
+        """STATUSTEXT received from `source` (an endpoint)."""
         now_s = self._clock.monotonic_s()
         for severity, text in self._texts.feed(payload, now_s):
             self._one_text(severity, text, source, now_s)
 
     def event(self, event: VehicleEvent, late: bool = False) -> None:
-        """EVENT that belongs to no report; `late`: one that the link had lost, asked for again."""
+        """EVENT that is not part of a report; `late`: it was lost and requested again."""
         now_s = self._clock.monotonic_s()
         key = (event.sequence, event.id)
         if key in self._seen_events:
@@ -63,16 +63,16 @@ class Narrator:
         if event.level >= LEVEL_PROTOCOL:
             return
         if late and self._lone_texts and now_s - self._lone_texts.popleft() < LATE_PAIR_S:
-            return  # its text was told already
+            return  # its text is already logged
         held = self._take_held(now_s)
-        if held is None and not event.is_worded and len(self._unworded) < MOST_UNWORDED:
-            self._unworded.append((now_s, event))
+        if held is None and not event.is_described and len(self._undescribed) < MAX_UNDESCRIBED:
+            self._undescribed.append((now_s, event))
             return
         if held is None:
             self._lone_events.append(now_s)
         self._line("event", event.level, held or event.text, event)
 
-    def facts(self, before: Facts, after: Facts, cause: ModeCause | None = None) -> None:
+    def flight_state(self, before: FlightState, after: FlightState, cause: ModeCause | None = None) -> None:
         """Publishes events for the changes between two states; `cause` is that of a changed mode."""
         known = before.heartbeat_s > float("-inf")
         if known and after.armed != before.armed:
@@ -88,7 +88,7 @@ class Narrator:
             self._feed.add("mode_changed", self._clock.unix_s(), text, severity=severity, data=data)
 
     def tick(self) -> None:
-        """Called a few times a second: gives out what has waited long enough for its other half."""
+        """Called a few times a second: logs texts and events that have waited long enough for their pair."""
         now_s = self._clock.monotonic_s()
         for severity, text in self._texts.expire(now_s):
             self._one_text(severity, text, None, now_s)
@@ -96,22 +96,22 @@ class Narrator:
             held_s, severity, text = self._held.popleft()
             self._lone_texts.append(now_s)
             self._line("status_text", severity, text, ago_s=now_s - held_s)
-        self._tell_unworded(now_s)
+        self._log_undescribed(now_s)
         left_out = self._budget.left_out(now_s)
         if left_out:
             text = f"The vehicle sends too many messages: {left_out:,} of them were left out."
             self._feed.add("warning", self._clock.unix_s(), text, severity=WARNING)
 
-    def _tell_unworded(self, now_s: float) -> None:
+    def _log_undescribed(self, now_s: float) -> None:
         waiting: deque[tuple[float, VehicleEvent]] = deque()
-        for came_s, event in self._unworded:
+        for came_s, event in self._undescribed:
             waited_s = now_s - came_s
-            known = self.worded(event, waited_s) if waited_s > PAIR_WITHIN_S else None
+            known = self.describe_again(event, waited_s) if waited_s > PAIR_WITHIN_S else None
             if known is None:
                 waiting.append((came_s, event))
             else:
                 self._line("event", known.level, known.text, known, ago_s=waited_s)
-        self._unworded = waiting
+        self._undescribed = waiting
 
     def _one_text(self, severity: int, text: str, source: object, now_s: float) -> None:
         for then_s, other, said in self._seen_texts:
@@ -122,9 +122,9 @@ class Narrator:
             self._line("status_text", severity, text)
             return
         if self._lone_events and now_s - self._lone_events.popleft() <= PAIR_WITHIN_S:
-            return  # its event was told already
-        if self._unworded and now_s - self._unworded[-1][0] <= PAIR_WITHIN_S:
-            came_s, event = self._unworded.pop()
+            return  # its event is already logged
+        if self._undescribed and now_s - self._undescribed[-1][0] <= PAIR_WITHIN_S:
+            came_s, event = self._undescribed.pop()
             self._line("event", event.level, text.rstrip("\t"), event, ago_s=now_s - came_s)
             return
         self._held.append((now_s, severity, text.rstrip("\t")))

@@ -17,7 +17,7 @@ export interface Kept {
 /** Result of a renewal: taken, refused, or neither, so that it is tried again. */
 export type Said = 'taken' | 'refused' | 'not now';
 
-export class SetpointKeeper {
+export class SetpointRenewer {
   private kept: Kept | null = null;
   private saidAt_s = 0;
   private takenAt_s = 0;

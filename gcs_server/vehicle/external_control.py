@@ -1,6 +1,5 @@
-"""Notices what others do with a vehicle beside us: another station, a transmitter, whoever takes its gimbal.
-
-It is told to everyone and respected: nothing here, and nobody who hears of it, takes anything back.
+"""Detects external control of a vehicle: by another station, an RC transmitter, or a new owner of its gimbal.
+The server reports external control and never overrides it.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from gcs_server.vehicle.mode_cause import (
     is_overruled,
 )
 from gcs_server.vehicle.modes import name_and_label
-from gcs_server.vehicle.reducers import Facts
+from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Health
 from gcs_server.vehicle.services.command import CommandService
 from gcs_server.vehicle.services.port import VehiclePort
@@ -27,13 +26,13 @@ from gcs_server.vehicle.services.port import VehiclePort
 _ack = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_ACK]
 
 
-class Outsiders:
+class ExternalControl:
     """External control of one vehicle.
 
     Args:
         vehicle: whose messages are heard.
-        command: knows which modes were asked for by us.
-        stream_asks: the mode that the setpoint stream is asking for just now, at its end.
+        command: knows which modes this server requested.
+        stream_asks: returns the mode that an ending setpoint stream requests now.
     """
 
     def __init__(
@@ -45,12 +44,12 @@ class Outsiders:
         self._foreign_ack: ForeignAck | None = None
         self._gimbal_control: tuple[int, int] | None = None
         self.mode_cause: ModeCause | None = None
-        """The cause of its present mode; None until the mode has changed for the first time."""
+        """Cause of the current mode; None before the first mode change."""
 
-    def mode(self, before: Facts, after: Facts) -> ModeCause | None:
+    def mode(self, before: FlightState, after: FlightState) -> ModeCause | None:
         """The cause of a mode change; None if the mode did not change, or is the first one reported."""
         vehicle = self._vehicle
-        self._second_thoughts(before, after)
+        self._reclassify_as_failsafe(before, after)
         if after.custom_mode == before.custom_mode or before.heartbeat_s == float("-inf"):
             return None
         if after.autopilot != d.MAV_AUTOPILOT_PX4:
@@ -71,8 +70,8 @@ class Outsiders:
         )
         return self.mode_cause
 
-    def _second_thoughts(self, before: Facts, after: Facts) -> None:
-        """The mode came with a heartbeat; what was intended instead is told a moment later."""
+    def _reclassify_as_failsafe(self, before: FlightState, after: FlightState) -> None:
+        """Corrects the cause when CURRENT_MODE's intended mode arrives after the heartbeat."""
         cause = self.mode_cause
         told = after.mode_s > before.mode_s and after.heartbeat_s == before.heartbeat_s
         if (
@@ -86,7 +85,7 @@ class Outsiders:
             self.mode_cause = ModeCause("failsafe", None, "the failsafe", cause.since_unix_s)
 
     def ack(self, payload: bytes) -> None:
-        """COMMAND_ACK: what the vehicle answers to others tells that they command it."""
+        """COMMAND_ACK: the vehicle's answer to another station shows that this station commands it."""
         said = dict(zip(_ack.fields, _ack.unpacker.unpack(payload), strict=True))
         target = (said["target_system"], said["target_component"])
         ours = target[0] in (0, self._vehicle.own_ids[0])
@@ -94,7 +93,7 @@ class Outsiders:
             self._foreign_ack = ForeignAck(*target, self._vehicle.clock.monotonic_s())
 
     def gimbal(self, payload: bytes) -> None:
-        """GIMBAL_MANAGER_STATUS: somebody else may have taken the gimbal that was ours."""
+        """GIMBAL_MANAGER_STATUS: another station may have taken the gimbal from this server."""
         vehicle, control = self._vehicle, control_of(payload)
         if self._gimbal_control == vehicle.own_ids and control not in (None, vehicle.own_ids):
             other = f"{control[0]}/{control[1]}"

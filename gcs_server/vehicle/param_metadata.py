@@ -1,4 +1,4 @@
-"""What the vehicle's metadata says of a parameter: unit, range, choices; whether a value keeps to it."""
+"""Metadata of a parameter (unit, range, choices), and the check of a value against it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.foreign import Document, cut
 
-MOST_NAMED, LONGEST_NAMED = 20, 60
-"""Choices that a refusal names, and characters of each."""
+MAX_NAMED, MAX_NAMED_LENGTH = 20, 60
+"""Number of choices in an error text, and characters of each."""
 FORCE = 'Send "force": true to set it anyway.'
 
 
@@ -25,13 +25,13 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class ParamFacts:
+class ParamMetadata:
     """One parameter."""
 
     name: str
-    """As on the wire."""
+    """Name as in MAVLink."""
     is_integer: bool
-    """Whole number of 32 bits, else a 32-bit float."""
+    """Whether it is a 32-bit integer; otherwise a 32-bit float."""
     group: str
     """Group in the metadata."""
     category: str
@@ -41,17 +41,17 @@ class ParamFacts:
     details: str | None = None
     """Long description."""
     default: int | float | None = None
-    """The firmware's; null: none is told."""
+    """Default of the firmware; null if unknown."""
     min: int | float | None = None
-    """Least sensible value."""
+    """Smallest recommended value."""
     max: int | float | None = None
-    """Greatest sensible value."""
+    """Largest recommended value."""
     unit: str | None = None
     """As the metadata writes it."""
     decimals: int | None = None
     """Number of decimals to show."""
     increment: float | None = None
-    """A sensible step."""
+    """Recommended step."""
     choices: tuple[Choice, ...] = ()
     """The documented values, if only these are valid."""
     bits: tuple[Choice, ...] = ()
@@ -62,10 +62,10 @@ class ParamFacts:
     """Whether the vehicle changes it by itself."""
 
     def check(self, value: float) -> None:
-        """Whether a value keeps to range and choices.
+        """Checks a value against range and choices.
 
         Raises:
-            InvalidRequest: naming the range, or the choices.
+            InvalidRequest: names the range or the choices.
         """
         if self.choices:
             if not any(_same(value, choice.value) for choice in self.choices):
@@ -86,10 +86,10 @@ class ParamFacts:
         too_high = self.max is not None and value > self.max and not _same(value, self.max)
         if too_low or too_high:
             raise InvalidRequest(
-                "value", f"{self.name} is meant to be {self.range_words()}, not {value:g}.", remedy=FORCE
+                "value", f"{self.name} must be {self.range_text()}, not {value:g}.", remedy=FORCE
             )
 
-    def range_words(self) -> str:
+    def range_text(self) -> str:
         """The range for people."""
         unit = f" {self.unit}" if self.unit else ""
         if self.min is None:
@@ -99,22 +99,22 @@ class ParamFacts:
         return f"from {self.min:g} to {self.max:g}{unit}"
 
 
-Facts = Document[str, ParamFacts]
+MetadataByName = Document[str, ParamMetadata]
 
 
 def _named(choices: Iterable[tuple[float, str]]) -> str:
-    words = [f"{value:g} ({cut(label, LONGEST_NAMED)})" for value, label in choices]
-    more = len(words) - MOST_NAMED
-    return ", ".join(words[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    words = [f"{value:g} ({cut(label, MAX_NAMED_LENGTH)})" for value, label in choices]
+    more = len(words) - MAX_NAMED
+    return ", ".join(words[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def is_default(facts: ParamFacts, value: float) -> bool | None:
-    """Whether a value is the firmware's; None where that is not told."""
+def is_default(facts: ParamMetadata, value: float) -> bool | None:
+    """Whether a value is the firmware's default; None if the default is unknown."""
     return None if facts.default is None else _same(value, facts.default)
 
 
 def _same(a: float, b: float) -> bool:
-    """As the vehicle holds them: 32 bits."""
+    """Compares with 32-bit precision, as the vehicle stores them."""
     if a == b:
         return True
     try:

@@ -32,7 +32,7 @@ export interface DragTarget {
   yaw_ned_rad: number;
 }
 
-class Desk {
+class SetpointEditor {
   way = $state<Way>('form');
   kind = $state<Kind>('position');
   choosing = $state(false);
@@ -292,5 +292,5 @@ class Desk {
   }
 }
 
-export const desk = new Desk();
+export const editor = new SetpointEditor();
 export { KINDS, specOf };

@@ -19,7 +19,7 @@ interface Kept {
 /** Result of a renewal: taken, refused, or without an answer, so that it is tried again. */
 export type Said = 'taken' | 'refused' | 'unheard';
 
-export class GroupKeeper {
+export class GroupRenewer {
   private kept: Kept | null = null;
 
   /** @param say renews the setpoints of all members. */

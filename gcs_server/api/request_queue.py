@@ -17,7 +17,7 @@ from gcs_server.control.principal import Principal
 KNOWN_AFTER_S = 2.0
 """Age of its first request from which a client no longer counts as new."""
 FORGOTTEN_AFTER_S = 60.0
-MOST_KNOWN = 500
+MAX_KNOWN_CLIENTS = 500
 
 Waiting = deque[asyncio.Future[None]]
 
@@ -45,8 +45,8 @@ class _Lane:
         return future
 
 
-class Turns:
-    """The turns of one server.
+class RequestQueue:
+    """The waiting requests of one server.
 
     Args:
         in_control: whether the client of this key controls a vehicle.
@@ -74,9 +74,9 @@ class Turns:
 
     def _note(self, key: str, now_s: float) -> bool:
         """Whether the client is known. Known clients stay known, however many new ones arrive."""
-        if key not in self._seen and len(self._seen) >= MOST_KNOWN:
+        if key not in self._seen and len(self._seen) >= MAX_KNOWN_CLIENTS:
             self._seen = {k: s for k, s in self._seen.items() if now_s - s[1] < FORGOTTEN_AFTER_S}
-            if len(self._seen) >= MOST_KNOWN:
+            if len(self._seen) >= MAX_KNOWN_CLIENTS:
                 return False
         first_s = self._seen.get(key, (now_s, now_s))[0]
         self._seen[key] = (first_s, now_s)

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_server.errors import InvalidRequest
-from gcs_server.storage.cache import MOST_FILES, Cache
-from gcs_server.vehicle import param_document, param_facts
-from gcs_server.vehicle.param_table import MOST_PARAMETERS, Param, ParamReport, ParamTable, read_report
+from gcs_server.storage.cache import MAX_FILES, Cache
+from gcs_server.vehicle import param_document, param_metadata
+from gcs_server.vehicle.param_table import MAX_PARAMETERS, Param, ParamReport, ParamTable, read_report
 
 INT32, REAL32 = 6, 9
 
@@ -48,7 +48,7 @@ def test_every_parameter_of_the_recorded_vehicle_is_understood(facts, live):
         assert of.is_integer == is_integer, name
         assert of.group, name
         assert of.title, name
-        default = param_facts.is_default(of, of.default)
+        default = param_metadata.is_default(of, of.default)
         assert default is True, name
     assert table.complete
     assert table.missing(5) == []
@@ -91,10 +91,10 @@ def test_a_value_out_of_range_is_refused_with_the_range(facts, name, value, word
 
 
 def test_a_range_with_one_end_says_so():
-    one = param_facts.ParamFacts("A", False, "G", "Standard", min=1.5)
+    one = param_metadata.ParamMetadata("A", False, "G", "Standard", min=1.5)
     with pytest.raises(InvalidRequest, match=r"at least 1\.5"):
         one.check(1)
-    other = param_facts.ParamFacts("A", False, "G", "Standard", max=2, unit="s")
+    other = param_metadata.ParamMetadata("A", False, "G", "Standard", max=2, unit="s")
     with pytest.raises(InvalidRequest, match="at most 2 s"):
         other.check(3)
     for bad in (b"[]", b'{"version": 2, "parameters": []}', b"x"):
@@ -142,10 +142,10 @@ def test_a_list_of_another_length_has_moved():
 def test_the_cache_keeps_the_newest_and_never_fails(tmp_path):
     cache = Cache(tmp_path / "cache")
     assert cache.read("a.json") is None
-    for n in range(MOST_FILES + 5):
+    for n in range(MAX_FILES + 5):
         cache.write(f"f{n}", b"x")
-    assert cache.read(f"f{MOST_FILES + 4}") == b"x"
-    assert len(list((tmp_path / "cache").iterdir())) == MOST_FILES
+    assert cache.read(f"f{MAX_FILES + 4}") == b"x"
+    assert len(list((tmp_path / "cache").iterdir())) == MAX_FILES
     cache.write("big", bytes(9_000_000))
     assert cache.read("big") is None
     with pytest.raises(ValueError, match="no name"):
@@ -155,10 +155,10 @@ def test_the_cache_keeps_the_newest_and_never_fails(tmp_path):
 
 
 def test_a_refusal_names_a_limited_number_of_choices():
-    choices = tuple(param_facts.Choice(n, "x" * 300) for n in range(256))
+    choices = tuple(param_metadata.Choice(n, "x" * 300) for n in range(256))
     for facts in (
-        param_facts.ParamFacts("A", True, "G", "Standard", choices=choices),
-        param_facts.ParamFacts("A", True, "G", "Standard", bits=choices[:31]),
+        param_metadata.ParamMetadata("A", True, "G", "Standard", choices=choices),
+        param_metadata.ParamMetadata("A", True, "G", "Standard", bits=choices[:31]),
     ):
         with pytest.raises(InvalidRequest, match=r"and \d+ more") as caught:
             facts.check(-1)
@@ -183,9 +183,9 @@ def test_names_that_no_parameter_can_have_fill_their_place_and_are_counted():
 
 def test_the_table_keeps_a_limited_number_of_parameters():
     table = ParamTable()
-    for n in range(MOST_PARAMETERS + 500):
+    for n in range(MAX_PARAMETERS + 500):
         table.put(ParamReport(Param(f"P{n}", n, True), 65535, 3))
-    assert len(table) == MOST_PARAMETERS
+    assert len(table) == MAX_PARAMETERS
 
 
 @pytest.mark.parametrize(

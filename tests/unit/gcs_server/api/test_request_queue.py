@@ -3,7 +3,7 @@
 import asyncio
 import itertools
 
-from gcs_server.api.turns import KNOWN_AFTER_S, MOST_KNOWN, Turns
+from gcs_server.api.request_queue import KNOWN_AFTER_S, MAX_KNOWN_CLIENTS, RequestQueue
 from gcs_server.control.principal import Principal
 from tests.jump_time import in_jumps
 
@@ -17,7 +17,7 @@ def served(callers, in_control=()):
     order = []
 
     async def run():
-        turns = Turns(lambda key: key in {client(name).key for name in in_control})
+        request_queue = RequestQueue(lambda key: key in {client(name).key for name in in_control})
         rounds = 0
 
         async def count():
@@ -27,7 +27,7 @@ def served(callers, in_control=()):
                 await asyncio.sleep(0)
 
         async def ask(caller):
-            await turns.wait(caller)
+            await request_queue.wait(caller)
             order.append((str(caller), rounds))
 
         counting = asyncio.ensure_future(count())
@@ -64,9 +64,9 @@ def test_a_client_in_control_goes_first():
 
 def test_a_request_that_was_given_up_takes_no_turn():
     async def run():
-        turns = Turns(lambda _: False)
-        await turns.wait(client("first"))
-        waiting = [asyncio.ensure_future(turns.wait(client("gone"))) for _ in range(10)]
+        request_queue = RequestQueue(lambda _: False)
+        await request_queue.wait(client("first"))
+        waiting = [asyncio.ensure_future(request_queue.wait(client("gone"))) for _ in range(10)]
         await asyncio.sleep(0)
         for each in waiting[:9]:
             each.cancel()
@@ -80,19 +80,19 @@ def test_a_request_that_was_given_up_takes_no_turn():
 def test_a_client_that_was_there_before_goes_before_a_thousand_new_ones():
     order = []
 
-    async def ask(turns, caller):
-        await turns.wait(caller)
+    async def ask(request_queue, caller):
+        await request_queue.wait(caller)
         order.append(str(caller))
 
     async def run():
-        turns = Turns(lambda _: False)
-        await turns.wait(client("innocent"))
+        request_queue = RequestQueue(lambda _: False)
+        await request_queue.wait(client("innocent"))
         for n in range(1000):  # they must not make it forgotten
-            await turns.wait(client(f"earlier {n}"))
+            await request_queue.wait(client(f"earlier {n}"))
         await asyncio.sleep(KNOWN_AFTER_S + 1)
-        hostile = [ask(turns, client(f"hostile {n}")) for n in range(1000)]
-        await asyncio.gather(*hostile, ask(turns, client("innocent")))
+        hostile = [ask(request_queue, client(f"hostile {n}")) for n in range(1000)]
+        await asyncio.gather(*hostile, ask(request_queue, client("innocent")))
         assert order.index("innocent") <= 2
-        assert len(turns._seen) <= MOST_KNOWN
+        assert len(request_queue._seen) <= MAX_KNOWN_CLIENTS
 
     in_jumps(run)

@@ -1,0 +1,224 @@
+"""A vehicle, as a program commands it: `gcs.vehicle("1")`."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, Protocol, TypeVar
+
+from websockets.asyncio.client import ClientConnection
+
+from gcs_server.client.control import Control
+from gcs_server.client.errors import ApiError, Timeout, Unreachable
+from gcs_server.client.gimbal import Gimbal
+from gcs_server.client.mission import Mission
+from gcs_server.client.offboard import Offboard
+from gcs_server.client.offboard_mission import OffboardMission
+from gcs_server.client.operations import Operations
+from gcs_server.client.setpoints import Body, Expiry, first_setpoint, lifetime
+
+T = TypeVar("T")
+
+POLL_S = 0.1
+"""Polling period of `until` [s]."""
+
+
+class Server(Protocol):
+    """The part of `Gcs` that a vehicle uses."""
+
+    async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
+    async def socket(self, path: str) -> ClientConnection: ...
+    def operations(self) -> Operations: ...
+
+
+class Vehicle:
+    """One vehicle. Every command returns once the vehicle's own state shows it."""
+
+    def __init__(self, gcs: Server, vehicle_id: str) -> None:
+        self._gcs = gcs
+        self.id = vehicle_id
+        self.gimbal = Gimbal(self)
+        self.control = Control(self)
+        self.mission = Mission(self, gcs.operations())
+        self.offboard_mission = OffboardMission(self)
+
+    async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
+        """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""
+        return await self._gcs.request(method, f"/vehicles/{self.id}{path}", body)
+
+    async def show(self) -> dict[str, Any]:
+        """Identity, status and the newest sample of every topic."""
+        return await self.request("GET")
+
+    async def status(self) -> dict[str, Any]:
+        """Armed, mode, landed state, link."""
+        return (await self.show())["status"]
+
+    async def topic(self, name: str) -> dict[str, Any] | None:
+        """The newest value of a topic, or None before the first."""
+        sample = (await self.show())["topics"].get(name)
+        return None if sample is None else sample["value"]
+
+    async def position_ned_m(self) -> tuple[float, float, float]:
+        """The vehicle's estimated local position [m].
+
+        Raises:
+            Timeout: it has not reported one yet.
+        """
+        local = await self.topic("local_position")
+        if local is None:
+            raise Timeout(f"Vehicle {self.id} has not reported a local position yet.")
+        north, east, down = local["position_ned_m"]
+        return north, east, down
+
+    async def is_ready(self) -> bool:
+        """Whether the vehicle reports that it can arm."""
+        health = await self.topic("health")
+        return bool(health and health["ready_to_arm"])
+
+    async def until(
+        self, condition: Callable[[dict[str, Any]], bool], *, timeout_s: float = 60.0, what: str = "it"
+    ) -> dict[str, Any]:
+        """Waits until `condition` is true for the result of `show`, and returns that result.
+
+        Raises:
+            Timeout: the condition did not become true in time.
+        """
+
+        async def look() -> dict[str, Any] | None:
+            shown = await self.show()
+            return shown if condition(shown) else None
+
+        return await until_found(look, timeout_s, what)
+
+    async def until_disarmed(self, *, timeout_s: float = 120.0) -> None:
+        """Waits for the motors to stop."""
+        await self.until(lambda v: not v["status"]["armed"], timeout_s=timeout_s, what="the motors to stop")
+
+    async def arm(self) -> None:
+        """Starts the motors."""
+        await self.request("POST", "/arm")
+
+    async def disarm(self) -> None:
+        """Stops the motors; refused in flight."""
+        await self.request("POST", "/disarm")
+
+    async def takeoff(self, alt_home_m: float) -> None:
+        """Arms if needed and takes off to an altitude [m above home]."""
+        await self.request("POST", "/takeoff", {"alt_home_m": alt_home_m})
+
+    async def land(self) -> None:
+        """Lands at the current position."""
+        await self.request("POST", "/land")
+
+    async def land_now(self) -> None:
+        """Lands at the current position, whoever has control."""
+        await self.request("POST", "/land_now", {"confirm": f"vehicle {self.id} lands now"})
+
+    async def rtl(self) -> None:
+        """Returns and lands."""
+        await self.request("POST", "/rtl")
+
+    async def hold(self) -> None:
+        """Switches to Hold."""
+        await self.request("POST", "/hold")
+
+    async def set_mode(self, mode: str) -> None:
+        """Changes the flight mode: hold, position, land, …"""
+        await self.request("POST", "/mode", {"mode": mode})
+
+    async def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
+        """Flies there; `alt_amsl_m` or `alt_home_m`, optionally `yaw_ned_deg`, `max_distance_m`."""
+        await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **altitude_and_more})
+
+    async def kill(self) -> None:
+        """Stops the motors in flight, too: the vehicle falls."""
+        await self.request("POST", "/kill", {"confirm": f"motors stop, vehicle {self.id} falls"})
+
+    async def param(self, name: str) -> float:
+        """One parameter's value."""
+        return (await self.request("GET", f"/params/{name}"))["value"]
+
+    async def set_param(self, name: str, value: float) -> None:
+        """Sets one parameter, verified."""
+        await self.request("PUT", f"/params/{name}", {"value": value})
+
+    async def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
+        """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
+
+        A limit that is not given is removed. Returns these limits and the vehicle's own.
+        """
+        return await self.request("PUT", "/offboard/limits", limits)
+
+    async def set_obstacle_avoidance(self, on: bool, *, way: str = "over") -> dict[str, Any]:
+        """Leads setpoints over obstacles, or with `way="around"` around them, from now on; or no longer."""
+        return await self.request("PUT", "/offboard/avoidance", {"on": on, "way": way})
+
+    async def set_offboard_failsafe(
+        self, action: str | None = None, *, after_s: float | None = None
+    ) -> dict[str, Any]:
+        """What the vehicle does by itself when the stream stops: a mode (land, hold, rtl, …)."""
+        given = {"action": action, "after_s": after_s}
+        body: Body = {name: value for name, value in given.items() if value is not None}
+        return await self.request("PUT", "/offboard/failsafe", body)
+
+    async def socket(self, path: str) -> ClientConnection:
+        """A WebSocket below the vehicle's part of `/api/v1`."""
+        return await self._gcs.socket(f"/vehicles/{self.id}{path}")
+
+    @asynccontextmanager
+    async def offboard(
+        self,
+        first: Body | None = None,
+        *,
+        position_ned_m: Sequence[float] | None = None,
+        velocity_ned_m_s: Sequence[float] | None = None,
+        yaw_ned_rad: float | None = None,
+        yaw_rate_ned_rad_s: float | None = None,
+        rate_hz: float | None = None,
+        valid_for_s: float | None = None,
+        on_expiry: Expiry | None = None,
+        hold_for_s: float | None = None,
+    ) -> AsyncGenerator[Offboard]:
+        """Flies setpoints inside a block; leaving the block, also by an exception, ends in Hold.
+
+        It starts with `first` (any of `gcs_server.client.setpoints`), with a position or a velocity, or where
+        the vehicle is. If it was landed or taken over inside the block, nothing is sent at its end. If this
+        program hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`. Where the
+        Hold after an exception fails, a note on that exception says why.
+
+        Yields:
+            The stream; `started` holds what the server said, the vehicle's failsafe among it.
+        """
+        setpoint = first_setpoint(first, position_ned_m, velocity_ned_m_s, yaw_ned_rad, yaw_rate_ned_rad_s)
+        life = lifetime(valid_for_s, on_expiry, hold_for_s)
+        rate: Body = {} if rate_hz is None else {"rate_hz": rate_hz}
+        started = await self.request("POST", "/offboard/start", {"setpoint": setpoint, **rate, **life})
+        stream = Offboard(self, started, life)
+        try:
+            yield stream
+        except BaseException as error:
+            try:
+                await asyncio.shield(stream.stop())
+            except (ApiError, Unreachable) as problem:  # the block's own error is the one to see
+                error.add_note(f"Vehicle {self.id} could not be put into Hold: {problem}")
+            raise
+        await stream.stop()
+
+
+async def until_found(look: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
+    """Polls `look` until it returns a value.
+
+    Raises:
+        Timeout: it did not return one in time.
+    """
+    loop = asyncio.get_running_loop()
+    end_s = loop.time() + timeout_s
+    while True:
+        found = await look()
+        if found is not None:
+            return found
+        if loop.time() > end_s:
+            raise Timeout(f"Waited {timeout_s:g} s for {what}.")
+        await asyncio.sleep(POLL_S)

@@ -1,0 +1,103 @@
+"""Makes the snapshots of one vehicle that its stream works with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError
+from gcs_server.streamer.offboard.avoidance import AvoidanceControl
+from gcs_server.streamer.offboard.configuration import OffboardConfiguration
+from gcs_server.streamer.offboard.estimates import VehicleEstimates
+from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
+from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds, bounds_of
+from gcs_server.streamer.values.limit_values import vehicle_limits
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Leader, Snapshot
+from gcs_server.vehicle.vehicle import Vehicle
+from missions.setpoints import Follow
+
+FindVehicle = Callable[[str], Vehicle]
+
+
+class VehicleSnapshots:
+    """Snapshots of one vehicle.
+
+    Args:
+        clock: the server's.
+        vehicle: the vehicle.
+        estimates: its estimates.
+        configuration: its parameters.
+        operator: the operator's limits.
+        avoidance: whether obstacle avoidance is on.
+        find: other vehicles by id, for following them; raises UnknownVehicle.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        vehicle: Vehicle,
+        estimates: VehicleEstimates,
+        configuration: OffboardConfiguration,
+        operator: VehicleOperatorLimits,
+        avoidance: AvoidanceControl,
+        find: FindVehicle,
+    ) -> None:
+        self._clock = clock
+        self._vehicle = vehicle
+        self._estimates = estimates
+        self._configuration = configuration
+        self._operator = operator
+        self._avoidance = avoidance
+        self._find = find
+        self._bounds = UNBOUNDED
+        self._bounds_of: tuple[object, ...] = ()
+
+    def make(self, order: Order | None) -> Snapshot:
+        """The vehicle now, for a stream that flies this order."""
+        attitude = self._estimates.attitude()
+        return self._estimates.snapshot(
+            q_ned_frd=None if attitude is None else attitude.q_ned_frd,
+            bounds=self._current_bounds(),
+            hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
+            leader=self.leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
+            avoidance=self._avoidance.way,
+            mission_avoidance=self._avoidance.mission_way,
+        )
+
+    def without_estimates(self) -> Snapshot:
+        """The heartbeat and the previous limits only, if `make` fails."""
+        status = self._vehicle.status
+        return Snapshot(
+            self._clock.monotonic_s(),
+            status.mode,
+            None,
+            None,
+            None,
+            armed=status.armed,
+            lost=status.link_lost or not self._vehicle.endpoints,
+            bounds=self._bounds,
+        )
+
+    def leader(self, follow: Follow) -> Leader | None:
+        """The followed vehicle in this vehicle's frame; None if it is not known or has no position."""
+        try:
+            leader = self._find(follow.vehicle)
+        except GcsError:
+            return None
+        return VehicleEstimates(leader).as_leader(self._estimates.origin())
+
+    def _current_bounds(self) -> Bounds:
+        """Recomputed only if their sources have changed; the stream then gets the new bounds."""
+        made_of = (
+            self._configuration.parameters(),
+            self._operator.limits,
+            self._estimates.home(),
+            self._estimates.origin(),
+        )
+        if made_of != self._bounds_of:
+            parameters, operator, home, origin = made_of
+            gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))
+            self._bounds = bounds_of(vehicle_limits(parameters), operator, home, origin, gains)
+            self._bounds_of = made_of
+        return self._bounds
