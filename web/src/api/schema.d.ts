@@ -11109,11 +11109,11 @@ export interface components {
              * @description Version of that plan; default: the newest.
              */
             version?: number | null;
-            /** @description A mission that is not stored on the server. */
+            /** @description A mission that is not stored here. */
             mission?: components["schemas"]["OffboardMission"] | null;
             /**
              * Dry Run
-             * @description Id of a dry run of this mission with several flights: leaving its corridor is told of.
+             * @description Id of a dry run of this mission with several flights: leaving its corridor is reported.
              */
             dry_run?: string | null;
             /**
@@ -12933,12 +12933,12 @@ export interface components {
         };
         /**
          * WindSample
-         * @description The newest `wind` and the two clocks it is judged by.
+         * @description The newest `wind` with its time on two clocks.
          */
         WindSample: {
             /**
              * Vehicle Time Boot S
-             * @description The vehicle's own boot clock [s]; null where its message carries none.
+             * @description The vehicle's boot clock [s]; null if its message has no time.
              */
             vehicle_time_boot_s: number | null;
             /**
