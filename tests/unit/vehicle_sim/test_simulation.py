@@ -257,7 +257,7 @@ def test_switches_and_calibrations_of_the_simulated_sensors_act_as_in_px4():
     assert sensors.accel_frd_m_s2[0] == pytest.approx([-0.3, 0.0, -1.1 * frames.GRAVITY_M_S2], abs=1e-5)
     assert sensors.gyro_frd_rad_s[0] == pytest.approx([0.0, -0.2, 0.0], abs=1e-6)
     field = sensors.mag_frd_gauss[0].copy()
-    assert switched(SIM_MAG_OFFSET_Y=0.4).mag_frd_gauss[0] - field == pytest.approx([0.0, 0.4, 0.0])
+    assert switched(SIM_MAG_OFFSET_Y=0.4).mag_frd_gauss[0] - field == pytest.approx([0.0, 0.4, 0.0], abs=1e-6)
     sensors = switched(SIM_GPS_USED=4)
     assert (sensors.gps_fix_type[0], sensors.gps_satellites[0]) == (3, 4)
     sensors = switched(SIM_GPS_USED=3)
