@@ -97,7 +97,7 @@ def test_a_tower_inspection_is_imported_mended_flown_in_simulation_and_then_begu
         expect(findings).to_contain_text("nothing found")
         steps.filter(has_text="Around the tower").click()
         card = page.get_by_role("group", name="Selection")
-        card.get_by_label("Of Around the tower").select_option(label="point 3c")
+        card.get_by_label("Part of the step").select_option(label="point 3c")
         card.get_by_label("Height above start").fill("200")
         expect(findings).to_contain_text("above home")
         page.get_by_role("button", name="Undo", exact=True).click()

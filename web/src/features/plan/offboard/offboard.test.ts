@@ -46,6 +46,7 @@ describe('the steps of a mission', () => {
     for (const kind of KINDS) expect(stepTitle(freshStep(kind))).not.toBe('');
     expect(detailOf(FLY)).toBe('2 points');
     expect(detailOf(NESTED.steps[2] as Step)).toBe('if battery above 50 %');
+    expect(detailOf({ ...freshStep('orbit'), turns: 1 })).toBe('R 10 m · 1 turn');
     expect(detailOf({ ...freshStep('helix'), speed_m_s: 3, photo_every_m: 2.5 })).toBe('R 10 m · 3 turns · climb 10 m · ≤ 3 m/s · photo every 2.5 m');
   });
 

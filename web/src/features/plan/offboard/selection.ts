@@ -11,8 +11,6 @@ export interface ChosenStep {
   readonly ref: PointRef | null;
   /** What is edited. */
   readonly title: string;
-  /** The step's own title. */
-  readonly of: string;
 }
 
 /** @returns null: nothing of a mission is selected, or of several steps. */
@@ -21,9 +19,9 @@ export function stepOf(mission: Mission, ids: readonly string[]): ChosenStep | n
   const node = first === undefined ? null : nodeOf(mission, first);
   if (first === undefined || node === null || more.some((id) => placeOfId(id) !== node.place)) return null;
   const ref = more.length === 0 ? pointOf(first) : null;
-  const of = stepTitle(node.step);
+  const own = stepTitle(node.step);
   const count = node.step.points?.length ?? 0;
   const title =
-    ref?.field === 'points' ? `Point ${pointMark(node, ref.index, count)}` : node.step.name != null && node.step.name !== '' ? of : `${of} ${node.mark}`;
-  return { node, ref: ref?.field === 'points' ? ref : null, title, of };
+    ref?.field === 'points' ? `Point ${pointMark(node, ref.index, count)}` : node.step.name != null && node.step.name !== '' ? own : `${own} ${node.mark}`;
+  return { node, ref: ref?.field === 'points' ? ref : null, title };
 }

@@ -86,7 +86,7 @@ export function detailOf(step: Step): string {
       break;
     case 'figure_eight':
       metres('length_m', '# m long');
-      metres('rounds', '# rounds');
+      metres('rounds', step['rounds'] === 1 ? '# round' : '# rounds');
       break;
     case 'table':
       said.push(String(step['file'] ?? ''));
@@ -102,7 +102,7 @@ export function detailOf(step: Step): string {
       said.push(step['until'] === 'person' ? 'for a person' : `until ${conditionText(step['until'])}`);
       break;
     case 'repeat':
-      said.push(`${String(step['times'])} times`);
+      said.push(step['times'] === 1 ? 'once' : `${String(step['times'])} times`);
       break;
     case 'branch':
       said.push(`if ${conditionText(step['condition'])}`);
@@ -114,7 +114,7 @@ export function detailOf(step: Step): string {
     case 'helix':
     case 'spiral':
       metres('radius_m', 'R # m');
-      metres('turns', '# turns');
+      metres('turns', step['turns'] === 1 ? '# turn' : '# turns');
       metres('climb_m', 'climb # m');
       metres('end_radius_m', 'to R # m');
       break;
