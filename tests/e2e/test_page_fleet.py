@@ -54,7 +54,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         refusal = page.locator(".place").get_by_role("alert")
         expect(refusal).to_contain_text("Arming: The vehicle refused")
         expect(refusal).to_contain_text("102 Quad")
-        expect(refusal).to_contain_text("It says: Arming denied: Resolve system health failures first")
+        expect(refusal).to_contain_text("Reason: Arming denied: Resolve system health failures first")
         assert in_both_themes(page) == []
         assert not two.status()["armed"]
         two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
