@@ -22,6 +22,8 @@ from pyulog import ULog
 from tests.clients.mavsdk_drone import PATIENCE_S, first, flying_school, until
 
 pytestmark = pytest.mark.timeout(PATIENCE_S + 20.0)
+BUSY_S = 1.0
+"""Like PX4, the vehicle denies a calibration for 0.6 s after it has told the end of another."""
 
 
 async def all_of(stream: AsyncIterator[Any]) -> list[Any]:
@@ -139,6 +141,7 @@ async def _calibrate() -> None:
         for what in ("calibrate_gyro", "calibrate_level_horizon"):
             steps = await all_of(getattr(drone.calibration, what)())
             assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
+            await asyncio.sleep(BUSY_S)
         with pytest.raises(CalibrationError) as failed:
             # Nobody turns the vehicle on its other sides.
             await all_of(drone.calibration.calibrate_accelerometer())

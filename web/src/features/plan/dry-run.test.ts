@@ -80,6 +80,19 @@ describe('a dry run', () => {
     expect(flownPicture(VIEW).areas).toEqual([]);
   });
 
+  it('draws the corridor of a path that turns back in pieces, none of which crosses another part of it', () => {
+    const there = Array.from({ length: 9 }, (_, i) => [i * 10, 0, -10]);
+    const back = Array.from({ length: 8 }, (_, i) => [80 - i * 10, 10, -10]);
+    const position_ned_m = [[0, 0, 0], [0, 0.1, -5], ...there, ...back];
+    const p95 = position_ned_m.map(() => 2);
+    const corridor = { t_s: p95, position_ned_m, horizontal_m: { p95 }, vertical_m: { p5: p95, p95 } };
+    const { areas } = flownPicture({ ...MANY, monte_carlo: { ...MANY.monte_carlo, corridor } } as unknown as DryRunView);
+    expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // standing at the start is one place
+    const east_m = (place: { lat_deg: number; lon_deg: number }) => groundDistance_m(place, { ...place, lon_deg: ORIGIN.lon_deg });
+    expect(Math.max(...(areas[0]?.ring ?? []).map(east_m))).toBeLessThan(2.1);
+    expect(Math.min(...(areas[3]?.ring ?? []).map(east_m))).toBeGreaterThan(7.9);
+  });
+
   it('draws its vehicle with its heading, and what its camera sees over the ground', () => {
     const shown = ghostPicture(VIEW, 10);
     expect(shown?.points).toMatchObject([{ id: 'ghost', mark: 'ghost', yaw_deg: expect.closeTo(90) }]);

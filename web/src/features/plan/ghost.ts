@@ -23,7 +23,9 @@ const DEG = 180 / Math.PI;
 /** Half the camera's field of view that is drawn [deg]. */
 const HALF_VIEW_DEG = 27;
 /** How far the camera's look is drawn over the ground [m]. */
-const LOOK_M = { least: 4, most: 40 } as const;
+const LOOK_M = { least: 4, most: 15 } as const;
+/** The corridor is drawn from places at least so far apart [m], so many of them in one area. */
+const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
 
 /** Where the vehicle is at a moment, between the samples; null: it never flew. */
 export function ghostAt({ nominal }: DryRunView, t_s: number): Ghost | null {
@@ -69,33 +71,42 @@ function lookRing(ghost: Ghost): Place[] {
   return [{ lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
 }
 
-/** The 95th percentile over the ground, to both sides of the path. */
-function corridorRing({ nominal, monte_carlo }: DryRunView): Place[] {
+/**
+ * The 95th percentile over the ground, to both sides of the path: in short pieces, since one ring about a path that turns back
+ * crosses itself; where the vehicle stands and trembles there is one place of it.
+ */
+function corridorRings({ nominal, monte_carlo }: DryRunView): Place[][] {
   const corridor = monte_carlo?.corridor;
   if (corridor == null) return [];
-  const places = corridor.position_ned_m as readonly Vector[];
-  const sides: { left: Place; right: Place }[] = [];
-  places.forEach((here, i) => {
-    const [before, after] = [places[Math.max(0, i - 1)] ?? here, places[Math.min(places.length - 1, i + 1)] ?? here];
-    const [north, east] = [(after[0] ?? 0) - (before[0] ?? 0), (after[1] ?? 0) - (before[1] ?? 0)];
-    const length = Math.hypot(north, east);
-    if (length < 0.01) return;
-    const off_m = corridor.horizontal_m.p95[i] ?? 0;
-    const side = (sign: number): Place =>
-      placeAt(nominal.origin, { north_m: (here[0] ?? 0) - (sign * off_m * east) / length, east_m: (here[1] ?? 0) + (sign * off_m * north) / length });
-    sides.push({ left: side(-1), right: side(1) });
+  const kept: { north_m: number; east_m: number; off_m: number }[] = [];
+  corridor.position_ned_m.forEach(([north_m = 0, east_m = 0]: Vector, i) => {
+    const last = kept.at(-1);
+    if (last === undefined || Math.hypot(north_m - last.north_m, east_m - last.east_m) >= CORRIDOR.step_m)
+      kept.push({ north_m, east_m, off_m: corridor.horizontal_m.p95[i] ?? 0 });
   });
-  return [...sides.map(({ left }) => left), ...sides.reverse().map(({ right }) => right)];
+  const sides = kept.map((here, i) => {
+    const [before, after] = [kept[Math.max(0, i - 1)] ?? here, kept[Math.min(kept.length - 1, i + 1)] ?? here];
+    const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
+    const length = Math.hypot(north, east) || 1;
+    const side = (sign: number): Place =>
+      placeAt(nominal.origin, { north_m: here.north_m - (sign * here.off_m * east) / length, east_m: here.east_m + (sign * here.off_m * north) / length });
+    return { left: side(-1), right: side(1) };
+  });
+  const rings: Place[][] = [];
+  for (let from = 0; from < sides.length - 1; from += CORRIDOR.piece) {
+    const piece = sides.slice(from, from + CORRIDOR.piece + 1);
+    rings.push([...piece.map(({ left }) => left), ...piece.reverse().map(({ right }) => right)]);
+  }
+  return rings;
 }
 
 /** What stays while one scrubs: all in the colour of what is planned. */
 export function flownPicture(view: DryRunView): LayerPicture {
   const flown = (view.nominal.path?.position_ned_m ?? []) as readonly Vector[];
   const places = flown.map(([north_m = 0, east_m = 0]) => placeAt(view.nominal.origin, { north_m, east_m }));
-  const ring = corridorRing(view);
   return {
     lines: places.length > 1 ? [{ places, tone: 'target', style: 'dotted' }] : [],
-    areas: ring.length > 2 ? [{ ring, tone: 'target' }] : [],
+    areas: corridorRings(view).map((ring) => ({ ring, tone: 'target' })),
     points: [],
   };
 }
