@@ -122,7 +122,7 @@ def gimbal(at: Set) -> None:
     card.scroll_into_view_if_needed()
     card.get_by_role("button", name="Take").click()
     card.get_by_role("button", name="Release").wait_for()
-    box = card.locator("svg[role=img]").last.bounding_box()
+    box = card.locator("svg.enabled").bounding_box()
     assert box is not None
     page.mouse.click(box["x"] + box["width"] * 0.62, box["y"] + box["height"] * 0.6)
     shoot(page, at.folder, "gimbal")
