@@ -5,8 +5,10 @@ import type { Problem } from '../../api/problems';
 import type { Replay } from '../../live/wire';
 import { bounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
 
-/** Telemetry that does not tell of a moment that was asked for by then [ms] never will. */
+/** Telemetry that does not tell of a moment that was asked for by then never will: so long after the answer [ms], and
+ * after so many more frames, since a busy browser reads frames from before the answer long after it. */
 const PATIENCE_MS = 2000;
+const PATIENCE_FRAMES = 20;
 
 interface Wish {
   playing?: boolean;
@@ -40,6 +42,7 @@ export class ReplayControl {
   private wish: Wish | null = null;
   private underWay = false;
   private answered_ms = 0;
+  private framesSince = 0;
 
   constructor(private readonly deps: ReplayDeps) {}
 
@@ -127,6 +130,7 @@ export class ReplayControl {
     }
     if (this.problem !== null) this.wanted_unix_s = null;
     this.answered_ms = performance.now();
+    this.framesSince = 0;
     this.underWay = false;
   }
 
@@ -135,7 +139,9 @@ export class ReplayControl {
     if (this.wanted_unix_s === null || this.underWay) return;
     const shown = this.shown;
     const there = shown !== null && hasArrived(shown, this.wanted_unix_s);
-    if (there || performance.now() - this.answered_ms > PATIENCE_MS) this.wanted_unix_s = null;
+    this.framesSince += 1;
+    const enough = this.framesSince > PATIENCE_FRAMES && performance.now() - this.answered_ms > PATIENCE_MS;
+    if (there || enough) this.wanted_unix_s = null;
   }
 
   private async readIndex(name: string | null): Promise<void> {

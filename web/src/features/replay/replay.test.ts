@@ -173,6 +173,21 @@ describe('steering', () => {
     expect(asked.filter((a) => a.method === 'POST').map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
     expect(asked[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
   });
+  it('keeps what was asked for while frames from before the answer are still read, and not for ever', async () => {
+    const replays = [replay({ position_unix_s: 50, playing: false })];
+    const { made, asked, go } = control(replays);
+    const now = vi.spyOn(performance, 'now').mockReturnValue(0);
+    made.seek(130);
+    await vi.waitFor(() => expect(asked).toHaveLength(1));
+    go();
+    await new Promise((done) => setTimeout(done, 0));
+    now.mockReturnValue(60_000); // the browser was busy for a minute
+    for (let i = 0; i < 20; i++) made.follow();
+    expect(made.wanted_unix_s).toBe(130);
+    made.follow();
+    expect(made.wanted_unix_s).toBeNull(); // another client has moved it, or the link is gone
+    now.mockRestore();
+  });
   it('reads the marks once and chooses the vehicle of what was opened', async () => {
     const other = replay({ name: 'replay-b', vehicles: ['7'] });
     const { made, asked, select, go } = control([other]);
