@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import contextlib
 import subprocess
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +19,12 @@ LARGEST_BYTES = 100_000
 QUALITIES = (85, 78, 70, 60, 50)
 SCHEMES: tuple[Any, ...] = ("dark", "light")
 SIZE, TABLET = (1440, 900), (1024, 768)
-SETTLE_S = 1.6
-"""Both views draw themselves anew after a change of theme, in software."""
+LOOK_EVERY_MS = 300
+"""How long a window must look the same to count as still: 3D and map draw slowly in software."""
+ANIMATED = """() => Promise.all(document.getAnimations()
+  .filter((a) => a.effect?.getComputedTiming().endTime < Infinity)
+  .map((a) => a.finished.catch(() => null)))"""
+"""Waits for the ends of all animations that have one."""
 CLIENT_ID = "pictures"
 """Page and programs are one client, in control of what they fly."""
 
@@ -54,13 +57,26 @@ def save(page: Page, path: Path) -> None:
     print(f"  {path.name}: {len(data) / 1000:.0f} kB", flush=True)
 
 
+def still(page: Page, longest_s: float = 6.0) -> None:
+    """Waits until the window stands still; at most that long, since a vehicle in flight never does."""
+    seen = [b""]
+
+    def unchanged() -> bool:
+        page.wait_for_timeout(LOOK_EVERY_MS)
+        seen.append(page.screenshot(type="jpeg", quality=10))
+        return seen[-1] == seen[-2]
+
+    with contextlib.suppress(TimeoutError):
+        wait_until(unchanged, "a still window", longest_s)
+
+
 def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lambda: None) -> None:
     """One state in both themes; `keep` brings back what would have expired meanwhile."""
     for theme in SCHEMES:
         page.emulate_media(color_scheme=theme)
-        time.sleep(SETTLE_S)
+        still(page, 3)
         keep()
-        time.sleep(0.3)
+        page.evaluate(ANIMATED)
         save(page, folder / f"{name}-{theme}.webp")
     page.emulate_media(color_scheme="dark")
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 from playwright.sync_api import Locator, Page
 
-from tests.e2e.pictures import SIZE, Set, shoot
+from tests.e2e.pictures import SIZE, Set, shoot, still
 from tests.e2e.plan_page import EXAMPLES, imported_tower
 from tests.e2e.plan_page import dry_run as flown_in_simulation
 
@@ -23,7 +21,7 @@ def opened_room(page: Page, zoom: str | None = None) -> Locator:
     page.get_by_role("toolbar", name="Map").wait_for()
     if zoom is not None:
         page.get_by_role("button", name=zoom).click()
-    time.sleep(2)
+    still(page, 2)
     return room
 
 
@@ -37,7 +35,7 @@ def click(page: Page, places: tuple[tuple[float, float], ...]) -> None:
     """Several places, one after the other."""
     for x, y in places:
         page.mouse.click(SIZE[0] * x, SIZE[1] * y)
-        time.sleep(0.3)
+        still(page, 1)  # two quick clicks are a double click, which ends the area
 
 
 def plan(at: Set) -> None:
@@ -58,7 +56,7 @@ def plan(at: Set) -> None:
     room.get_by_role("button", name="Add geofence").click()
     room.get_by_role("option", name="Waypoint").nth(2).click()
     page.mouse.move(0, 0)
-    time.sleep(3)
+    still(page, 3)
     shoot(page, at.folder, "plan")
     left(page)
 
@@ -71,7 +69,7 @@ def mission(at: Set) -> None:
     room.get_by_role("option", name="Up beside the tower").click()
     page.get_by_role("button", name="Zoom in").click()
     page.mouse.move(0, 0)
-    time.sleep(4)
+    still(page, 4)
     shoot(page, at.folder, "mission")
     left(page)
 
@@ -92,6 +90,6 @@ def dry_run(at: Set) -> None:
     for key in ("PageUp", "PageUp", "ArrowRight", "ArrowRight"):
         scrub.press(key)
     page.mouse.move(0, 0)
-    time.sleep(3)
+    still(page, 3)
     shoot(page, at.folder, "dry-run")
     left(page)

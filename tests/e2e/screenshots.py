@@ -11,7 +11,6 @@ import contextlib
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable, Generator
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from gcs_server.client import SyncGcs, SyncVehicle
 from tests.e2e import plan_pictures
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, same_client
 from tests.e2e.fast_station import FAST
-from tests.e2e.pictures import CLIENT_ID, SCHEMES, SIZE, TABLET, Set, save, shoot, until_pill
+from tests.e2e.pictures import CLIENT_ID, SCHEMES, SIZE, TABLET, Set, save, shoot, still, until_pill
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
@@ -30,7 +29,8 @@ def flying(at: Set) -> None:
     """Under way in Hold, with a trail behind it."""
     home = at.drone.topic("home")
     at.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
-    time.sleep(2.5)
+    at.drone.until(lambda v: (v["topics"]["hud"]["value"]["groundspeed_m_s"] or 0) > 4, what="its speed")
+    still(at.page, 2)
     shoot(at.page, at.folder, "fly")
 
 
@@ -39,7 +39,7 @@ def places(at: Set) -> None:
     page = at.page
     page.keyboard.press("m")
     page.get_by_role("toolbar", name="Map").wait_for()
-    time.sleep(3)
+    still(page, 3)
     page.mouse.click(SIZE[0] * 0.5, SIZE[1] * 0.34)
     page.get_by_role("dialog").wait_for()
     shoot(page, at.folder, "map")
@@ -84,12 +84,12 @@ def room(at: Set) -> None:
     dock.get_by_role("button", name="Start…").click()
     hold_space(page)
     until_pill(page, "Offboard")
-    time.sleep(4)
+    still(page, 4)
     north.fill("2")
     east.fill("14")
     up.fill("10")
     dock.get_by_role("button", name="Send").click()
-    time.sleep(5)
+    still(page, 5)
     north.fill("16")
     east.fill("4")
     up.fill("14")
@@ -110,7 +110,7 @@ def drag(at: Set) -> None:
     dock.get_by_role("button", name="Back to vehicle").click()
     for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
         dock.get_by_role("button", name=name).click()
-    time.sleep(5)
+    still(page, 5)
     shoot(page, at.folder, "drag")
     page.get_by_role("button", name="Close the offboard room").click()
 
@@ -149,7 +149,7 @@ def tablet(at: Set) -> None:
         page.add_init_script(same_client(CLIENT_ID))
         page.goto(at.url)
         until_pill(page, "Holding")
-        time.sleep(6)  # its 3D view loads anew
+        still(page, 6)  # its 3D view loads anew
         save(page, at.folder / f"tablet-{theme}.webp")
         context.close()
     at.page.goto(at.url)
@@ -164,7 +164,7 @@ def beside(at: Set) -> Generator[SyncVehicle]:
             at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", *FAST]))
         second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
         second.takeoff(8)
-        time.sleep(4)
+        second.until(lambda v: v["status"]["mode"] == "hold", what="the height")
         yield second
         second.land()
         second.until_disarmed()
@@ -181,9 +181,8 @@ def group(at: Set) -> None:
     page = at.page
     with beside(at) as second:
         home = at.drone.topic("home")
-        second.until(lambda v: v["status"]["mode"] == "hold", what="the height")
         second.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)
-        time.sleep(4)
+        still(page, 4)
         page.keyboard.press("m")
         page.keyboard.press("p")
         dock = page.get_by_role("region", name="Offboard room")
@@ -195,7 +194,7 @@ def group(at: Set) -> None:
         dock.get_by_role("button", name="Start group…").click()
         hold_space(page)
         dock.get_by_text("Flying", exact=True).wait_for()
-        time.sleep(3)
+        still(page, 3)
         shoot(page, at.folder, "group")
         dock.get_by_role("button", name="Hold group").click()
         until_pill(page, "Holding")
@@ -208,7 +207,7 @@ def lost(at: Set) -> None:
     os.killpg(at.simulator.pid, signal.SIGSTOP)
     try:
         until_pill(at.page, "Connection lost")
-        time.sleep(3)
+        still(at.page, 3)
         shoot(at.page, at.folder, "lost")
     finally:
         os.killpg(at.simulator.pid, signal.SIGCONT)
@@ -225,7 +224,7 @@ def replay(at: Set) -> None:
     assert box is not None
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
     page.mouse.move(0, 0)
-    time.sleep(4)
+    still(page, 4)
     shoot(page, at.folder, "replay")
 
 
