@@ -107,7 +107,7 @@ def flown(page: Page, on_vehicle: Locator, station: Station) -> None:
     on_vehicle.get_by_role("button", name="Fly…").click()
     hold_space(page)
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
-    expect(on_vehicle).to_contain_text("It flies its mission")
+    expect(on_vehicle).to_contain_text("is flying its mission")
 
 
 def home_of(station: Station) -> dict[str, float]:

@@ -88,7 +88,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         hold_space(page)
         card = room.get_by_role("region", name=re.compile("^Group"))
         expect(card).to_contain_text("Flying")
-        expect(card).to_contain_text("of this page")
+        expect(card).to_contain_text("from this page")
         expect(refusal).to_be_hidden()
         began_s = time.monotonic()
         expect(room.get_by_label("Move, North")).to_have_value("0")  # pressed again it moves nothing

@@ -124,7 +124,7 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         home = told(drone, "home")["alt_amsl_m"]
         assert roi["alt_amsl_m"] == pytest.approx(home, abs=0.1)
         wait_until(lambda: told(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the place")
-        expect(page.get_by_label("Gimbal", exact=True)).to_contain_text("Keeps looking at")
+        expect(page.get_by_label("Gimbal", exact=True)).to_contain_text("Points at")
 
         by_keys_alone(page)
         assert serious_violations(page) == []

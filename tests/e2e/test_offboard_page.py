@@ -171,7 +171,7 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         expect(page.get_by_label(re.compile("^North: target 5.0 m, actual"))).to_be_visible()
 
         room.get_by_text("Limits", exact=True).click()
-        room.get_by_label("Speed over ground, limit").fill("1")
+        room.get_by_label("Ground speed, limit").fill("1")
         room.get_by_role("button", name="Set limits").click()
         expect(room.get_by_text("speed over ground 1 m/s")).to_be_visible()
         room.get_by_role("button", name="Position local").click()

@@ -94,7 +94,7 @@ def test_a_tower_inspection_is_imported_mended_flown_in_simulation_and_then_begu
         room = plan_room(page)
         imported_tower(page, room)
         steps, findings = steps_of(room), room.get_by_role("region", name="Findings")
-        expect(findings).to_contain_text("nothing found")
+        expect(findings).to_contain_text("no findings")
         steps.filter(has_text="Around the tower").click()
         card = page.get_by_role("group", name="Selection")
         card.get_by_label("Part of the step").select_option(label="point 3c")
@@ -102,13 +102,13 @@ def test_a_tower_inspection_is_imported_mended_flown_in_simulation_and_then_begu
         expect(findings).to_contain_text("above home")
         page.get_by_role("button", name="Undo", exact=True).click()
         expect(card.get_by_label("Height above start")).to_have_value("18")
-        expect(findings).to_contain_text("nothing found")
+        expect(findings).to_contain_text("no findings")
 
         scrub = dry_run(page, room)
         press(scrub, "PageUp")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:10"))
         room.get_by_role("button", name="ly…").click()  # "Save and fly…"
-        expect(page.get_by_role("alertdialog")).to_contain_text("If the server or its link dies:")
+        expect(page.get_by_role("alertdialog")).to_contain_text("If the server or its link fails:")
         hold_space(page)
 
         def state() -> str | None:

@@ -76,7 +76,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         press(page.get_by_role("button", name="Fly", exact=True), "Enter")
         page.keyboard.press("?")
         press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
-        expect(page.get_by_role("status").filter(has_text="H does not hold")).to_be_visible()
+        expect(page.get_by_role("status").filter(has_text="The H key is off")).to_be_visible()
         assert in_both_themes(page) == []
         page.keyboard.press("Escape")
         page.reload()

@@ -77,7 +77,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
         flights.get_by_role("list").or_(flights.get_by_text("Nothing is recorded")).first.wait_for()
 
     def menu() -> None:
-        place = page.get_by_role("dialog", name="At this place")
+        place = page.get_by_role("dialog", name="At this position")
 
         def opened_here() -> bool:
             page.get_by_role("application", name="Map from above").focus()
@@ -85,7 +85,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
             page.keyboard.press("Enter")
             return place.is_visible()
 
-        wait_until(opened_here, "the menu at a place")
+        wait_until(opened_here, "the menu at a position")
 
     def key(character: str) -> Callable[[], None]:
         return lambda: page.keyboard.press(character)
@@ -97,7 +97,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
         ("fly", lambda: None),
         *((name, key(character)) for name, character in keys.items()),
         ("flights", flights),
-        ("spot menu", menu),
+        ("map point menu", menu),
         ("room: plan", key("w")),
         ("room", key("p")),
         *parts,

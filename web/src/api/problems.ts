@@ -16,7 +16,7 @@ export interface Problem {
 const TITLES: Readonly<Record<string, string>> = {
   refused: 'Not sent',
   not_verified: 'Not sent',
-  not_together: 'Not as a group',
+  not_together: 'Group not started',
   unknown_group: 'Unknown group',
   rejected: 'The vehicle refused',
   no_reply: 'No answer',

@@ -31,7 +31,7 @@ export function chipText(control: Control | null, key: string | null): string {
     case 'yours':
       return 'You have control';
     case 'others':
-      return `${control?.holder ?? 'Another'} has control`;
+      return `${control?.holder ?? 'Another client'} has control`;
     case 'free':
       return 'Control is free';
     case 'unknown':

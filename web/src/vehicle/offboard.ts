@@ -117,7 +117,7 @@ function readAvoidance(raw: Raw | null): Avoidance {
 const STATES: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'Starting',
-  undoing: 'Not started: switching back',
+  undoing: 'Start failed: stopping',
   holding: 'Expired: holding position',
   to_hold: 'Expired: switching to Hold',
   landing: 'Expired: landing',

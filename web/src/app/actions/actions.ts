@@ -74,7 +74,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'arm':
       return {
         title: `Arm ${name}`,
-        effect: 'The motors start to turn on the ground. It disarms by itself if it does not take off.',
+        effect: 'The motors start on the ground. The vehicle disarms by itself if it does not take off.',
         verb: 'Arm',
         danger: false,
       };
@@ -121,10 +121,15 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
           };
     case 'offboard_start':
       if (start !== null)
-        return { title: `Offboard ${name}`, effect: `The server starts a setpoint stream: ${start.words}. Hold ends it.`, verb: 'Start', danger: false };
+        return {
+          title: `Offboard ${name}`,
+          effect: `The server starts a setpoint stream: ${start.words}. Hold ends the stream.`,
+          verb: 'Start',
+          danger: false,
+        };
       return {
         title: `Offboard ${name}`,
-        effect: 'The server holds this position by streaming setpoints; nudge it from the card. Hold ends it.',
+        effect: 'The server holds this position by streaming setpoints. Move it in steps in the Offboard card. Hold ends the stream.',
         verb: 'Start',
         danger: false,
       };
@@ -138,7 +143,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'force_control':
       return {
         title: `Take control of ${name} by force`,
-        effect: `${facts.holder ?? 'The holder'} loses control and is told that you took it. The vehicle keeps doing what it does now.`,
+        effect: `${facts.holder ?? 'The holder'} loses control and is notified. The vehicle keeps doing what it does now.`,
         verb: 'Take',
         danger: true,
       };

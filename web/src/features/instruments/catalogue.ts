@@ -105,8 +105,8 @@ const LABELS: Readonly<Record<string, string>> = {
   'hud.throttle_percent': 'Throttle',
   'health.cpu_load': 'CPU load',
   'health.ready_to_arm': 'Ready to arm',
-  'estimator.horizontal_accuracy_m': 'Estimate ± horizontal',
-  'estimator.vertical_accuracy_m': 'Estimate ± vertical',
+  'estimator.horizontal_accuracy_m': 'Position accuracy',
+  'estimator.vertical_accuracy_m': 'Altitude accuracy',
 };
 /** Fields that are not offered: masks, ids and quaternions. */
 const LEFT_OUT = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;

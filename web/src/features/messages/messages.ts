@@ -12,7 +12,7 @@ export const FILTERS: readonly { value: Filter; text: string }[] = [
   { value: 'errors', text: 'Errors' },
   { value: 'warnings', text: 'Warnings' },
   { value: 'all', text: 'All' },
-  { value: 'debug', text: 'Debug too' },
+  { value: 'debug', text: 'With debug' },
 ];
 
 /** The newest messages that a filter shows; debug messages only if the filter includes them. */

@@ -111,7 +111,7 @@ export function objection(facts: Facts | null, value: number): string | null {
   if (facts.bits.length > 0) {
     const known = facts.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
     const rest = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(known / 2 ** bit) % 2 === 0);
-    return value < 0 || rest ? 'It sets bits that are not documented.' : null;
+    return value < 0 || rest ? 'This value sets undocumented bits.' : null;
   }
   const low = facts.min !== null && value < facts.min && !same(value, facts.min);
   const high = facts.max !== null && value > facts.max && !same(value, facts.max);

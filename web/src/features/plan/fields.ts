@@ -26,17 +26,17 @@ const UNITS: readonly (readonly [string, string, number])[] = [
 ];
 
 const LABELS: Readonly<Record<string, string>> = {
-  acceptance_radius_m: 'Reached within',
-  pass_radius_m: 'Pass at a distance of',
+  acceptance_radius_m: 'Acceptance radius',
+  pass_radius_m: 'Pass radius',
   hold_s: 'Hold for',
   yaw_ned_deg: 'Yaw from north',
   speed_m_s: 'Speed',
   delay_s: 'Wait for',
   target_index: 'From step',
-  repeat: 'Times (−1: without end)',
+  repeat: 'Repeats (−1: endless)',
   count: 'Pictures (0: until stopped)',
   abort_altitude_m: 'Abort altitude',
-  speed_type: 'Kind (0 air, 1 ground, 2 climb, 3 descent)',
+  speed_type: 'Speed type (0 air, 1 ground, 2 climb, 3 descent)',
   distance_m: 'Distance',
 };
 /** Kept in the document, of no use to a person here: places have fields of their own, the others are written as they came. */

@@ -130,7 +130,7 @@ const percent = (share: number | null): string => (share === null ? 'not known' 
 export function resultLines({ nominal, monte_carlo: many }: DryRunView): string[] {
   const length = metres(nominal.length_m);
   const battery = `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}`;
-  const lines = [`${nominal.finished ? 'Flown' : 'Not flown to its end'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
+  const lines = [`${nominal.finished ? 'Flown' : 'Not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   if (many === null) return lines;
   const parts = [`95 % within ${fixed(Math.max(0, ...(many.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];

@@ -106,7 +106,7 @@ describe('the plan on the vehicle', () => {
     expect(differenceText({ ...one, field: 'y', planned: 1, held: 0 })).toContain('parameter 6: 1 in the plan, 0 on');
     expect(differenceText({ ...one, field: 'param2', planned: null, held: 0 })).toContain('parameter 2: not set in the plan');
     expect(differenceText({ ...one, part: 'fence', seq: null, field: 'count' })).toBe('The geofence: 35 items in the plan, 20 on the vehicle.');
-    expect(comparisonText('1 Quad', found({}))).toContain('nothing differs');
+    expect(comparisonText('1 Quad', found({}))).toContain('holds exactly this plan');
     expect(comparisonText('1 Quad', found({ differences: [one] }))).toContain('does not keep a value');
     expect(comparisonText('1 Quad', found({ equal: false }))).toContain('a plan that differs');
     expect(comparisonText('1 Quad', found({ still_held: false }))).toContain('Read it back again');

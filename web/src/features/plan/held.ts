@@ -18,8 +18,8 @@ const FIELDS: Readonly<Record<string, string>> = {
 
 /** What the vehicle holds, as a sentence. */
 export function holdsText(name: string, holds: Holds | undefined, current: { readonly id: string; readonly version: number } | null): string {
-  if (holds === undefined || holds.state === 'not_known') return `It is not known which plan ${name} holds.`;
-  if (holds.state === 'another') return `${name} holds another plan than the one uploaded last.`;
+  if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan ${name} holds.`;
+  if (holds.state === 'another') return `${name} holds a different plan from the one last uploaded.`;
   if (isHeld(holds, current)) return `${name} holds this plan.`;
   const older =
     current !== null && holds.plan?.id === current.id
@@ -36,8 +36,8 @@ export function isHeld(holds: Holds | undefined, current: { readonly id: string;
 
 /** What came of reading the vehicle's plan back. */
 export function comparisonText(name: string, { equal, differences, still_held }: Comparison): string {
-  if (still_held === false) return `${name} holds something else than what was read. Read it back again.`;
-  if (equal && differences.length === 0) return `Read back: ${name} holds this plan, nothing differs.`;
+  if (still_held === false) return `The plan on ${name} has changed since it was read. Read it back again.`;
+  if (equal && differences.length === 0) return `Read back: ${name} holds exactly this plan.`;
   if (equal) return `Read back: ${name} holds this plan, but does not keep ${differences.length === 1 ? 'a value' : `${differences.length} values`}:`;
   return `Read back: ${name} holds a plan that differs:`;
 }

@@ -7,21 +7,21 @@ import { isPlaced, type Altitude, type Item, type Kind, type Reference } from '.
 const TITLES: Readonly<Partial<Record<Kind, string>>> = {
   takeoff: 'Take off',
   waypoint: 'Waypoint',
-  loiter_unlimited: 'Hold without end',
+  loiter_unlimited: 'Hold until continued',
   loiter_time: 'Hold',
   loiter_to_altitude: 'Climb or descend',
   land: 'Land',
   roi_location: 'Look at a point',
-  roi: 'Look at (older form)',
-  roi_next_waypoint: 'Look along the path',
-  roi_none: 'Stop looking',
+  roi: 'Region of interest (older command)',
+  roi_next_waypoint: 'Look at the next waypoint',
+  roi_none: 'Clear region of interest',
   gate: 'Gate',
   return_home: 'Return',
   delay: 'Wait',
   jump: 'Repeat from',
   change_speed: 'Change speed',
   set_home: 'Set home here',
-  land_start: 'Start of landing',
+  land_start: 'Landing sequence start',
   photo_start: 'Take pictures',
   photo_stop: 'Stop taking pictures',
   video_start: 'Start video',
@@ -58,7 +58,7 @@ export function detailOf(item: Item): string {
   if (isPlaced(item)) said.push(altitudeText(item.altitude));
   if (item.kind === 'complex') said.push(`${item.items?.length ?? 0} items of another program`);
   if (item.kind === 'jump')
-    said.push(`step ${(number(item, 'target_index') ?? 0) + 1}`, number(item, 'repeat') === -1 ? 'without end' : `${String(item['repeat'])} times`);
+    said.push(`step ${(number(item, 'target_index') ?? 0) + 1}`, number(item, 'repeat') === -1 ? 'endless' : `${String(item['repeat'])} times`);
   if (item.kind === 'takeoff' || item.kind === 'land') return said.join(' · ');
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a time of day' : `${fixed(s, 0)} s`));

@@ -10,7 +10,7 @@ import * as offboard from './offboard/edit';
 import type { Flight } from './offboard/flight';
 import { isMission, nodesOf, pathOf, placesOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPlace } from './offboard/mission';
 import * as missionPicture from './offboard/picture';
-import { spotOf, type Frame } from './offboard/places';
+import { geoPointOf, type Frame } from './offboard/places';
 import { treeOf, type TreeEntry } from './tree';
 
 export type Document = Plan | Mission;
@@ -37,7 +37,7 @@ export function placeIn(document: Document, id: string, frame: Frame): Place | n
   if (ref !== null) {
     const node = offboard.nodeOf(document, id);
     const at = node === null ? undefined : (valueAt(document, pathOf(node, ref)) as MissionPlace | undefined);
-    return at == null ? null : spotOf(at, frame);
+    return at == null ? null : geoPointOf(at, frame);
   }
   if (id === 'home') return document.home ?? null;
   const shared = refOf(id);
@@ -51,7 +51,7 @@ export function placeIn(document: Document, id: string, frame: Frame): Place | n
 export function placesOfId(document: Document, id: string, frame: Frame): Place[] {
   if (isMission(document) && id.startsWith('step:')) {
     const node = offboard.nodeOf(document, id);
-    return node === null ? [] : placesOf(node).map(({ at }) => spotOf(at, frame));
+    return node === null ? [] : placesOf(node).map(({ at }) => geoPointOf(at, frame));
   }
   return [placeIn(document, id, frame) ?? []].flat();
 }
@@ -107,7 +107,7 @@ export function entriesOf(document: Document, flight: Flight | null): TreeEntry[
 export function allPlaces(document: Document, frame: Frame, flight: Flight | null = null): Place[] {
   if (!isMission(document)) return places(document);
   const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
-  const own = nodesOf(document).flatMap((node) => placesOf(node).map(({ at }) => spotOf(at, frame)));
+  const own = nodesOf(document).flatMap((node) => placesOf(node).map(({ at }) => geoPointOf(at, frame)));
   const flown = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => placeAt(frame.origin, { north_m, east_m })));
   return [frame.start, ...own, ...flown, ...zones];
 }

@@ -119,8 +119,8 @@ describe('fields', () => {
     const fields = fieldsOf(waypoint(10));
     expect(fields.map((field) => `${field.label} [${field.unit}]${field.optional ? '?' : ''}`)).toEqual([
       'Hold for [s]',
-      'Reached within [m]',
-      'Pass at a distance of [m]',
+      'Acceptance radius [m]',
+      'Pass radius [m]',
       'Yaw from north [°]?',
     ]);
     expect(fieldsOf({ kind: 'gimbal_pitch_yaw', pitch_rate_deg_s: null })[0]).toMatchObject({ label: 'Pitch rate', unit: '°/s' });

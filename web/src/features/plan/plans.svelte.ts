@@ -100,7 +100,7 @@ export class Plans {
     const { name } = this.editor.draft;
     const answer = await this.call(this.api.convert(this.editor.plan, nameOf(name), vehicle));
     if (!answer.ok) {
-      this.fail('No offboard mission was made.', answer.problem);
+      this.fail('The offboard mission was not created.', answer.problem);
       return false;
     }
     this.editor.replace(name, answer.value.plan);
@@ -208,7 +208,7 @@ export class Plans {
   async pattern(pattern: object): Promise<boolean> {
     const answer = await this.call(this.api.pattern(pattern));
     if (!answer.ok) {
-      this.fail('No survey was made.', answer.problem);
+      this.fail('The survey was not created.', answer.problem);
       return false;
     }
     const { plan } = this.editor;
@@ -290,7 +290,7 @@ export class Plans {
 
   private take(name: string, { plan, notes, areas }: Imported): void {
     this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY, ...plan });
-    this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file has areas.', areas } : null;
+    this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file contains areas.', areas } : null;
   }
 
   private keep(document: number, kept: Kept): void {

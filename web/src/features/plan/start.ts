@@ -13,7 +13,7 @@ export function itemOfRow(plan: Plan, row: number): number {
 /** @param row where it begins; null: at the beginning, in flight where it stood. */
 export function startQuestion(vehicleName: string, inAir: boolean, row: number | null, despite: readonly Finding[]): Question {
   const from = row === null ? (inAir ? 'its current step' : 'its first step') : `step ${row + 1}`;
-  const flies = inAir ? `Flies to ${from} and goes on from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
+  const flies = inAir ? `Flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
     title: `Fly the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
     effect: [flies, despiteText(despite), 'Hold pauses it.'].filter((part) => part !== '').join(' '),

@@ -44,8 +44,8 @@ test('the headline is about arming while disarmed, about flying while armed', ()
   expect(headline(told, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
   expect(headline(told, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
   expect(headline(told, 'land', false).tone).toBe('caution');
-  expect(headline(told, 'land', true)).toEqual({ text: 'Land may be flown', detail: '', tone: 'ok' });
-  expect(headline(told, 'offboard', true).text).toBe('Offboard may not be flown');
+  expect(headline(told, 'land', true)).toEqual({ text: 'Land can be flown', detail: '', tone: 'ok' });
+  expect(headline(told, 'offboard', true).text).toBe('Offboard cannot be flown');
 });
 
 test('what is not known is not guessed', () => {

@@ -52,9 +52,9 @@ export function headline(readiness: Readiness | null, mode: string | null, armed
   const now = readiness.modes.find((m) => m.mode === mode);
   if (now === undefined) return { text: 'Not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
   const shut = armed ? !now.can_run : !now.can_arm;
-  if (!shut) return { text: armed ? `${now.label} may be flown` : `Ready to arm in ${now.label}`, detail: '', tone: 'ok' };
+  if (!shut) return { text: armed ? `${now.label} can be flown` : `Ready to arm in ${now.label}`, detail: '', tone: 'ok' };
   const causes = (armed ? now.running : now.arming).map((c) => c.cause).join(' ');
-  return { text: armed ? `${now.label} may not be flown` : `Cannot arm in ${now.label}`, detail: causes, tone: 'caution' };
+  return { text: armed ? `${now.label} cannot be flown` : `Cannot arm in ${now.label}`, detail: causes, tone: 'caution' };
 }
 
 /** All that the checks found, what blocks most first. */

@@ -2,6 +2,6 @@
 
 import { page } from '../../app/page.svelte';
 import { actions, nowS } from '../../app/session.svelte';
-import { SpotMenu } from './spot.svelte';
+import { MapPointMenu } from './map-point.svelte';
 
-export const spotMenu = new SpotMenu(page.api, actions, nowS);
+export const mapPointMenu = new MapPointMenu(page.api, actions, nowS);

@@ -39,7 +39,7 @@ export interface Picture {
   /** Points that MapLibre draws below: no line of the grid crosses them. */
   edited: readonly LayerPoint[];
   /** Where the open menu points. */
-  spot: Place | null;
+  mapPoint: Place | null;
   inset: boolean;
 }
 
@@ -62,7 +62,7 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
     drawVehicle(ctx, at, v, view.up_rad, palette, inset ? 0.7 : v.selected ? 1 : 0.85);
     if (!inset) drawTag(ctx, at, v.label, colourOf(v, palette), palette);
   }
-  if (picture.spot !== null) drawSpot(ctx, toPixel(view, picture.spot), palette);
+  if (picture.mapPoint !== null) drawMapPoint(ctx, toPixel(view, picture.mapPoint), palette);
 }
 
 function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palette: Palette): void {
@@ -247,7 +247,7 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, p
 }
 
 /** Where the open menu points: asked for, so violet, and open, so hollow. */
-function drawSpot(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
+function drawMapPoint(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
   ctx.save();
   ctx.translate(x, y);
   ctx.strokeStyle = palette.target;

@@ -2,12 +2,12 @@ import { page } from '../../app/page.svelte';
 import { preview } from '../../app/preview.svelte';
 import { registry } from '../../app/registry.svelte';
 import { provide } from '../../app/services';
-import { spotMenu } from './controllers';
+import { mapPointMenu } from './controllers';
 import { maps } from './maps.svelte';
 import { stage } from './stage.svelte';
 import Stage from './Stage.svelte';
 
-page.onEvent.push((event) => spotMenu.clickedIn3d(event, stage.token, stage.size, page.facts));
+page.onEvent.push((event) => mapPointMenu.clickedIn3d(event, stage.token, stage.size, page.facts));
 page.onEvent.push((event) => {
   if (event.kind === 'scene_gizmo' && event['view'] === stage.token) preview.onDrag?.(event);
 });
@@ -15,7 +15,7 @@ provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
 registry.addWarnings(() => maps.unreadable);
 registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.why}. The map shows the flight; trying again.`] : []));
-registry.addCloser({ order: 70, isOpen: () => spotMenu.spot !== null, close: () => spotMenu.close() });
+registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
 registry.addKeys([
   { order: 190, keys: 'M', what: 'Swap map and 3D', inScene: true, on: { m: () => stage.swap() } },
   { order: 200, keys: 'F', what: 'Map follows the vehicle, or stays', inScene: true, on: { f: () => stage.map?.follow() } },

@@ -37,7 +37,7 @@ class StageState {
   /** Where the stage is on the screen [px]. */
   size = $state.raw({ width: 0, height: 0 });
   /** Where on the stage the place lies whose menu is open: the map moves under it [px]. */
-  spotAt = $state.raw({ x: 0, y: 0 });
+  mapPointAt = $state.raw({ x: 0, y: 0 });
   /** The middle of what panels leave free, right of and below the stage's own [px]: there map and 3D view have their vehicle. */
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
@@ -65,7 +65,7 @@ class StageState {
   /** Tells only what changed: the menu is laid out anew each time. */
   pointAt(at: { x: number; y: number }): void {
     const [x, y] = [Math.round(at.x), Math.round(at.y)];
-    if (x !== this.spotAt.x || y !== this.spotAt.y) this.spotAt = { x, y };
+    if (x !== this.mapPointAt.x || y !== this.mapPointAt.y) this.mapPointAt = { x, y };
   }
 
   /** The frame's address, with what it shows first. */

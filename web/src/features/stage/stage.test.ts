@@ -17,7 +17,7 @@ import {
 import { edgeLabels, gridLines, gridStep_m, viewBox } from './grid';
 import { stillGoing } from './map-model';
 import { attributionText, offlineMap, type MapFile } from './offline-maps';
-import { flightTime_s, heightWithin, lookAngles, menuCorner, wayText, whyNotGo, whyNotLook, whyNotRoi } from './spot';
+import { flightTime_s, heightWithin, lookAngles, menuCorner, wayText, whyNotGo, whyNotLook, whyNotRoi } from './map-point';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const view = (px_per_m: number, over: Partial<MapView> = {}): MapView => {

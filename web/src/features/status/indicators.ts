@@ -44,7 +44,7 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
       ['Satellites', satellites ?? UNKNOWN],
       ['HDOP', fixed(gps.hdop, 2)],
       ['Accuracy (eph)', accuracy === null ? UNKNOWN : `± ${accuracy} horizontal`],
-      ['Heard', `${fixed(age_s, 1)} s ago`],
+      ['Last received', `${fixed(age_s, 1)} s ago`],
     ],
   };
 }
@@ -120,7 +120,7 @@ export function linkIndicator(
     label: 'Link',
     stale: false,
     age_s: heartbeatAge_s,
-    text: lost ? `silent ${Math.round(heartbeatAge_s)} s` : (text ?? 'heard'),
+    text: lost ? `lost ${Math.round(heartbeatAge_s)} s ago` : (text ?? 'connected'),
     word: lost ? 'lost' : weak ? 'weak' : '',
     severity: lost ? 'danger' : weak ? 'caution' : 'none',
     details: [['Last heartbeat', `${fixed(heartbeatAge_s, 1)} s ago`], ...details],

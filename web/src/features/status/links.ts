@@ -57,7 +57,7 @@ function counted(link: LinkLine, several: boolean): [string, string][] {
   if (link.signing !== null) lines.push(['Signing', `key ${link.signing.key}, ${link.signing.mode}; ${link.frames_refused} frames refused`]);
   if (link.frames_unverified > 0) lines.push(['Not verified', `${link.frames_unverified} signed frames (this link has no key)`]);
   if (link.frames_unknown > 0) lines.push(['Unknown frames', String(link.frames_unknown)]);
-  if (link.bytes_skipped > 0) lines.push(['No frames', `${bytesText(link.bytes_skipped)}: garbage or another protocol`]);
+  if (link.bytes_skipped > 0) lines.push(['Not MAVLink', `${bytesText(link.bytes_skipped)} skipped`]);
   if (link.handler_errors > 0) lines.push(['Server faults', `${link.handler_errors} messages skipped (see the server’s log)`]);
   if (link.frames_waiting > 0) lines.push(['Waiting to be sent', `${link.frames_waiting} frames`]);
   if (link.frames_expired > 0) lines.push(['Too late to be sent', `${link.frames_expired} frames`]);

@@ -40,7 +40,7 @@ const FLOWN: Readonly<Record<string, Flown>> = {
   orbit: { title: 'Orbit', who: 'the vehicle circles by itself' },
   follow: { title: 'Follow', who: 'the vehicle follows a target' },
   position: { title: 'Position', who: 'a pilot flies, position assisted' },
-  altitude: { title: 'Altitude', who: 'a pilot flies, height assisted' },
+  altitude: { title: 'Altitude', who: 'a pilot flies, altitude assisted' },
   stabilized: { title: 'Stabilized', who: 'a pilot flies' },
   manual: { title: 'Manual', who: 'a pilot flies' },
   acro: { title: 'Acro', who: 'a pilot flies' },
@@ -49,7 +49,7 @@ const FLOWN: Readonly<Record<string, Flown>> = {
 /** Mode and owner, with no word about arming. */
 function flown(status: Status, stream: StatusFacts['stream']): Flown {
   if (status.mode === 'offboard') {
-    if (stream === null) return { title: 'Offboard', who: 'another computer streams, not this server' };
+    if (stream === null) return { title: 'Offboard', who: 'setpoints from another computer, not this server' };
     const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
     const client = stream.client === null ? '' : ` for ${stream.client}`;
     return { title: 'Offboard', who: `server streams ${stream.type}${rate}${client}` };

@@ -7,7 +7,7 @@ export type Filter = 'all' | 'flying' | 'attention';
 export const FILTERS: readonly { value: Filter; text: string }[] = [
   { value: 'all', text: 'All' },
   { value: 'flying', text: 'Flying' },
-  { value: 'attention', text: 'Attention' },
+  { value: 'attention', text: 'Needs attention' },
 ];
 
 export interface Row {

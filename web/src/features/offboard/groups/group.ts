@@ -78,14 +78,14 @@ const STREAMS: Readonly<Record<string, string>> = {
   holding: 'expired: holds its position',
   to_hold: 'switches to Hold',
   landing: 'expired: lands',
-  undoing: 'switches back',
+  undoing: 'start failed: stopping',
 };
 
 /** What a member flies: its stream, then its mode as the vehicle shows it. */
 export function memberWords(member: Member, modeLabel: string | null, waits = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
-  if (waits && member.stream === 'streaming') return { text: `waits · ${mode}`, tone: 'dim' };
+  if (waits && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
   if (member.held) return { text: `${member.mode === 'hold' ? 'held' : 'left'} · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
 }
@@ -106,7 +106,7 @@ export function findingsShown(group: Group, most: number): Group['findings'] {
 /** The minimum distance that the guard keeps, and the margin it adds for uncertain positions. */
 export function separationWords(group: Group): string {
   const least = `at least ${fixed(group.minimum_separation_m, 1)} m`;
-  return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m of margin`;
+  return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m margin`;
 }
 
 /** A caution from a quarter above the minimum. */

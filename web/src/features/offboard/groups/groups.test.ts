@@ -59,12 +59,12 @@ describe('how a group stands', () => {
     expect(memberWords({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'held · Hold', tone: 'caution' });
     expect(memberWords({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left · land', tone: 'caution' });
     expect(memberWords({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
-    expect(memberWords(member, 'Offboard', true).text).toBe('waits · Offboard');
+    expect(memberWords(member, 'Offboard', true).text).toBe('waiting · Offboard');
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
   });
 
   it('says what the guard adds to the separation that was asked for, once it has looked', () => {
-    expect(separationWords(GROUP)).toBe('at least 5.0 m + 1.6 m of margin');
+    expect(separationWords(GROUP)).toBe('at least 5.0 m + 1.6 m margin');
     expect(separationWords(as({ margin_m: null }))).toBe('at least 5.0 m');
   });
 

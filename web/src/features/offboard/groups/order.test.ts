@@ -49,7 +49,7 @@ describe('what a group is to do', () => {
       valid_s: { move: '601', velocity: '5' },
     };
     expect(Object.keys(problemsOf(bad, false)).sort()).toEqual(['apart', 'axis0', 'axis2', 'members', 'start', 'valid']);
-    expect(problemsOf(bad, false)['start']).toBe('From 3 to 300 s, or empty: at once.');
+    expect(problemsOf(bad, false)['start']).toBe('From 3 to 300 s; leave empty to start at once.');
     expect(Object.keys(problemsOf(bad, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
     expect(problemsOf({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
   });
@@ -61,7 +61,7 @@ describe('what a group is to do', () => {
     const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersGoOn: true });
     expect(asked.title).toBe('Group: 1 Quad and 2 Quad');
     expect(asked.effect).toBe(
-      'Each switches to Offboard where it is; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Kept 5.0 m apart, a vehicle that comes nearer holds. Ends in Hold after 5.0 s; Hold group ends it.',
+      'Each switches to Offboard at its current position; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Separation at least 5.0 m; a vehicle that comes closer holds. Ends in Hold after 5.0 s. Hold group ends it.',
     );
     expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is visible');
   });

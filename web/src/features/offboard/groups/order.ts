@@ -58,7 +58,7 @@ export function problemsOf(draft: Draft, flying: boolean): Problems {
   if (draft.members.length < 2) note('members', 'Choose two vehicles or more.');
   if (draft.members.length > MOST_MEMBERS) note('members', `A group has ${MOST_MEMBERS} vehicles at most.`);
   note('apart', outside(draft.apart_m, RANGES.apart));
-  if (draft.startIn_s.trim() !== '') note('start', outside(draft.startIn_s, RANGES.start)?.replace('.', ', or empty: at once.') ?? null);
+  if (draft.startIn_s.trim() !== '') note('start', outside(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start at once.') ?? null);
   return found;
 }
 
@@ -144,13 +144,13 @@ export function togetherWords(draft: Draft): string {
 
 /** Vehicles, action and effect of a start, before it is confirmed. */
 export function startQuestion(names: readonly string[], draft: Draft): Question {
-  const start = typed(draft.startIn_s) === null ? 'as soon as all are' : `in ${fixed(typed(draft.startIn_s), 0)} s`;
+  const start = typed(draft.startIn_s) === null ? 'as soon as all have switched' : `in ${fixed(typed(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = lastingOf(draft);
   const ends = renew ? 'Renewed while this page is visible' : `Ends in Hold after ${fixed(valid_for_s, 1)} s`;
-  const near = draft.othersGoOn ? 'a vehicle that comes nearer holds' : 'or else all hold';
+  const near = draft.othersGoOn ? 'a vehicle that comes closer holds' : 'if two come closer, all hold';
   return {
     title: `Group: ${listed(names)}`,
-    effect: `Each switches to Offboard where it is; ${start}, all ${togetherWords(draft)} together. Kept ${fixed(typed(draft.apart_m), 1)} m apart, ${near}. ${ends}; Hold group ends it.`,
+    effect: `Each switches to Offboard at its current position; ${start}, all ${togetherWords(draft)} together. Separation at least ${fixed(typed(draft.apart_m), 1)} m; ${near}. ${ends}. Hold group ends it.`,
     verb: 'Start',
     danger: false,
   };

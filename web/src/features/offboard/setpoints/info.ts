@@ -50,14 +50,14 @@ export interface LimitField {
 const RAD = Math.PI / 180;
 
 export const LIMIT_FIELDS: readonly LimitField[] = [
-  { name: 'speed_max_m_s', label: 'Speed over ground', unit: 'm/s', scale: 1, own: 'speed_max_m_s' },
+  { name: 'speed_max_m_s', label: 'Ground speed', unit: 'm/s', scale: 1, own: 'speed_max_m_s' },
   { name: 'climb_max_m_s', label: 'Climb', unit: 'm/s', scale: 1, own: 'climb_max_m_s' },
-  { name: 'sink_max_m_s', label: 'Sink', unit: 'm/s', scale: 1, own: 'sink_max_m_s' },
+  { name: 'sink_max_m_s', label: 'Descent', unit: 'm/s', scale: 1, own: 'sink_max_m_s' },
   { name: 'tilt_max_rad', label: 'Tilt', unit: '°', scale: RAD, own: 'tilt_max_rad' },
   { name: 'height_min_m', label: 'Height, at least', unit: 'm', scale: 1, own: null },
   { name: 'height_max_m', label: 'Height, at most', unit: 'm', scale: 1, own: 'height_max_m' },
   { name: 'distance_max_m', label: 'Distance from home', unit: 'm', scale: 1, own: 'distance_max_m' },
-  { name: 'slew_velocity_m_s2', label: 'Velocity changes by', unit: 'm/s²', scale: 1, own: null },
+  { name: 'slew_velocity_m_s2', label: 'Velocity slew rate', unit: 'm/s²', scale: 1, own: null },
 ];
 
 /** A limit as a person reads it: "5", "45". */

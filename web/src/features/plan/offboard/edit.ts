@@ -18,7 +18,7 @@ import {
   type StepKind,
   type StepNode,
 } from './mission';
-import { movedTo, saidAs, spotOf, wayOf, type Frame, type Spot, type Way } from './places';
+import { movedTo, saidAs, geoPointOf, wayOf, type Frame, type GeoPoint, type Way } from './places';
 import { freshStep, PLACED } from './words';
 
 const HEIGHT_M = 10;
@@ -104,9 +104,9 @@ function newPlace(mission: Mission, at: Place | null, frame: Frame, after: numbe
   const like = before.at(-1);
   const way: Way = like !== undefined ? wayOf(like) : frame.known && mission.home != null ? 'home' : 'offset';
   const takeoff = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
-  const up_m = like !== undefined ? spotOf(like, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
-  const spot: Spot = { ...(at ?? (like === undefined ? frame.start : spotOf(like, frame))), up_m };
-  return saidAs(way, spot, frame);
+  const up_m = like !== undefined ? geoPointOf(like, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
+  const geoPoint: GeoPoint = { ...(at ?? (like === undefined ? frame.start : geoPointOf(like, frame))), up_m };
+  return saidAs(way, geoPoint, frame);
 }
 
 /**

@@ -110,7 +110,7 @@ const METRES: Bounds = { min: 0.1, max: 10_000 };
 const SPEED: Bounds = { min: 0.1, max: 100, placeholder: 'vehicle’s' };
 const ANGLE: Bounds = { min: -360, max: 360 };
 const KEPT: Bounds = { ...ANGLE, placeholder: 'kept' };
-export const ACTIONS = { continue: 'Go on', hold: 'Hold', return: 'Return', land: 'Land' };
+export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
 
 /** Where the nose points: one of four ways, of which the document has at most one. */
 const heading: Spec = (step, context) => {
@@ -118,13 +118,13 @@ const heading: Spec = (step, context) => {
   const rows: Field<Step>[] = [
     {
       name: 'heading',
-      label: 'Nose',
+      label: 'Heading',
       of: 'choice',
       value: now,
       options: [
-        { value: 'keep', text: 'as before' },
+        { value: 'keep', text: 'unchanged' },
         { value: 'along_path', text: 'along the path' },
-        { value: 'yaw', text: 'to a direction' },
+        { value: 'yaw', text: 'fixed direction' },
         { value: 'look_at', text: 'at a point' },
       ],
       set: (old, next) => {
@@ -137,7 +137,7 @@ const heading: Spec = (step, context) => {
     },
   ];
   if (now === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Direction from north', ANGLE));
-  if (now === 'look_at') rows.push(...place('look_at', 'Nose at')(step, context));
+  if (now === 'look_at') rows.push(...place('look_at', 'Heading towards')(step, context));
   return rows;
 };
 
@@ -227,8 +227,8 @@ const until: Spec = (step, context) => [
     of: 'choice',
     value: step['until'] === 'person' ? 'person' : 'condition',
     options: [
-      { value: 'person', text: 'a person goes on' },
-      { value: 'condition', text: 'a condition holds' },
+      { value: 'person', text: 'the operator continues' },
+      { value: 'condition', text: 'a condition is true' },
     ],
     set: (old, next) => ({ ...old, until: next === 'person' ? 'person' : { value: 'battery_share', above: 0.5, for_s: 0 } }),
   },
@@ -297,7 +297,7 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
     number('axis_ned_rad', 'Direction of its length', ANGLE),
     ...PATH,
   ],
-  table: [names('file', 'Table', 'tables', 'none'), toggle('relative', 'Counted from the start', true)],
+  table: [names('file', 'Table', 'tables', 'none'), toggle('relative', 'Relative to the start', true)],
   velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to', KEPT)],
   attitude: [
     number('roll_rad', 'Roll', { min: -85, max: 85 }),
@@ -308,7 +308,7 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   ],
   gimbal: [gimbal],
   photo: [number('count', 'Pictures', { min: 1, max: 10_000 }), number('interval_s', 'Every', { min: 0.1, max: 3600 })],
-  wait: [until, number('timeout_s', 'At most', { min: 0.1, max: 86_400 }), choice('on_timeout', 'At the timeout', ACTIONS)],
+  wait: [until, number('timeout_s', 'At most', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
   repeat: [number('times', 'Times', { min: 1, max: 1000 })],
   branch: [condition('condition')],
   call: [names('mission', 'Steps of', 'missions', 'choose …')],
@@ -328,9 +328,9 @@ export function pointFields(point: MissionPlace, { frame }: Context): Field<Miss
   return [
     ...placeFields<MissionPlace>(point, frame, (_, next) => next, 'Place', 'point'),
     numberField(point, 'yaw_ned_rad', 'Yaw from north', KEPT),
-    numberField(point, 'hold_s', 'Hold there', { ...SECONDS, placeholder: '0' }),
-    numberField(point, 'corner_m', 'Pass within', { min: 0, max: 1000, placeholder: '1' }),
-    { name: 'stop', label: 'Stop there', of: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
+    numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
+    numberField(point, 'corner_m', 'Corner distance', { min: 0, max: 1000, placeholder: '1' }),
+    { name: 'stop', label: 'Stop at the point', of: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
   ];
 }
 

@@ -3,7 +3,7 @@
 import type { Finding, Fix } from '../fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, stepId, type Mission, type MissionPlace, type Step, type StepNode } from './mission';
-import { saidAs, spotOf, wayOf, type Frame } from './places';
+import { saidAs, geoPointOf, wayOf, type Frame } from './places';
 import { freshStep } from './words';
 
 const HIGHEST_M = 120;
@@ -46,8 +46,8 @@ function without(step: Step, field: string): Step {
 
 function heights(mission: Mission, node: StepNode, frame: Frame, text: string, to: (up_m: number) => number): Fix<Mission> | null {
   const moved = (at: MissionPlace): MissionPlace => {
-    const spot = spotOf(at, frame);
-    return to(spot.up_m) === spot.up_m ? at : saidAs(wayOf(at), { ...spot, up_m: to(spot.up_m) }, frame, at);
+    const geoPoint = geoPointOf(at, frame);
+    return to(geoPoint.up_m) === geoPoint.up_m ? at : saidAs(wayOf(at), { ...geoPoint, up_m: to(geoPoint.up_m) }, frame, at);
   };
   if (node.step.points === undefined) return null;
   return { text, plan: setStep(mission, node, { ...node.step, points: node.step.points.map(moved) }) };

@@ -48,7 +48,7 @@ describe('an offboard mission in flight', () => {
     expect(orderQuestion('pause', FLOWN, '1 Quad')).toBeNull();
     expect(orderQuestion('go_on', FLOWN, '1 Quad')).toBeNull();
     expect(orderQuestion('resume', FLOWN, '1 Quad')?.effect).toContain('“Approach”');
-    expect(orderQuestion('skip', as({ title: null }), '1 Quad')?.title).toBe('Skip the present step');
+    expect(orderQuestion('skip', as({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
     expect(orderQuestion('abort', FLOWN, '1 Quad')?.verb).toBe('Abort');
   });
 
@@ -68,8 +68,8 @@ describe('starting an offboard mission', () => {
   it('is not offered with an error, unchecked, or while another is flown', () => {
     expect(notFlyable([], null)).toBeNull();
     expect(notFlyable(null, null)).toContain('not been checked');
-    expect(notFlyable([error('It leaves the fence.')], null)).toBe('An error to mend or to accept below: It leaves the fence.');
-    expect(notFlyable([], FLOWN)).toContain('abort that first');
+    expect(notFlyable([error('It leaves the fence.')], null)).toBe('An error to fix or accept below: It leaves the fence.');
+    expect(notFlyable([], FLOWN)).toContain('Abort it first');
     expect(notFlyable([], as({ state: 'aborted' }))).toBeNull();
   });
 
@@ -77,8 +77,8 @@ describe('starting an offboard mission', () => {
     const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
     expect(title).toBe('Fly “Tower” with 1 Quad');
     expect(effect).toContain('2 steps, about 01:05, 2 warnings.');
-    expect(effect).toContain('Low battery: it lands. Nobody in control: it holds. Link lost and found again: it holds.');
-    expect(effect).toContain('If the server or its link dies: after 1 s the vehicle lands. Hold stops it');
+    expect(effect).toContain('Low battery: the vehicle lands. Control lost: it holds. Link lost, then back: it holds.');
+    expect(effect).toContain('If the server or its link fails: after 1 s the vehicle lands. Hold stops it');
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
     const despite = startQuestion(MISSION, '1 Quad', null, 0, null, [error('It leaves the fence.')]);
     expect(despite.effect).toContain('Despite an error: step 2: It leaves the fence. Low battery');

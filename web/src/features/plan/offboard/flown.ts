@@ -46,7 +46,7 @@ export function orders(flown: Flown): readonly Order[] {
   return [...answer, stands ? 'resume' : 'pause', 'skip', 'abort'];
 }
 
-export const ORDER_NAMES: Readonly<Record<Order, string>> = { pause: 'Pause', resume: 'Resume…', skip: 'Skip step…', go_on: 'Go on', abort: 'Abort…' };
+export const ORDER_NAMES: Readonly<Record<Order, string>> = { pause: 'Pause', resume: 'Resume…', skip: 'Skip step…', go_on: 'Continue', abort: 'Abort…' };
 
 /** How much of the flight time is over, 0 to 1; null where it is not known. */
 export function progress(flown: Flown): number | null {
@@ -56,7 +56,7 @@ export function progress(flown: Flown): number | null {
 
 /** What is asked before an order that moves the vehicle; null: it is sent at once. */
 export function orderQuestion(order: Order, flown: Flown, vehicleName: string): Question | null {
-  const step = flown.title === null ? 'the present step' : `“${flown.title}”`;
+  const step = flown.title === null ? 'the current step' : `“${flown.title}”`;
   switch (order) {
     case 'pause':
     case 'go_on':
@@ -64,33 +64,33 @@ export function orderQuestion(order: Order, flown: Flown, vehicleName: string): 
     case 'resume':
       return {
         title: `Resume the mission of ${vehicleName}`,
-        effect: `Flies straight back to its path and goes on with ${step}. Look that the way is free.`,
+        effect: `Flies straight back to its path and continues with ${step}. Make sure that the way is clear.`,
         verb: 'Resume',
         danger: false,
       };
     case 'skip':
-      return { title: `Skip ${step}`, effect: `${vehicleName} goes on with the step after it, straight from where it is.`, verb: 'Skip', danger: false };
+      return { title: `Skip ${step}`, effect: `${vehicleName} continues with the next step, straight from its current position.`, verb: 'Skip', danger: false };
     case 'abort':
       return {
         title: `Abort the mission of ${vehicleName}`,
-        effect: 'The vehicle holds where it is. The mission cannot be resumed.',
+        effect: 'The vehicle holds its position. The mission cannot be resumed.',
         verb: 'Abort',
         danger: false,
       };
   }
 }
 
-const ACTIONS: Readonly<Record<string, string>> = { continue: 'goes on', hold: 'holds', return: 'returns', land: 'lands' };
+const ACTIONS: Readonly<Record<string, string>> = { continue: 'continues', hold: 'holds', return: 'returns', land: 'lands' };
 
 /**
  * Why a mission cannot be started from the page; null: it can.
  * @param open errors that nobody has accepted; null: it has not been checked.
  */
 export function notFlyable(open: readonly Finding[] | null, flown: Flown | null): string | null {
-  if (flown !== null && !isOver(flown)) return 'It flies a mission: abort that first.';
+  if (flown !== null && !isOver(flown)) return 'The vehicle is already flying a mission. Abort it first.';
   if (open === null) return 'The mission has not been checked for this vehicle yet.';
   if (open.length === 0) return null;
-  return `${open.length === 1 ? 'An error' : `${open.length} errors`} to mend or to accept below: ${open[0]?.text ?? ''}`;
+  return `${open.length === 1 ? 'An error' : `${open.length} errors`} to fix or accept below: ${open[0]?.text ?? ''}`;
 }
 
 /** What is asked before the start: how long it flies, what is wrong with it, and what happens when something is lost. */
@@ -107,8 +107,8 @@ export function startQuestion(
   const parts = [
     `${mission.steps.length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
     despiteText(despite),
-    `Low battery: it ${does(low_battery)}. Nobody in control: it ${does(control_lost)}. Link lost and found again: it ${does(link_loss)}.`,
-    `If the server or its link dies: ${ifStreamStops ?? 'not known yet; the vehicle has not told its parameters'}.`.replace(/\.\.$/, '.'),
+    `Low battery: the vehicle ${does(low_battery)}. Control lost: it ${does(control_lost)}. Link lost, then back: it ${does(link_loss)}.`,
+    `If the server or its link fails: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(/\.\.$/, '.'),
     'Hold stops it at any time.',
   ];
   return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.filter((part) => part !== '').join(' '), verb: 'Fly', danger: despite.length > 0 };

@@ -8,7 +8,7 @@ import { fixOf } from './fixes';
 import type { Flight } from './flight';
 import { nodesOf, stepId, type Mission, type MissionPlace, type Step } from './mission';
 import { picture, treeOf } from './picture';
-import { frameOf, movedTo, saidAs, spotOf, type Way } from './places';
+import { frameOf, movedTo, saidAs, geoPointOf, type Way } from './places';
 import { detailOf, freshMission, freshStep, KINDS, stepTitle } from './words';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -58,15 +58,15 @@ describe('the steps of a mission', () => {
 });
 
 describe('places', () => {
-  it('are the same spot in each of the four ways', () => {
+  it('are the same point in each of the four ways', () => {
     const frame = { ...FRAME, origin: { ...placeAt(HOME, { north_m: 5, east_m: -3 }), alt_amsl_m: 478 } };
-    const spot = { ...at(40, 25), up_m: 12 };
+    const geoPoint = { ...at(40, 25), up_m: 12 };
     for (const way of ['offset', 'home', 'amsl', 'local'] as Way[]) {
-      const back = spotOf(saidAs(way, spot, frame), frame);
-      expect(groundDistance_m(back, spot)).toBeLessThan(0.02);
+      const back = geoPointOf(saidAs(way, geoPoint, frame), frame);
+      expect(groundDistance_m(back, geoPoint)).toBeLessThan(0.02);
       expect(back.up_m).toBeCloseTo(12, 2);
     }
-    expect(saidAs('local', spot, frame)).toEqual({ position_ned_m: [35, 28, -14] });
+    expect(saidAs('local', geoPoint, frame)).toEqual({ position_ned_m: [35, 28, -14] });
   });
 
   it('keep their way, their height and what else they have when they are moved', () => {

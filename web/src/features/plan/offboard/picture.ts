@@ -7,7 +7,7 @@ import { fencePicture, sketchLines, type Sketch } from '../layer';
 import { middle } from '../edit';
 import { fenceEntries, homeEntry, type TreeEntry } from '../tree';
 import { nodesOf, placeOfId, placesOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
-import { spotOf, type Frame } from './places';
+import { geoPointOf, type Frame } from './places';
 import type { Flight, StepTime } from './flight';
 import { detailOf, stepTitle } from './words';
 
@@ -46,11 +46,11 @@ export function picture(
     if (few || chosen.has(node.place))
       for (let i = 1; i < count; i += 1) {
         const [a, b] = [node.step.points?.[i - 1], node.step.points?.[i]];
-        if (a !== undefined && b !== undefined) add(`between:${i}:${node.place}`, middle(spotOf(a, frame), spotOf(b, frame)), 'middle', 'target');
+        if (a !== undefined && b !== undefined) add(`between:${i}:${node.place}`, middle(geoPointOf(a, frame), geoPointOf(b, frame)), 'middle', 'target');
       }
     for (const { ref, at } of places) {
       const flown = ref.field === 'points';
-      add(pointId(ref), spotOf(at, frame), flown ? 'disc' : 'cross', flown ? 'target' : 'actual', flown ? pointMark(node, ref.index, count) : '');
+      add(pointId(ref), geoPointOf(at, frame), flown ? 'disc' : 'cross', flown ? 'target' : 'actual', flown ? pointMark(node, ref.index, count) : '');
     }
   }
   lines.push(...(flight === null ? straight(nodes, frame) : flightLines(flight, frame, isCurrent)), ...sketchLines(sketch));
@@ -59,7 +59,7 @@ export function picture(
 
 /** Until the server has compiled it: from point to point. */
 function straight(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
-  const places = nodes.flatMap((node) => (node.step.points ?? []).map((point) => spotOf(point, frame)));
+  const places = nodes.flatMap((node) => (node.step.points ?? []).map((point) => geoPointOf(point, frame)));
   return places.length === 0 ? [] : [{ places: [frame.start, ...places], tone: 'target', style: 'dotted' }];
 }
 

@@ -2,9 +2,9 @@
 
 import type { Field } from './fields';
 import type { MissionPlace } from './mission';
-import { saidAs, spotOf, wayOf, type Frame, type Spot, type Way } from './places';
+import { saidAs, geoPointOf, wayOf, type Frame, type GeoPoint, type Way } from './places';
 
-const WAYS: Readonly<Record<Way, string>> = { offset: 'from the start', home: 'on the earth, home', amsl: 'on the earth, AMSL', local: 'from local origin' };
+const WAYS: Readonly<Record<Way, string>> = { offset: 'from the start', home: 'lat/lon, above home', amsl: 'lat/lon, AMSL', local: 'from local origin' };
 const HEIGHTS: Readonly<Record<Way, string>> = { offset: 'Height above start', home: 'Height above home', amsl: 'Altitude AMSL', local: 'Height above origin' };
 
 /**
@@ -13,7 +13,7 @@ const HEIGHTS: Readonly<Record<Way, string>> = { offset: 'Height above start', h
  */
 export function placeFields<T>(place: MissionPlace, frame: Frame, put: (target: T, place: MissionPlace) => T, label: string, key: string): Field<T>[] {
   const way = wayOf(place);
-  const spot = spotOf(place, frame);
+  const geoPoint = geoPointOf(place, frame);
   const height = (): number => {
     if (way === 'home') return place.alt_home_m ?? 0;
     if (way === 'amsl') return place.alt_amsl_m ?? 0;
@@ -53,7 +53,7 @@ export function placeFields<T>(place: MissionPlace, frame: Frame, put: (target: 
       of: 'choice',
       value: way,
       options: (Object.keys(WAYS) as Way[]).map((value) => ({ value, text: WAYS[value] })),
-      set: (target, next) => put(target, saidAs(next as Way, spot as Spot, frame, place)),
+      set: (target, next) => put(target, saidAs(next as Way, geoPoint as GeoPoint, frame, place)),
     },
     row('height', HEIGHTS[way], height(), setHeight),
     ...where,

@@ -32,11 +32,11 @@ export function wayOf(place: MissionPlace): Way {
 }
 
 /** On the earth, and above the start [m]. */
-export interface Spot extends Place {
+export interface GeoPoint extends Place {
   readonly up_m: number;
 }
 
-export function spotOf(place: MissionPlace, frame: Frame): Spot {
+export function geoPointOf(place: MissionPlace, frame: Frame): GeoPoint {
   const local = place.offset_ned_m ?? place.position_ned_m;
   if (local != null) {
     const from = place.offset_ned_m != null ? frame.start : frame.origin;
@@ -49,16 +49,16 @@ export function spotOf(place: MissionPlace, frame: Frame): Spot {
 const cm = (value_m: number): number => Number(value_m.toFixed(2));
 const NO_PLACE = { position_ned_m: undefined, offset_ned_m: undefined, lat_deg: undefined, lon_deg: undefined, alt_amsl_m: undefined, alt_home_m: undefined };
 
-/** The spot said in a way; what else a point has is kept. */
-export function saidAs(way: Way, spot: Spot, frame: Frame, rest: MissionPlace = {}): MissionPlace {
+/** The point said in a way; what else a point has is kept. */
+export function saidAs(way: Way, geoPoint: GeoPoint, frame: Frame, rest: MissionPlace = {}): MissionPlace {
   const kept: MissionPlace = Object.fromEntries(Object.entries({ ...rest, ...NO_PLACE }).filter(([, value]) => value !== undefined));
-  const amsl_m = frame.start.alt_amsl_m + spot.up_m;
+  const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
   if (way === 'home' || way === 'amsl') {
-    const on_earth = { lat_deg: Number(spot.lat_deg.toFixed(8)), lon_deg: Number(spot.lon_deg.toFixed(8)) };
-    return way === 'amsl' ? { ...kept, ...on_earth, alt_amsl_m: cm(amsl_m) } : { ...kept, ...on_earth, alt_home_m: cm(spot.up_m) };
+    const on_earth = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };
+    return way === 'amsl' ? { ...kept, ...on_earth, alt_amsl_m: cm(amsl_m) } : { ...kept, ...on_earth, alt_home_m: cm(geoPoint.up_m) };
   }
   const from = way === 'offset' ? frame.start : frame.origin;
-  const { north_m, east_m } = eastNorth(from, spot);
+  const { north_m, east_m } = eastNorth(from, geoPoint);
   const vector: Vector = [cm(north_m), cm(east_m), cm(from.alt_amsl_m - amsl_m)];
   return way === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
 }
@@ -66,7 +66,7 @@ export function saidAs(way: Way, spot: Spot, frame: Frame, rest: MissionPlace = 
 /** Moved over the ground, as high as before, said as before. */
 export function movedTo(place: MissionPlace, at: Place, frame: Frame): MissionPlace {
   const way = wayOf(place);
-  const { up_m } = spotOf(place, frame);
+  const { up_m } = geoPointOf(place, frame);
   const moved = saidAs(way, { ...at, up_m }, frame, place);
   // The height stays the very number that was typed.
   if (way === 'home') return { ...moved, alt_home_m: place.alt_home_m ?? 0 };

@@ -99,7 +99,7 @@ export function detailOf(step: Step): string {
       said.push(step['count'] === 1 || step['count'] === undefined ? 'one' : `${String(step['count'])} every ${fixed(number(step['interval_s']) ?? 1, 1)} s`);
       break;
     case 'wait':
-      said.push(step['until'] === 'person' ? 'for a person' : `until ${conditionText(step['until'])}`);
+      said.push(step['until'] === 'person' ? 'for the operator' : `until ${conditionText(step['until'])}`);
       break;
     case 'repeat':
       said.push(step['times'] === 1 ? 'once' : `${String(step['times'])} times`);
@@ -122,8 +122,8 @@ export function detailOf(step: Step): string {
   }
   metres('speed_m_s', '≤ # m/s');
   metres('photo_every_m', 'photo every # m');
-  if (step['look_at'] != null) said.push('nose at a point');
-  else if (step['heading'] === 'along_path') said.push('nose along the path');
+  if (step['look_at'] != null) said.push('heading towards a point');
+  else if (step['heading'] === 'along_path') said.push('heading along the path');
   return said.join(' · ');
 }
 
@@ -146,7 +146,7 @@ export function freshStep(kind: StepKind, at: MissionPlace = HERE): Step {
     attitude: { roll_rad: 0, pitch_rad: 0, thrust: 0.5, duration_s: 1 },
     gimbal: { track: 'fixed', pitch_rad: -Math.PI / 4, yaw_rad: 0 },
     photo: { count: 1, interval_s: 1 },
-    wait: { until: 'person', message: 'Go on?', timeout_s: 300, on_timeout: 'hold' },
+    wait: { until: 'person', message: 'Continue?', timeout_s: 300, on_timeout: 'hold' },
     repeat: { times: 2, steps: [{ step: 'hold', duration_s: 5 }] },
     branch: { condition, then: [], otherwise: [] },
     call: { mission: '' },

@@ -7,7 +7,7 @@ import type { ActionController } from '../../app/actions/controller.svelte';
 import { service } from '../../app/services';
 import type { Pixel } from '../../vehicle/geo';
 import { stillGoing, type Wanted, type WantedOf } from './map-model';
-import { distance_m, flightTime_s, heightWithin, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type Spot } from './spot';
+import { distance_m, flightTime_s, heightWithin, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
 
 type Going = Wanted & { since_s: number };
 
@@ -18,8 +18,8 @@ function tenths(value: number): number {
   return Math.round(value * 10) / 10;
 }
 
-export class SpotMenu {
-  spot = $state.raw<Spot | null>(null);
+export class MapPointMenu {
+  mapPoint = $state.raw<MapPoint | null>(null);
   /** Whose menu it is: heights and words are that vehicle's. */
   vehicle = $state<string | null>(null);
   /** Height to fly there at, above home [m]. */
@@ -36,20 +36,20 @@ export class SpotMenu {
     private readonly nowS: () => number,
   ) {}
 
-  open(spot: Spot, facts: VehicleFacts | null): void {
+  open(mapPoint: MapPoint, facts: VehicleFacts | null): void {
     if (facts === null) return;
     const home = homeAmsl_m(facts);
-    if (this.spot === null || this.vehicle !== facts.id) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
-    this.point_home_m = spot.ground_amsl_m === null || home === null ? 0 : tenths(spot.ground_amsl_m - home);
+    if (this.mapPoint === null || this.vehicle !== facts.id) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
+    this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : tenths(mapPoint.ground_amsl_m - home);
     this.actions.dismiss('stage');
     if (this.actions.asked?.place === 'stage') this.actions.cancel();
-    this.spot = spot;
+    this.mapPoint = mapPoint;
     this.vehicle = facts.id;
     if (!facts.replayed && !facts.lost) void this.askSpeeds(facts.id);
   }
 
   close(): void {
-    this.spot = null;
+    this.mapPoint = null;
     this.actions.dismiss('stage');
   }
 
@@ -72,28 +72,28 @@ export class SpotMenu {
 
   /** Asks for confirmation where every action does. */
   go(facts: VehicleFacts): void {
-    const spot = this.spot;
-    const way = spot === null ? null : distance_m(facts, spot);
-    if (spot === null || way === null) return;
-    const { lat_deg, lon_deg } = spot;
+    const mapPoint = this.mapPoint;
+    const way = mapPoint === null ? null : distance_m(facts, mapPoint);
+    if (mapPoint === null || way === null) return;
+    const { lat_deg, lon_deg } = mapPoint;
     const alt_home_m = this.go_home_m;
     this.actions.request('goto', facts, 'stage', {
       lat_deg,
       lon_deg,
       alt_home_m,
       distance_m: way,
-      time_s: flightTime_s(facts, spot, alt_home_m, this.speedsOf(facts.id)),
+      time_s: flightTime_s(facts, mapPoint, alt_home_m, this.speedsOf(facts.id)),
       settled: (taken) => {
         if (!taken) return;
         this.going.set(facts.id, { lat_deg, lon_deg, alt_home_m, since_s: this.nowS() });
-        if (this.spot === spot) this.close();
+        if (this.mapPoint === mapPoint) this.close();
       },
     });
   }
 
   /** Points the camera there once. */
   async look(facts: VehicleFacts): Promise<void> {
-    const angles = this.spot === null ? null : lookAngles(facts, this.spot, this.point_home_m);
+    const angles = this.mapPoint === null ? null : lookAngles(facts, this.mapPoint, this.point_home_m);
     if (angles === null) return;
     const lock = service('gimbal').lock(facts);
     const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
@@ -103,8 +103,8 @@ export class SpotMenu {
   /** The camera keeps looking there, wherever the vehicle flies. */
   async keepLooking(facts: VehicleFacts): Promise<void> {
     const home = homeAmsl_m(facts);
-    if (this.spot === null || home === null) return;
-    const { lat_deg, lon_deg } = this.spot;
+    if (this.mapPoint === null || home === null) return;
+    const { lat_deg, lon_deg } = this.mapPoint;
     await this.send('Set ROI', facts, 'roi', { lat_deg, lon_deg, alt_amsl_m: home + this.point_home_m });
   }
 

@@ -5,7 +5,7 @@ import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
 import { limits, type Angles } from '../../vehicle/gimbal';
 import { bearing_rad, groundDistance_m, type Pixel, type Place } from '../../vehicle/geo';
 
-export interface Spot extends Place {
+export interface MapPoint extends Place {
   /** Height of the ground there, where the view knows it. */
   ground_amsl_m: number | null;
   /** Null: on the map, at its place; else where in the stage it was pointed at in 3D. */
@@ -37,13 +37,13 @@ export function homeAmsl_m(facts: VehicleFacts): number | null {
   return facts.global === null ? null : facts.global.value.alt_amsl_m - facts.global.value.alt_home_m;
 }
 
-export function distance_m(facts: VehicleFacts, spot: Place): number | null {
-  return facts.global === null ? null : groundDistance_m(facts.global.value, spot);
+export function distance_m(facts: VehicleFacts, mapPoint: Place): number | null {
+  return facts.global === null ? null : groundDistance_m(facts.global.value, mapPoint);
 }
 
 /** Time to fly there [s]: the longer of the way and the climb; null where a speed that matters is not known. */
-export function flightTime_s(facts: VehicleFacts, spot: Place, alt_home_m: number, speeds: Speeds): number | null {
-  const way = distance_m(facts, spot);
+export function flightTime_s(facts: VehicleFacts, mapPoint: Place, alt_home_m: number, speeds: Speeds): number | null {
+  const way = distance_m(facts, mapPoint);
   if (way === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
   const climb = alt_home_m - facts.global.value.alt_home_m;
   const rate = climb > 0 ? speeds.up_m_s : speeds.down_m_s;
@@ -52,24 +52,24 @@ export function flightTime_s(facts: VehicleFacts, spot: Place, alt_home_m: numbe
 }
 
 /** Why "Go here" makes no sense now; null where it does. */
-export function whyNotGo(facts: VehicleFacts, spot: Place): string | null {
+export function whyNotGo(facts: VehicleFacts, mapPoint: Place): string | null {
   if (facts.replayed) return RECORDED;
   if (facts.lost) return UNHEARD;
-  const way = distance_m(facts, spot);
+  const way = distance_m(facts, mapPoint);
   if (way === null || facts.global?.stale === true) return NO_PLACE;
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
   const { text, unit } = metres(way);
-  return way > GO_WITHIN_M ? `${text} ${unit} away: go in steps of ${GO_WITHIN_M} m at most.` : null;
+  return way > GO_WITHIN_M ? `${text} ${unit} away: too far. Fly there in legs of at most ${GO_WITHIN_M} m.` : null;
 }
 
 /** Where the camera must look from where it is now, yaw from the nose and from north; null where that is not known. */
-export function lookAngles(facts: VehicleFacts, spot: Place, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
+export function lookAngles(facts: VehicleFacts, mapPoint: Place, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
   const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
   if (facts.global === null || yaw_deg === null) return null;
-  const way = groundDistance_m(facts.global.value, spot);
+  const way = groundDistance_m(facts.global.value, mapPoint);
   const down = facts.global.value.alt_home_m - point_home_m;
-  const yaw_ned_deg = wrap180((bearing_rad(facts.global.value, spot) * 180) / Math.PI);
+  const yaw_ned_deg = wrap180((bearing_rad(facts.global.value, mapPoint) * 180) / Math.PI);
   return { pitch_deg: (-Math.atan2(down, way) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
 }
 
@@ -81,11 +81,11 @@ function whyNoCamera(facts: VehicleFacts): string | null {
 }
 
 /** Why "Look here" makes no sense now. */
-export function whyNotLook(facts: VehicleFacts, spot: Place, point_home_m: number, inControl: boolean): string | null {
+export function whyNotLook(facts: VehicleFacts, mapPoint: Place, point_home_m: number, inControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
   if (!inControl) return 'Take control of the gimbal first (its card).';
-  const angles = lookAngles(facts, spot, point_home_m);
+  const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
   const reach = limits(facts.gimbal?.value ?? null);
   const beyond = (value: number, min: number, max: number): boolean => reach.told && (value < min - 0.05 || value > max + 0.05);
