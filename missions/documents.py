@@ -56,7 +56,7 @@ def named(document: Document, name: str) -> Document:
 def count(document: Document) -> int:
     """Items of a waypoint plan as they are uploaded, or steps of a mission, nested ones included."""
     if isinstance(document, OffboardMission):
-        return sum(_steps(steps) for steps in (document.steps, *document.missions.values()))
+        return sum(_steps(steps) for steps in (*document.flown.values(), *document.missions.values()))
     return sum(1 for _ in document.simple_items())
 
 

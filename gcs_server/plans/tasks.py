@@ -9,7 +9,7 @@ import base64
 import dataclasses
 import pickle
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from missions import documents
 from missions import plan as plan_document
@@ -20,8 +20,14 @@ from missions.formats import any_format
 from missions.formats.results import ImportOptions
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
+from missions.offboard.findings import MissionFinding
 from missions.values import Altitude, HomePosition
 from missions.vehicle import PowerModel, VehicleModel
+
+if TYPE_CHECKING:
+    from missions.offboard.places import Start
+    from missions.offboard.state import MissionVehicle
+    from missions.trajectory.limits import MotionLimits
 
 Values = dict[str, Any]
 """As JSON."""
@@ -86,6 +92,8 @@ def _check_mission(
     vehicle = MissionVehicle.from_parameters(
         arguments["parameters"], Limits(power=power), arguments["reported"]
     )
+    if mission.roles:
+        return _check_roles(mission, vehicle)
     timeline = compiler.compile_mission(mission, vehicle, start)
     here = start.position_ned_m
     estimates = Estimate(
@@ -94,16 +102,7 @@ def _check_mission(
     )  # fmt: skip
     return {
         "kind": "offboard_mission",
-        "findings": [
-            {
-                "code": each.code,
-                "severity": each.severity,
-                "text": each.message,
-                "place": {"row": None, "zone": None, "rally_point": None, "step": each.step},
-                "fix": each.fix,
-            }
-            for each in timeline.findings
-        ],
+        "findings": [_mission_finding(each) for each in timeline.findings],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
@@ -112,6 +111,52 @@ def _check_mission(
             "start_ned_m": here,
             "origin": None if start.origin is None else dataclasses.asdict(start.origin),
         },
+    }
+
+
+def _check_roles(mission: OffboardMission, vehicle: MissionVehicle) -> Values:
+    """Checks a mission of several vehicles, each of this kind and on the ground where its role says."""
+    from missions.offboard import mission_checks, roles, samples
+
+    starts = roles.planned_starts(mission)
+    compiled = roles.compile_roles(mission, dict.fromkeys(mission.roles, vehicle), starts)
+    timelines = compiled.timelines
+    energy_wh = [each.energy_wh for each in timelines.values()]
+    known_wh = [each for each in energy_wh if each is not None]
+    climbs_m = [
+        mission_checks.climb_m(each, starts[role].position_ned_m[2]) for role, each in timelines.items()
+    ]
+    estimates = Estimate(
+        sum(each.length_m for each in timelines.values()), compiled.duration_s, max(climbs_m),
+        sum(each.photos for each in timelines.values()),
+        max(known_wh) if len(known_wh) == len(energy_wh) else None, endless=False, known_altitudes=True,
+    )  # fmt: skip
+    origin = next(iter(starts.values())).origin
+    return {
+        "kind": "offboard_mission",
+        "findings": [_mission_finding(each) for each in compiled.findings],
+        "estimates": dataclasses.asdict(estimates),
+        "flight": {
+            "steps": [dataclasses.asdict(s) for each in timelines.values() for s in samples.step_times(each)],
+            "legs": [
+                dataclasses.asdict(leg)
+                for role, each in timelines.items()
+                for leg in samples.legs(each, starts[role].position_ned_m)
+            ],
+            "needs": list(dict.fromkeys(need for each in timelines.values() for need in each.needs)),
+            "start_ned_m": (0.0, 0.0, 0.0),
+            "origin": None if origin is None else dataclasses.asdict(origin),
+        },
+    }
+
+
+def _mission_finding(finding: MissionFinding) -> Values:
+    return {
+        "code": finding.code,
+        "severity": finding.severity,
+        "text": finding.message,
+        "place": {"row": None, "zone": None, "rally_point": None, "step": finding.step},
+        "fix": finding.fix,
     }
 
 
@@ -177,41 +222,83 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
 def _compile(arguments: Mapping[str, Any]) -> Values:
     """`plan` (JSON text), `parameters`, `reported`, `start` (as `Start`, `origin` as a mapping or null).
 
-    `timeline` is pickled: it goes from a process of this server's to this server.
+    `flown` is pickled: it goes from a process of this server's to this server.
     """
     from missions.offboard.compiler import compile_mission
-    from missions.offboard.places import Start
-    from missions.offboard.state import MissionVehicle
 
-    mission = documents.read(arguments["plan"])
+    mission = _mission_of(arguments["plan"])
+    vehicle = _vehicle_of(arguments)
+    timeline = compile_mission(mission, vehicle, _start_of(arguments["start"]))
+    return {
+        "findings": [_short_finding(each) for each in timeline.findings],
+        "flown": _pickled((timeline, _motion_of(mission, vehicle))),
+    }
+
+
+def _compile_roles(arguments: Mapping[str, Any]) -> Values:
+    """`plan` (JSON text), `vehicles`: by role what `compile` takes of a vehicle.
+
+    `flown` is pickled: by role its timeline and the limits of its motion.
+    """
+    from missions.offboard.roles import compile_roles
+
+    mission = _mission_of(arguments["plan"])
+    given: Mapping[str, Values] = arguments["vehicles"]
+    vehicles = {role: _vehicle_of(each) for role, each in given.items()}
+    compiled = compile_roles(
+        mission, vehicles, {role: _start_of(each["start"]) for role, each in given.items()}
+    )
+    flown = {role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()}
+    return {"findings": [_short_finding(each) for each in compiled.findings], "flown": _pickled(flown)}
+
+
+def _mission_of(text: str) -> OffboardMission:
+    mission = documents.read(text)
     if not isinstance(mission, OffboardMission):
         raise PlanError("the plan", "it is a waypoint plan, which PX4 flies", "Send an offboard mission.")
-    start: Values = arguments["start"]
+    return mission
+
+
+def _vehicle_of(arguments: Mapping[str, Any]) -> MissionVehicle:
+    from missions.offboard.state import MissionVehicle
+
+    return MissionVehicle.from_parameters(arguments["parameters"], reported=arguments["reported"])
+
+
+def _start_of(start: Values) -> Start:
+    from missions.offboard.places import Start
+
     north, east, down = start["position_ned_m"]
-    where = Start(
+    return Start(
         (north, east, down),
         start["yaw_ned_rad"],
         None if start["origin"] is None else LocalOrigin(**start["origin"]),
         start["home_alt_amsl_m"],
         start["in_air"],
     )
-    vehicle = MissionVehicle.from_parameters(arguments["parameters"], reported=arguments["reported"])
-    timeline = compile_mission(mission, vehicle, where)
+
+
+def _motion_of(mission: OffboardMission, vehicle: MissionVehicle) -> MotionLimits:
+    """Of pauses and of ways to the path; the speed is the one wanted."""
     motion = vehicle.within(mission.limits)
     cruise_m_s = min(vehicle.limits.vehicle.cruise_m_s, mission.limits.speed_m_s or motion.speed_m_s)
-    motion = dataclasses.replace(motion, speed_m_s=min(cruise_m_s, motion.speed_m_s))
+    return dataclasses.replace(motion, speed_m_s=min(cruise_m_s, motion.speed_m_s))
+
+
+def _short_finding(finding: MissionFinding) -> Values:
     return {
-        "findings": [
-            {"code": each.code, "severity": each.severity, "text": each.message, "step": each.step}
-            for each in timeline.findings
-        ],
-        "flown": base64.b64encode(pickle.dumps((timeline, motion))).decode(),
-    }
+        "code": finding.code, "severity": finding.severity, "text": finding.message, "step": finding.step
+    }  # fmt: skip
+
+
+def _pickled(value: object) -> str:
+    return base64.b64encode(pickle.dumps(value)).decode()
 
 
 TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "check": _check,
     "compile": _compile,
+    "compile_roles": _compile_roles,
     "convert": _convert,
     "import": _import,
     "export": _export,

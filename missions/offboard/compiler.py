@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from missions.errors import PlanError
 from missions.estimates import land_time_s
@@ -13,7 +13,7 @@ from missions.offboard import compile_paths, mission_checks
 from missions.offboard.document import OffboardMission
 from missions.offboard.gimbals import GimbalTrack
 from missions.offboard.places import Start, Unplaceable, fence_area
-from missions.offboard.segments import Decision, Event, WaitSegment
+from missions.offboard.segments import Decision, Event, WaitKind, WaitSegment
 from missions.offboard.state import MissionVehicle, State, Work
 from missions.offboard.steps import (
     AttitudeStep,
@@ -26,6 +26,7 @@ from missions.offboard.steps import (
     Helix,
     Hold,
     Land,
+    Meet,
     MissionStep,
     Orbit,
     PathStep,
@@ -39,6 +40,9 @@ from missions.offboard.steps import (
 )
 from missions.offboard.timeline import FlightActions, Timeline
 
+COMMON_START = "start"
+"""The meeting before a role's first step."""
+START_WITHIN_S = 60.0
 MAX_DECISIONS = 12
 """Most branches in a row: each doubles the number of paths through the mission."""
 
@@ -60,6 +64,7 @@ def compile_mission(
     start: Start | None = None,
     files: Mapping[str, bytes] | None = None,
     first_step: int = 0,
+    role: str | None = None,
 ) -> Timeline:
     """The timeline of a mission, with its findings.
 
@@ -69,20 +74,37 @@ def compile_mission(
         start: where the vehicle is; None: on the ground at the local origin, which is the document's home.
         files: the files that table steps name.
         first_step: index of the first step to fly, for the rest of a mission; gimbal tracks before it count.
+        role: of a mission for several vehicles: whose timeline; it begins with a meeting of all.
 
     Raises:
-        PlanError: The mission is larger than what can be compiled.
+        PlanError: The mission is larger than what can be compiled, or has no such role.
     """
+    steps = _steps_of(mission, role)
     vehicle = vehicle or MissionVehicle()
     start = _with_home(mission, start or Start())
     work = Work(mission, vehicle, start, files or {}, vehicle.within(mission.limits))
     state = State(work, start.position_ned_m, start.yaw_ned_rad, start.in_air)
-    _skip(state, mission.steps[:first_step])
-    timeline = _way(state, _Frame(mission.steps, "step ", first_step), 0)
+    _skip(state, steps[:first_step])
+    if role is not None:
+        state.place, state.title = f"{role}, start", "Common start"
+        _meet(state, Meet(meeting=COMMON_START, timeout_s=START_WITHIN_S))
+    timeline = _way(state, _Frame(steps, "step " if role is None else f"{role}, step ", first_step), 0)
     found = (*work.findings, *mission_checks.check(timeline, work))
     energy_wh = mission_checks.energy_wh(timeline, work)
     fence = None if start.origin is None else fence_area(mission.fence, start.origin)
     return replace(timeline, findings=tuple(dict.fromkeys(found)), energy_wh=energy_wh, fence=fence)
+
+
+def _steps_of(mission: OffboardMission, role: str | None) -> tuple[MissionStep, ...]:
+    if role is None and mission.roles:
+        raise PlanError(
+            "the mission",
+            f"it is for {len(mission.roles)} vehicles (roles: {', '.join(mission.roles)}), not for one",
+            "Start it with a vehicle for each role.",
+        )
+    if role not in mission.flown:
+        raise PlanError("the mission", f"there is no role {role!r}", "Name one of its roles.")
+    return mission.flown[role]
 
 
 def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
@@ -167,7 +189,7 @@ def _timeline(state: State) -> Timeline:
 
 def _carry_out(state: State, step: Any) -> None:
     """Compiles one step; a step that cannot be flown becomes a finding and is left out."""
-    flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait)
+    flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait | Meet)
     if flies and not state.in_air:
         state.report(
             "takeoff_missing", f"{state.title}: the vehicle is on the ground.", "Add a take-off before it."
@@ -227,6 +249,10 @@ def _wait_step(state: State, step: Wait) -> None:
     _wait(state, "condition", c.for_s, state.position_ned_m, step.timeout_s, **rest)
 
 
+def _meet(state: State, step: Meet) -> None:
+    _wait(state, "meet", 0.0, state.position_ned_m, step.timeout_s, message=step.meeting)
+
+
 def _check_condition(state: State, condition: Condition, otherwise: str) -> None:
     """Whether it can become true."""
     name, above, below = condition.value, condition.above, condition.below
@@ -244,7 +270,7 @@ def _check_condition(state: State, condition: Condition, otherwise: str) -> None
 
 def _wait(
     state: State,
-    kind: Literal["person", "condition", "take_off", "land"],
+    kind: WaitKind,
     duration_s: float,
     end: tuple[float, float, float],
     timeout_s: float,
@@ -283,6 +309,7 @@ _MAKERS: dict[type, Callable[[State, Any], None]] = {
     TakeOff: _take_off,
     Land: _land,
     Wait: _wait_step,
+    Meet: _meet,
     Gimbal: _gimbal,
     Hold: compile_paths.hold,
     Photo: compile_paths.photo,

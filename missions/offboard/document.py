@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from missions.errors import PlanError
+from missions.offboard.places import Ned
 from missions.offboard.steps import MAX_STEPS, Action, Branch, Call, MissionStep, Name, Repeat, Speed
 from missions.values import FenceZone, HomePosition, Model
 
 MAX_CALL_DEPTH = 8
+MAX_ROLES = 10
+MINIMUM_SEPARATION_M = 5.0
+"""As groups have it."""
+Steps = Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]
 TableText = Annotated[str, Field(max_length=1_000_000)]
 
 
@@ -39,8 +44,16 @@ class Bounds(Model):
     yaw_rate_rad_s: Annotated[float, Field(ge=0.05, le=10.0, allow_inf_nan=False)] | None = None
 
 
+class Role(Model):
+    """What one of several vehicles flies."""
+
+    start_ned_m: Ned | None = None
+    """Where its vehicle is planned to stand, from `home`; for planning without vehicles."""
+    steps: Steps
+
+
 class OffboardMission(Model):
-    """A mission that the server flies by offboard setpoints."""
+    """A mission that the server flies by offboard setpoints: `steps` of one vehicle or `roles` of several."""
 
     format: Literal["offboard-gcs-mission"] = "offboard-gcs-mission"
     version: Literal[1] = 1
@@ -53,24 +66,48 @@ class OffboardMission(Model):
     avoidance: bool = False
     """Lead the vehicle past obstacles that its sensors measure, on all steps that do not say otherwise."""
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=100)] = ()
-    steps: Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]
-    missions: Annotated[
-        dict[Name, Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]],
-        Field(max_length=100, default_factory=dict),
-    ]
+    steps: Annotated[tuple[MissionStep, ...], Field(max_length=MAX_STEPS)] = ()
+    """What one vehicle flies; empty with `roles`."""
+    roles: dict[Name, Role] = Field(max_length=MAX_ROLES, default_factory=dict[str, Role])
+    """What several vehicles fly together, by the role's name; everything else here is common to all."""
+    minimum_separation_m: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] | None = None
+    """Of any two of the vehicles, braking distance included; None: 5 m."""
+    missions: Annotated[dict[Name, Steps], Field(max_length=100, default_factory=dict)]
     """Lists of steps that `call` names."""
     tables: dict[Name, TableText] = Field(max_length=20, default_factory=dict[str, str])
     """Trajectories that `table` steps name, as the text of their CSV files."""
 
+    @model_validator(mode="after")
+    def _steps_or_roles(self) -> OffboardMission:
+        if bool(self.steps) == bool(self.roles):
+            raise ValueError("give `steps` for one vehicle, or `roles` for several")
+        if len(self.roles) == 1:
+            raise ValueError("`roles` has a single role; write its steps as `steps`")
+        if self.minimum_separation_m is not None and not self.roles:
+            raise ValueError("`minimum_separation_m` belongs to `roles`")
+        return self
+
+    @property
+    def flown(self) -> dict[str | None, tuple[MissionStep, ...]]:
+        """The steps by role; of a mission without roles by None."""
+        return {name: role.steps for name, role in self.roles.items()} or {None: self.steps}
+
+    @property
+    def separation_m(self) -> float:
+        """The minimum separation of any two vehicles."""
+        return self.minimum_separation_m or MINIMUM_SEPARATION_M
+
 
 def schema() -> dict[str, Any]:
     """The JSON Schema of the document."""
-    return OffboardMission.model_json_schema()
+    found = OffboardMission.model_json_schema()
+    return found | {"oneOf": [{"required": ["steps"]}, {"required": ["roles"]}]}
 
 
 def write(mission: OffboardMission) -> bytes:
     """The mission as JSON, UTF-8; reading it gives the same mission."""
-    return mission.model_dump_json(indent=1, exclude_none=True).encode()
+    unused = None if mission.roles else {"roles"}
+    return mission.model_dump_json(indent=1, exclude_none=True, exclude=unused).encode()
 
 
 def check_calls(mission: OffboardMission) -> None:
@@ -82,8 +119,9 @@ def check_calls(mission: OffboardMission) -> None:
     depths: dict[str, int] = {}
     for name in mission.missions:
         _depth(mission, name, depths, ())
-    for name in _calls(mission.steps):
-        _known(mission, "the steps", name)
+    for role, steps in mission.flown.items():
+        for name in _calls(steps):
+            _known(mission, "the steps" if role is None else f"role {role!r}", name)
 
 
 def _known(mission: OffboardMission, place: str, name: str) -> None:

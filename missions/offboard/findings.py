@@ -29,6 +29,11 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "condition_never": ("warning", "a condition that can never become true"),
     "condition_unreported": ("warning", "a condition on a value that the vehicle does not report"),
     "gimbal_steep": ("warning", "the gimbal is asked for more than straight up or down"),
+    "separation": ("error", "two vehicles of the mission come too near to each other by plan"),
+    "separation_unknown": (
+        "warning",
+        "where the vehicles stand is not known, so nothing is said of their separation",
+    ),
     "length_exceeded": ("warning", "longer than the operator's limit"),
     "endurance_exceeded": ("warning", "more energy than the battery gives"),
 }

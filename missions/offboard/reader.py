@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from missions.bounded_json import decode, dump, load
 from missions.errors import PlanError, field_path
 from missions.offboard.document import OffboardMission, check_calls
+from missions.offboard.meetings import check_meetings
 
 MAX_BYTES = 2 * 1024 * 1024
 MAX_VALUES = 60_000
@@ -42,6 +43,7 @@ def read(data: str | bytes) -> OffboardMission:
     except ValidationError as error:
         raise _complaint(error, value, lines) from None
     check_calls(mission)
+    check_meetings(mission)
     return mission
 
 
@@ -60,6 +62,7 @@ def read_json(data: str | bytes) -> OffboardMission:
     except ValidationError as error:
         raise _complaint(error, value, {}) from None
     check_calls(mission)
+    check_meetings(mission)
     return mission
 
 
@@ -211,6 +214,8 @@ def place_of(path: Path) -> str:
         text, rest = f", mission {rest[1]!r}", rest[2:]
         if isinstance(rest[0], int):
             rest = ["steps", *rest]
+    elif len(rest) > 2 and rest[0] == "roles":
+        text, rest = f", role {rest[1]!r}", rest[2:]
     while len(rest) > 1 and rest[0] in ("steps", "then", "otherwise") and isinstance(rest[1], int):
         word = "" if rest[0] == "steps" else f"{rest[0]} "
         numbers.append(f"{word}{rest[1] + 1}")

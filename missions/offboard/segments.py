@@ -115,7 +115,7 @@ class AttitudeSegment(Segment):
         return self.attitude if t_s < self.duration_s else Position(self.end_ned_m, self.end_yaw_ned_rad)
 
 
-WaitKind = Literal["person", "condition", "take_off", "land"]
+WaitKind = Literal["person", "condition", "take_off", "land", "meet"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,6 +131,7 @@ class WaitSegment(Segment):
     below: float | None = None
     for_s: float = 0.0
     message: str | None = None
+    """What a person is asked, or the name of a meeting."""
     height_m: float | None = None
     """Of a take-off: above where the vehicle stands."""
 

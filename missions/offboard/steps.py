@@ -274,9 +274,19 @@ class Call(Step):
     mission: Name
 
 
+class Meet(Step):
+    """Hold until every role of the mission has come to this meeting; then all go on at one moment."""
+
+    step: Literal["meet"] = "meet"
+    meeting: Name
+    """All roles have the same meetings, in the same order."""
+    timeout_s: Timeout = 120.0
+    """Without the others after so long, all hold and the mission is over."""
+
+
 MissionStep = Annotated[
     TakeOff | Land | Hold | Fly | Orbit | Helix | Spiral | FigureEight | Table | VelocityStep | AttitudeStep
-    | Gimbal | Photo | Wait | Repeat | Branch | Call,
+    | Gimbal | Photo | Wait | Repeat | Branch | Call | Meet,
     Field(discriminator="step"),
 ]  # fmt: skip
 Repeat.model_rebuild()

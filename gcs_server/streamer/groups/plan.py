@@ -19,12 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_server.streamer.frames.resolve import ResolvedSetpoint
-from gcs_server.streamer.separation.distance import Vectors, closest_m, margin_m, samples, stopping_m
 from gcs_server.streamer.separation.guard import moving
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
 from missions.frames import Vector3, ned_from_heading
 from missions.geodesy import LocalOrigin
+from missions.separation import Vectors, closest_m, margin_m, samples, stopping_m
 from missions.setpoints import (
     Follow,
     Partial3,

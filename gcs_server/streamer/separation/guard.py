@@ -20,7 +20,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gcs_server.streamer.separation.distance import (
+from gcs_server.streamer.values.order import Order
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.runner.script import Script
+from missions.separation import (
     TURNED_AFTER_S,
     UNKNOWN_ACCURACY_M,
     UNSTEERED_SHARE,
@@ -31,11 +36,6 @@ from gcs_server.streamer.separation.distance import (
     margin_m,
     stopping_m,
 )
-from gcs_server.streamer.values.order import Order
-from gcs_server.streamer.values.snapshot import Snapshot
-from missions.frames import Vector3
-from missions.geodesy import LocalOrigin
-from missions.runner.script import Script
 from missions.setpoints import Acceleration, Attitude, Rates, Setpoint
 
 CHECK_PERIOD_S = 0.05

@@ -61,7 +61,7 @@ def test_the_schema_names_every_step() -> None:
         ("name: a\n---\nname: b", "the file", "more than one document"),
         ("? [1]\n: 2", "line 1", "plain word"),
         ("name: " + "9" * 50, "line 1", "digits"),
-        ("name: a", "line 1, field steps", "required"),
+        ("name: a", "line 1", "give `steps`"),
         (HEAD + "  - step: jump", "line 3, step 1", "take_off"),
         (HEAD + "  - {hold: 1}", "line 3, step 1", "which step"),
         (HEAD + "  - step: hold\n    duration_s: -1", "line 4, step 1, field duration_s", "greater"),

@@ -2639,13 +2639,13 @@ export interface components {
              * Then
              * @description Then.
              */
-            then: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+            then: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
             /**
              * Otherwise
              * @description Otherwise.
              * @default []
              */
-            otherwise: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+            otherwise: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
          * Call
@@ -7145,6 +7145,33 @@ export interface components {
             controls: string[];
         };
         /**
+         * Meet
+         * @description Hold until every role of the mission has come to this meeting; then all go on at one moment.
+         */
+        Meet: {
+            /**
+             * Name
+             * @description Shown to people.
+             */
+            name?: string | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            step: "meet";
+            /**
+             * Meeting
+             * @description All roles have the same meetings, in the same order.
+             */
+            meeting: string;
+            /**
+             * Timeout S
+             * @description Without the others after so long, all hold and the mission is over.
+             * @default 120
+             */
+            timeout_s: number;
+        };
+        /**
          * MemberBody
          * @description One vehicle of the group and what it flies, in its own local frame.
          */
@@ -7870,7 +7897,7 @@ export interface components {
         };
         /**
          * OffboardMission
-         * @description A mission that the server flies by offboard setpoints.
+         * @description A mission that the server flies by offboard setpoints: `steps` of one vehicle or `roles` of several.
          */
         OffboardMission: {
             /**
@@ -7922,15 +7949,28 @@ export interface components {
             fence: (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
             /**
              * Steps
-             * @description Steps.
+             * @description What one vehicle flies; empty with `roles`.
+             * @default []
              */
-            steps: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+            steps: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
+            /**
+             * Roles
+             * @description What several vehicles fly together, by the role's name; everything else here is common to all.
+             */
+            roles?: {
+                [key: string]: components["schemas"]["Role"];
+            };
+            /**
+             * Minimum Separation M
+             * @description Of any two of the vehicles, braking distance included; None: 5 m.
+             */
+            minimum_separation_m?: number | null;
             /**
              * Missions
              * @description Lists of steps that `call` names.
              */
             missions?: {
-                [key: string]: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+                [key: string]: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
             };
             /**
              * Tables
@@ -10408,7 +10448,7 @@ export interface components {
              * Steps
              * @description Steps.
              */
-            steps: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"])[];
+            steps: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
          * Replay
@@ -10734,6 +10774,26 @@ export interface components {
              * @default 0
              */
             gimbal_id: number | null;
+        };
+        /**
+         * Role
+         * @description What one of several vehicles flies.
+         */
+        Role: {
+            /**
+             * Start Ned M
+             * @description Where its vehicle is planned to stand, from `home`; for planning without vehicles.
+             */
+            start_ned_m?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Steps
+             * @description Steps.
+             */
+            steps: (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
          * ServerHealth

@@ -9,7 +9,7 @@ import { EMPTY, type Home } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './kinds';
 import type { Downloaded } from './mission.svelte';
-import { isMission } from './offboard/mission';
+import { isMission, roleNames } from './offboard/mission';
 import { frameOf } from './offboard/places';
 
 /** A plan as it was last read or written. */
@@ -74,7 +74,7 @@ export class Plans {
   readonly current: Kept | null = $derived.by(() => this.kept[this.editor.draft.document] ?? null);
   readonly saved: boolean = $derived.by(() => {
     const { plan, name } = this.editor.draft;
-    if (this.current === null && isMission(plan)) return plan.steps.length === 0;
+    if (this.current === null && isMission(plan)) return plan.steps.length === 0 && roleNames(plan).length === 0;
     if (this.current === null && !isMission(plan)) return plan.items.length === 0 && plan.fence.length === 0 && plan.rally_points.length === 0;
     if (this.current === null) return false;
     return this.current.plan === plan && this.current.name === name;

@@ -12,12 +12,12 @@ import pytest
 from gcs_server.streamer.groups import plan
 from gcs_server.streamer.groups.checks import GroupChecks
 from gcs_server.streamer.groups.plan import MAX_PLAN_S, Planned, first_conflict, too_near_now
-from gcs_server.streamer.separation.distance import UNSTEADY_M, MovingVehicle, closest_m, margin_m, stopping_m
 from gcs_server.streamer.separation.guard import GroupGuard, MemberView, moving
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.geodesy import LocalOrigin
+from missions.separation import UNSTEADY_M, MovingVehicle, closest_m, margin_m, stopping_m
 from missions.setpoints import (
     Attitude,
     Follow,

@@ -8,6 +8,7 @@ import {
   placeOfId,
   pointId,
   pointOf,
+  roleNames,
   stepId,
   valueAt,
   withValue,
@@ -130,8 +131,9 @@ export function addStep(mission: Mission, kind: StepKind, at: Place | null, sele
   }
   const order = last === null ? nodes.length : nodes.indexOf(last) + 1;
   const step = freshStep(kind, PLACED.has(kind) ? newPlace(mission, at, frame, order, nodes) : undefined);
-  let list: Path = ['steps'];
-  let index = mission.steps.length;
+  const [role] = roleNames(mission);
+  let list: Path = role === undefined ? ['steps'] : ['roles', role, 'steps'];
+  let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);
   if (last !== null && kind !== 'take_off') {
     const inside = last.step.step === 'branch' && (last.step.then ?? []).length === 0;
     list = inside ? [...last.path, 'then'] : listOf(last.path);
@@ -139,7 +141,7 @@ export function addStep(mission: Mission, kind: StepKind, at: Place | null, sele
   }
   if (kind === 'take_off') index = 0;
   const steps = (valueAt(mission, list) ?? []) as readonly Step[];
-  if (kind !== 'land' && steps[index - 1]?.step === 'land' && list.length === 1) index -= 1;
+  if (kind !== 'land' && steps[index - 1]?.step === 'land' && list.length === (list[0] === 'roles' ? 3 : 1)) index -= 1;
   const next = withValue(mission, list, spliced(steps, index, 0, step));
   const path = key([...list, index]);
   const added = nodesOf(next).find((node) => key(node.path) === path);

@@ -313,6 +313,7 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   branch: [condition('condition')],
   call: [names('mission', 'Steps of', 'missions', 'choose …')],
   land: [number('timeout_s', 'At most', { ...SECONDS, placeholder: '300' })],
+  meet: [text('meeting', 'Meeting'), number('timeout_s', 'At most', { ...SECONDS, placeholder: '120' })],
 };
 /** Counted, not measured: typed fractions are rounded. */
 const WHOLE: ReadonlySet<string> = new Set(['times', 'count']);

@@ -2,7 +2,7 @@
 
 import type { Finding, Fix } from '../fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
-import { nodesOf, stepId, type Mission, type MissionPlace, type Step, type StepNode } from './mission';
+import { nodesOf, roleNames, stepId, type Mission, type MissionPlace, type Step, type StepNode } from './mission';
 import { saidAs, geoPointOf, wayOf, type Frame } from './places';
 import { freshStep } from './words';
 
@@ -13,11 +13,13 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
   const node = finding.place.step === null ? null : nodeOf(mission, stepId(finding.place.step));
   switch (finding.code) {
     case 'takeoff_missing':
-      return { text: 'Take off at the beginning', plan: { ...mission, steps: [freshStep('take_off'), ...mission.steps] } };
+      return roleNames(mission).length > 0
+        ? null
+        : { text: 'Take off at the beginning', plan: { ...mission, steps: [freshStep('take_off'), ...mission.steps] } };
     case 'takeoff_in_air':
       return node === null ? null : { text: `Delete ${node.place}`, plan: remove(mission, [stepId(node.place)]) };
     case 'landing_missing':
-      return { text: 'Land at the end', plan: addStep(mission, 'land', null, [], frame).mission };
+      return roleNames(mission).length > 0 ? null : { text: 'Land at the end', plan: addStep(mission, 'land', null, [], frame).mission };
     case 'speed_too_high':
       return node === null ? null : { text: 'Fly at the vehicle’s speed', plan: setStep(mission, node, without(node.step, 'speed_m_s')) };
     case 'altitude_too_high':

@@ -34,10 +34,18 @@ export interface Step {
   readonly [field: string]: unknown;
 }
 
-export type Mission = Readonly<Omit<Wire, 'steps' | 'missions' | 'fence' | 'home'>> & {
+/** What one of several vehicles flies. */
+export interface Role {
+  readonly start_ned_m?: Vector | null;
+  readonly steps: readonly Step[];
+}
+
+export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fence' | 'home'>> & {
   readonly home?: Home | null;
   readonly fence: readonly FenceZone[];
   readonly steps: readonly Step[];
+  /** Of a mission for several vehicles, by name; it has no steps of its own. */
+  readonly roles?: Readonly<Record<string, Role>>;
   readonly missions: Readonly<Record<string, readonly Step[]>>;
 };
 
@@ -51,7 +59,7 @@ export function isMission(document: { readonly format: string }): document is Mi
 export type Path = readonly (string | number)[];
 
 export interface StepNode {
-  /** As the server names it in findings and times: "step 3", "step 4.2", "step 6, round 1". */
+  /** As the server names it in findings and times: "step 3", "step 4.2", "step 6, round 1", "lead, step 2". */
   readonly place: string;
   /** The same step of a called mission stands wherever it is called. */
   readonly path: Path;
@@ -86,8 +94,12 @@ export function nodesOf(mission: Mission): StepNode[] {
     });
   };
   walk(mission.steps, ['steps'], 'step ', 0, '', []);
+  for (const [name, role] of Object.entries(mission.roles ?? {})) walk(role.steps, ['roles', name, 'steps'], `${name}, step `, 0, `Role ${name}`, []);
   return found;
 }
+
+/** Names of the roles; none of a mission for one vehicle. */
+export const roleNames = (mission: Mission): string[] => Object.keys(mission.roles ?? {});
 
 /** A place of a step: of its points by index, else the only one of its field. */
 export interface PointRef {

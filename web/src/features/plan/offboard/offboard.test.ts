@@ -42,6 +42,18 @@ describe('the steps of a mission', () => {
     expect(nodesOf(NESTED).map((node) => node.depth)).toEqual([0, 0, 1, 0, 1, 2, 2, 1]);
   });
 
+  it('of several vehicles stand below their roles, and a new one goes to the first role', () => {
+    const role = { steps: [freshStep('take_off'), freshStep('land')] };
+    const show: Mission = { ...missionOf(), roles: { lead: role, left: role } };
+    expect(places(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
+    expect(nodesOf(show).map((node) => node.heading)).toEqual(['Role lead', '', 'Role left', '']);
+    const added = addStep(show, 'hold', null, [], FRAME);
+    expect(added.mission.steps).toEqual([]);
+    expect(added.mission.roles?.['lead']?.steps.map((step) => step.step)).toEqual(['take_off', 'hold', 'land']);
+    const met = addStep(show, 'meet', null, [stepId('left, step 1')], FRAME);
+    expect(met.id).toBe(stepId('left, step 2'));
+  });
+
   it('say what they are, of every kind', () => {
     for (const kind of KINDS) expect(stepTitle(freshStep(kind))).not.toBe('');
     expect(detailOf(FLY)).toBe('2 points');

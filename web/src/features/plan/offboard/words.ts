@@ -22,6 +22,7 @@ const TITLES: Readonly<Record<StepKind, string>> = {
   branch: 'Branch',
   call: 'Call',
   land: 'Land',
+  meet: 'Meet the other vehicles',
 };
 export const KINDS = Object.keys(TITLES) as StepKind[];
 
@@ -118,6 +119,9 @@ export function detailOf(step: Step): string {
       metres('climb_m', 'climb # m');
       metres('end_radius_m', 'to R # m');
       break;
+    case 'meet':
+      said.push(String(step['meeting'] ?? ''));
+      break;
     case 'land':
   }
   metres('speed_m_s', '≤ # m/s');
@@ -151,6 +155,7 @@ export function freshStep(kind: StepKind, at: MissionPlace = HERE): Step {
     branch: { condition, then: [], otherwise: [] },
     call: { mission: '' },
     land: {},
+    meet: { meeting: 'meeting' },
   };
   return { step: kind, ...fields[kind] };
 }

@@ -1,5 +1,7 @@
 """How near two vehicles would come if both were stopped now: the distance that a group's guard checks.
 
+The checks of a mission of several vehicles before its start use it too.
+
 The distance now is not enough, because stopping takes room. So both braking distances are included, each with
 the vehicle's own deceleration; a formation of equal vehicles in parallel flight keeps its distance. Positions
 and velocities are not exact, so the guard adds a margin (`margin_m`). With it the true distance stays above
@@ -40,7 +42,11 @@ TURNED_AFTER_S = 0.3
 """How long a vehicle flown by attitude or rates keeps accelerating after a stop was sent."""
 TREND_S = 0.4
 """Time over which a vehicle's acceleration is measured: shorter times would only measure noise."""
+PLANNED_ACCURACY_M, PLANNED_AGE_S = 0.3, 0.1
+"""Of each position, for the margin between paths before the flight."""
 STEP_S = 0.1
+SAMPLES_AT_ONCE = 500
+"""Moments whose braking is computed together, which bounds the memory."""
 G_M_S2 = 9.81
 
 Vectors = NDArray[np.float64]
@@ -141,6 +147,42 @@ def closest_m(
         - _way(velocity_b, speed_b, after_s, decel_b_m_s2)
     )
     return np.min(_nearest_on(apart[..., :-1, :], apart[..., 1:, :]), axis=-1)
+
+
+def planned_margin_m() -> float:
+    """The margin that is expected in flight, for checks before it."""
+    still = (0.0, 0.0, 0.0)
+    one = MovingVehicle(still, still, PLANNED_ACCURACY_M, PLANNED_AGE_S)
+    return margin_m(one, one)
+
+
+def kept_apart_m(
+    place_a: Vectors,
+    velocity_a: Vectors,
+    place_b: Vectors,
+    velocity_b: Vectors,
+    least_m: float,
+    decel_m_s2: float = STOP_M_S2,
+) -> Vectors:
+    """The distance at each moment, or what would be left of it if both were stopped then.
+
+    Args:
+        place_a: at each moment, in the common frame, (N, 3) [m].
+        velocity_a: (N, 3) [m/s].
+        place_b: of the other vehicle.
+        velocity_b: of the other vehicle.
+        least_m: stopping is looked at only where it could leave less than this.
+        decel_m_s2: of both.
+    """
+    kept = _norm(place_a - place_b)
+    reach_m = stopping_m(_norm(velocity_a), decel_m_s2) + stopping_m(_norm(velocity_b), decel_m_s2)
+    near = np.nonzero(kept - reach_m < least_m)[0]
+    for begin in range(0, len(near), SAMPLES_AT_ONCE):
+        some = near[begin : begin + SAMPLES_AT_ONCE]
+        kept[some] = closest_m(
+            place_a[some], velocity_a[some], place_b[some], velocity_b[some], decel_m_s2, decel_m_s2
+        )
+    return kept
 
 
 def _way(velocity: Vectors, speed: Vectors, after_s: Vectors, decel_m_s2: Any) -> Vectors:

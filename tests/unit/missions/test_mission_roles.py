@@ -1,0 +1,181 @@
+"""A mission of several vehicles: what is read, how a mistake is told, what is said of their separation."""
+
+from __future__ import annotations
+
+import pytest
+
+from missions import documents
+from missions.errors import PlanError
+from missions.geodesy import LocalOrigin
+from missions.offboard import document
+from missions.offboard.compiler import compile_mission
+from missions.offboard.document import OffboardMission
+from missions.offboard.places import Start
+from missions.offboard.reader import read
+from missions.offboard.roles import CompiledRoles, compile_roles, planned_starts
+from missions.offboard.segments import WaitSegment
+from missions.offboard.state import MissionVehicle
+from missions.offboard.writer import write_yaml
+from tests.support.offboard_missions import HOME
+
+UP, DOWN = "{step: take_off, height_m: 10}", "{step: land}"
+
+
+def crossing(wait: str = "") -> OffboardMission:
+    """Two vehicles 40 m apart fly through the same place, the second one along the other diagonal."""
+    return read(
+        "name: Crossing\nroles:\n"
+        f"  lead:\n    steps:\n    - {UP}\n    - {fly(40, 40)}\n{wait}    - {DOWN}\n"
+        f"  left:\n    steps:\n    - {UP}\n{wait}    - {fly(40, -40)}\n    - {DOWN}\n"
+    )
+
+
+def fly(north: float, east: float) -> str:
+    return f"{{step: fly, points: [{{offset_ned_m: [{north}, {east}, -10]}}]}}"
+
+
+def apart(mission: OffboardMission, east_m: float = 40.0) -> CompiledRoles:
+    """Compiled for vehicles that stand that far apart, each with a local origin where it stands."""
+    origin = LocalOrigin(47.0, 8.0, 480.0)
+    lat, lon, alt = origin.to_geodetic((0.0, east_m, 0.0))
+    starts = {"lead": Start(origin=origin), "left": Start(origin=LocalOrigin(lat, lon, alt))}
+    return compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts)
+
+
+def codes(found: CompiledRoles) -> list[str]:
+    return [each.code for each in found.findings]
+
+
+def test_roles_are_read_written_and_counted() -> None:
+    mission = crossing("    - {step: meet, meeting: crossed}\n")
+    assert list(mission.roles) == ["lead", "left"]
+    assert mission.steps == ()
+    assert documents.count(mission) == 8
+    assert read(document.write(mission)) == mission
+    assert read(write_yaml(mission)) == mission
+    assert documents.read(documents.write(mission)) == mission
+
+
+def test_a_mission_without_roles_is_written_as_before() -> None:
+    text = document.write(read(f"name: One\nsteps:\n  - {DOWN}\n")).decode()
+    assert "roles" not in text
+    assert "separation" not in text
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "words"),
+    [
+        (f"steps: [{DOWN}]\nroles:\n  a: {{steps: [{DOWN}]}}\n  b: {{steps: [{DOWN}]}}", "line 1", "roles"),
+        (f"roles:\n  a: {{steps: [{DOWN}]}}", "line 1", "single role"),
+        (f"steps: [{DOWN}]\nminimum_separation_m: 4", "line 1", "belongs to `roles`"),
+        (
+            f"roles:\n  a: {{steps: [{DOWN}]}}\n  b:\n    steps:\n    - {DOWN}\n    - {{step: hold}}",
+            "line 7, role 'b', step 2, field duration_s",
+            "required",
+        ),
+        ("roles:\n  a: {steps: []}", "line 3, role 'a', field steps", "at least 1"),
+        (
+            f"roles:\n  a: {{steps: [{DOWN}]}}\n  b: {{steps: [{{step: call, mission: x}}]}}",
+            "role 'b', call of 'x'",
+            "no such mission",
+        ),
+        ("steps: [{step: meet, meeting: x}]", "the steps", "without roles"),
+        (
+            f"roles:\n  a: {{steps: [{{step: meet, meeting: x}}]}}\n  b: {{steps: [{DOWN}]}}",
+            "role 'b', meeting 1",
+            "it is missing, but 'x' in role 'a'",
+        ),
+        (
+            "roles:\n  a: {steps: [{step: repeat, times: 2, steps: [{step: meet, meeting: x}]}]}\n"
+            "  b: {steps: [{step: meet, meeting: x}, {step: meet, meeting: y}]}",
+            "role 'b', meeting 2",
+            "it is 'y', but 'x' in role 'a'",
+        ),
+        (
+            "roles:\n  a: {steps: [{step: branch, condition: {value: satellites, above: 9}, then: "
+            f"[{{step: meet, meeting: x}}]}}]}}\n  b: {{steps: [{DOWN}]}}",
+            "role 'a'",
+            "inside a branch",
+        ),
+        (
+            "roles:\n  a: {steps: [{step: repeat, times: 1000, steps: [{step: repeat, times: 1000, steps: "
+            "[{step: meet, meeting: x}]}]}]}\n  b: {steps: [{step: land}]}",
+            "role 'a'",
+            "more than 1000 meetings",
+        ),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_with_role_and_step(text: str, place: str, words: str) -> None:
+    with pytest.raises(PlanError) as caught:
+        read(f"name: Test\n{text}\n")
+    assert caught.value.place == place
+    assert words in caught.value.reason
+
+
+def test_a_mission_of_several_vehicles_is_never_compiled_for_one() -> None:
+    with pytest.raises(PlanError, match="it is for 2 vehicles"):
+        compile_mission(crossing())
+    with pytest.raises(PlanError, match="there is no role 'right'"):
+        compile_mission(crossing(), role="right")
+
+
+def test_each_role_begins_with_a_meeting_of_all_and_its_steps_are_named() -> None:
+    found = compile_mission(crossing(), role="left")
+    first = found.segments[0]
+    assert isinstance(first, WaitSegment)
+    assert (first.kind, first.message, first.place) == ("meet", "start", "left, start")
+    assert found.segments[1].place == "left, step 1"
+
+
+def test_two_that_cross_at_one_moment_are_told_with_place_and_time() -> None:
+    found = apart(crossing())
+    assert codes(found) == ["separation"]
+    text = found.findings[0].message
+    assert "lead, step 2; left, step 2" in text
+    assert "lead at 15 m north, 15 m east, -10 m down" in text
+    assert found.findings[0].step == "lead, step 2"
+
+
+def test_after_a_meeting_they_are_apart() -> None:
+    waiting = read(
+        "name: Crossing\nroles:\n"
+        f"  lead:\n    steps: [{UP}, {fly(40, 60)}, {{step: meet, meeting: passed}}, {DOWN}]\n"
+        f"  left:\n    steps: [{UP}, {{step: meet, meeting: passed}}, {fly(40, -40)}, {DOWN}]\n"
+    )
+    found = apart(waiting)
+    assert codes(found) == []
+    lead, left = found.timelines.values()
+    assert found.duration_s > max(lead.duration_s, left.duration_s)
+
+
+def test_two_that_stand_too_near_are_told_at_the_start() -> None:
+    found = apart(crossing(), east_m=4.0)
+    assert found.findings[0].code == "separation"
+    assert "lead, s" in found.findings[0].message
+
+
+def test_the_documents_own_minimum_counts() -> None:
+    side_by_side = read(
+        f"name: Two\nminimum_separation_m: 2\nroles:\n  lead: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
+        f"  left: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
+    )
+    assert codes(apart(side_by_side, east_m=5.0)) == []
+    usual = side_by_side.model_copy(update={"minimum_separation_m": None})
+    assert codes(apart(usual, east_m=5.0)) == ["separation"]
+
+
+def test_without_the_places_of_the_vehicles_nothing_is_said_of_their_separation() -> None:
+    mission = crossing().model_copy(update={"home": HOME})
+    vehicles = dict.fromkeys(mission.roles, MissionVehicle())
+    assert "separation_unknown" in codes(compile_roles(mission, vehicles, planned_starts(mission)))
+    roles = {
+        name: role.model_copy(update={"start_ned_m": (0.0, east, 0.0)})
+        for (name, role), east in zip(mission.roles.items(), (0.0, 40.0), strict=True)
+    }
+    placed = mission.model_copy(update={"roles": roles})
+    assert "separation" in codes(compile_roles(placed, vehicles, planned_starts(placed)))
+
+
+def test_a_role_without_a_vehicle_is_refused() -> None:
+    with pytest.raises(PlanError, match="role 'left' has no vehicle"):
+        compile_roles(crossing(), {"lead": MissionVehicle()}, {"lead": Start()})
