@@ -40,20 +40,6 @@ def test_goto_orbit_and_return() -> None:
     asyncio.run(_goto_orbit_and_return())
 
 
-def test_a_go_to_before_lift_off_is_flown() -> None:
-    asyncio.run(_hasty())
-
-
-async def _hasty() -> None:
-    async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
-        home = await first(drone.telemetry.home())
-        lat, lon = offset(home, 40.0, 0.0)
-        await drone.action.arm()
-        await drone.action.takeoff()
-        await drone.action.goto_location(lat, lon, home.absolute_altitude_m + 10.0, 0.0)
-        await until(drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 2.0, "there")
-
-
 async def _goto_orbit_and_return() -> None:
     async with asyncio.timeout(PATIENCE_S), flying_school() as drone:
         with pytest.raises(ActionError) as refused:

@@ -1,0 +1,111 @@
+"""MAVSDK 3 and MAVSDK 4 behind one face: a program written on this runs on whichever of them is imported.
+
+Both packages are called `mavsdk`; they differ in how they connect, in the names of their plug-in classes and
+in the `subscribe_` before the name of a stream.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+READY_S = 90.0
+"""A vehicle on a busy machine must boot, align and find its place."""
+
+
+class Drone:
+    """A connected vehicle.
+
+    Args:
+        version: of MAVSDK, 3 or 4.
+        system: MAVSDK's object for a vehicle.
+    """
+
+    def __init__(self, version: int, system: Any) -> None:
+        self.version, self._system = version, system
+        self._plugins: dict[str, Any] = {}
+
+    def __getattr__(self, plugin: str) -> Any:
+        """A plug-in by its name, as in `drone.action`."""
+        if self.version == 3:
+            return getattr(self._system, plugin)
+        if plugin not in self._plugins:
+            module = importlib.import_module(f"mavsdk.asyncio.plugins.{plugin}")
+            name = "".join(word.capitalize() for word in plugin.split("_"))
+            self._plugins[plugin] = getattr(module, f"{name}Async")(self._system)
+        return self._plugins[plugin]
+
+    def types(self, plugin: str) -> Any:
+        """The module with the plug-in's data classes."""
+        return importlib.import_module(f"mavsdk.{'plugins.' if self.version == 4 else ''}{plugin}")
+
+    def stream(self, name: str) -> AsyncIterator[Any]:
+        """A stream of telemetry."""
+        return getattr(self.telemetry, f"subscribe_{name}" if self.version == 4 else name)()
+
+    async def until(
+        self, name: str, holds: Callable[[Any], object], what: str, within_s: float = 60.0
+    ) -> Any:
+        """The first value of a stream of telemetry for which `holds`.
+
+        Raises:
+            SystemExit: there was none in time; says what came last.
+        """
+        last = None
+        try:
+            async with asyncio.timeout(within_s):
+                async for value in self.stream(name):
+                    last = value
+                    if holds(value):
+                        return value
+        except TimeoutError:
+            pass
+        raise SystemExit(f"no {what} within {within_s} s; last came {last}")
+
+    async def until_mode(self, mode: str) -> None:
+        """Waits for a flight mode by its name, such as "RETURN_TO_LAUNCH"."""
+        await self.until("flight_mode", lambda now: now.name == mode, f"mode {mode}")
+
+    async def until_disarmed(self) -> None:
+        """Waits until the vehicle has landed and disarmed."""
+        await self.until("armed", lambda armed: not armed, "disarming after the landing")
+
+
+@asynccontextmanager
+async def connected(port: int) -> AsyncIterator[Drone]:
+    """The vehicle on this TCP port of this machine, once it may be armed."""
+    address = f"tcpout://127.0.0.1:{port}"
+    try:
+        from mavsdk.asyncio import Mavsdk
+    except ImportError:
+        from mavsdk import System
+
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            own_port = probe.getsockname()[1]
+        system = System(port=own_port)
+        try:
+            async with asyncio.timeout(READY_S):
+                await system.connect(address)
+            yield await _ready(Drone(3, system))
+        finally:
+            system._stop_mavsdk_server()
+    else:
+        from mavsdk import ComponentType, Configuration
+
+        configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+        async with Mavsdk(configuration) as mavsdk:
+            await mavsdk.add_any_connection(address)
+            yield await _ready(Drone(4, await mavsdk.first_autopilot(timeout_s=READY_S)))
+
+
+async def _ready(drone: Drone) -> Drone:
+    began_s = time.monotonic()
+    await drone.until("health", lambda h: h.is_armable and h.is_home_position_ok, "leave to arm", READY_S)
+    await drone.until("home", lambda _: True, "home", max(1.0, READY_S - (time.monotonic() - began_s)))
+    return drone

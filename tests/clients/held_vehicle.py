@@ -1,0 +1,35 @@
+"""A simulated vehicle in somebody's hands, who lies it on the next side whenever it says that one is done.
+
+`python -m tests.clients.held_vehicle PORT SPEED`: its TCP port, and how many times real time it runs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+
+from vehicle_sim.autopilot.announcer import Event, StatusText
+from vehicle_sim.commands.sides import Side
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.frames import quaternion_from_euler
+from vehicle_sim.server import Ports, SimServer
+
+ORDER = (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK, Side.DOWN)
+
+
+def run(port: int, speed: float) -> None:
+    """Flies nothing: stands, and is turned."""
+    fleet = VehicleSim(links=())
+
+    def turn(said: StatusText | Event) -> None:
+        for done, side in itertools.pairwise(ORDER):
+            if isinstance(said, StatusText) and f"{done.value} side done" in said.text:
+                fleet.simulation.turn_by_hand(0, quaternion_from_euler(*side.roll_pitch_rad, 0.0))
+
+    fleet.autopilots[0].announcer.add_listener(turn)
+    ports = Ports(gcs_remote=0, api_remote=0, tcp=port)
+    SimServer(fleet, first_instance=0, ports=ports, bind="127.0.0.1", gcs_host="127.0.0.1").run(speed)
+
+
+if __name__ == "__main__":
+    run(int(sys.argv[1]), float(sys.argv[2]))
