@@ -250,10 +250,6 @@ class Simulation:
         self.setpoints.armed[i] = False
         self.setpoints.level[i] = ControlLevel.DISARMED
 
-    def refill_battery(self, i: int) -> None:
-        """A full battery for vehicle `i`."""
-        self._batteries.refill(i)
-
     def set_battery_empty(self, i: int, empty: bool) -> None:
         """Let the battery of vehicle `i` give the voltage of an empty one, or its own again."""
         self._batteries.set_empty(i, empty)

@@ -69,6 +69,8 @@ class SensorState:
     """(N,)."""
     baro_fresh: BoolArray
     """(N,)."""
+    baro_stale: BoolArray
+    """(N,) whose barometer has repeated one value for so long that its samples are not used any more."""
     baro_count: int
     gps_lat_deg: FloatArray
     """(N,)."""

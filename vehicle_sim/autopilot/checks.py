@@ -30,7 +30,8 @@ CALIBRATIONS = (
     ("accel", "CAL_ACC0_ID", 1310988), ("gyro", "CAL_GYRO0_ID", 1310988), ("mag", "CAL_MAG0_ID", 197388),
 )  # fmt: skip
 """The sensor that a calibration is stored for, and the id of the one on board."""
-_BATTERY_LEVELS = ((3, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
+EMERGENCY = 3
+_BATTERY_LEVELS = ((EMERGENCY, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
 
 
 class Checks:
@@ -57,6 +58,7 @@ class Checks:
         self.gcs_heard_at_s = -math.inf
         self.companion_heard_at_s = -math.inf
         self._companion_was_lost = False
+        self._was_emergency = False
         self._battery_levels: tuple[tuple[int, float], ...] = ()
         self._settings: tuple[object, ...] = ()
         self._settings_of = -1
@@ -120,14 +122,14 @@ class Checks:
         """Whether the estimate holds a position; one that comes back counts after POSITION_BACK_S."""
         return self._view.estimate.valid_position and self._view.time_s >= self._position_good_at_s
 
-    def watch_sensors(self) -> None:
+    def _watch_sensors(self, armed: bool) -> None:
         """Note when a position was lost, and say which sensors are silent or used no more."""
         view = self._view
         if view.estimate.valid_position:
             self._had_position = True
         elif self._had_position:
             self._position_good_at_s = view.time_s + POSITION_BACK_S
-        self._sensors.update()
+        self._sensors.update(armed=armed)
 
     def manual_control(self) -> bool:
         """Whether sticks were heard lately."""
@@ -141,9 +143,10 @@ class Checks:
         """Whether one was heard before, and is no more."""
         return math.isfinite(self.gcs_heard_at_s) and not self.gcs_alive()
 
-    def watch_links(self) -> None:
-        """Say when sticks or the ground station are lost, and when they are back."""
-        self.watch_sensors()
+    def watch_links(self, *, armed: bool) -> None:
+        """Say when sensors, battery, sticks or the ground station are lost, and when they are back."""
+        self._watch_sensors(armed)
+        self._watch_battery()
         self._watch_sticks()
         self._watch_companion()
         lost = self.gcs_lost()
@@ -154,6 +157,13 @@ class Checks:
             self._announcer.both(4, "Connection to ground control station lost", "commander_gcs_lost")
         else:
             self._announcer.both(6, "GCS connection regained", "commander_dl_regained")
+
+    def _watch_battery(self) -> None:
+        """In an emergency PX4 asks for a shutdown, which the simulated board refuses."""
+        emergency = self.battery_warning >= EMERGENCY
+        if emergency and not self._was_emergency:
+            self._announcer.both(2, "System does not support shutdown", "commander_low_bat_shutdown_failed")
+        self._was_emergency = emergency
 
     def _watch_companion(self) -> None:
         heard_at_s = self.companion_heard_at_s

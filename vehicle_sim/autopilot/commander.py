@@ -103,7 +103,6 @@ class Commander:
         self._row.armed(False)
         self._row.idle()
         self._announcer.both(6, f"Disarmed by {REASONS[reason]}", "commander_disarmed_by", "B", reason)
-        self._view.simulation.refill_battery(self._view.row)
         self._watch.reset()
         self._flights.disarmed()
         self.intended = self._after_disarming
@@ -221,7 +220,7 @@ class Commander:
         self.monitors.update(armed=self.armed, landed=landed)
         if self._check_is_due():
             self.checks.fence = navigator.fence.breached
-            self.checks.watch_links()
+            self.checks.watch_links(armed=self.armed)
             self._check()
             self._run_failsafe()
         if self.armed and not self.terminated:
@@ -342,11 +341,12 @@ class Commander:
         now_s = self._view.time_s
         landing_s = self._view.parameter("COM_DISARM_LAND")
         preflight_s = self._view.parameter("COM_DISARM_PRFLT")
+        spoolup_s = self._view.parameter("COM_SPOOLUP_TIME")
         amid_mission = self.active is NavState.MISSION and not self._navigator.mission.finished
         if self._flew:
             if landing_s > 0.0 and not amid_mission and now_s - self._landed_at_s >= landing_s:
                 self.disarm(Reason.LANDING)
-        elif preflight_s > 0.0 and now_s - self._armed_at_s >= preflight_s:
+        elif preflight_s > 0.0 and now_s - self._armed_at_s >= preflight_s + spoolup_s:
             self.disarm(Reason.PREFLIGHT)
 
     def landed_state(self) -> LandedState:

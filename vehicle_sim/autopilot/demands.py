@@ -14,6 +14,10 @@ _FENCE = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5:
 """GF_ACTION."""
 _WIND = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
 """COM_WIND_MAX_ACT."""
+_BATTERY = {
+    1: (Action.RTL, Action.RTL), 2: (Action.LAND, Action.LAND), 3: (Action.RTL, Action.LAND),
+}  # fmt: skip
+"""COM_LOW_BAT_ACT: what is done when the battery is critical, and in an emergency; 0: a warning."""
 _OFFBOARD = {
     0: Action.FALLBACK_POSITION, 1: Action.FALLBACK_ALTITUDE, 2: Action.FALLBACK_STABILIZED, 3: Action.RTL,
     4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM,
@@ -122,16 +126,15 @@ def ground_demands(c: Conditions) -> list[Demand]:
 
 
 def battery_demands(c: Conditions) -> list[Demand]:
-    """COM_LOW_BAT_ACT: 0 warn, 2 land, 3 return when critical and land in an emergency."""
-    warning, action = c.battery_warning, c.low_battery_action
-    acts = action in (2, 3)
-    levels = (
-        Demand("battery low", Action.WARN, Cause.BATTERY_LOW),
-        Demand("battery critical",
-               (Action.RTL if action == 3 else Action.LAND) if acts else Action.WARN, Cause.BATTERY_CRITICAL),
-        Demand("battery emergency", Action.LAND if acts else Action.WARN, Cause.BATTERY_EMERGENCY),
-    )  # fmt: skip
-    return list(levels[: max(0, min(warning, 3))])
+    """What its level asks for by COM_LOW_BAT_ACT."""
+    if c.battery_warning <= 0:
+        return []
+    if c.battery_warning == 1:
+        return [Demand("battery", Action.WARN, Cause.BATTERY_LOW)]
+    critical, emergency = _BATTERY.get(c.low_battery_action, (Action.WARN, Action.WARN))
+    if c.battery_warning == 2:
+        return [Demand("battery", critical, Cause.BATTERY_CRITICAL)]
+    return [Demand("battery", emergency, Cause.BATTERY_EMERGENCY)]
 
 
 def _failures(c: Conditions) -> list[Demand]:

@@ -144,7 +144,8 @@ class Failsafe:
     def _remember(self, demands: Sequence[Demand]) -> None:
         now = {demand.name: demand for demand in demands if demand.action is not Action.NONE}
         for name, demand in now.items():
-            if name not in self._present and demand.action > Action.WARN:
+            before = self._active[name].action if name in self._present else Action.NONE
+            if demand.action > max(before, Action.WARN):
                 self._taken_over = False
             self._active[name] = demand
         for name in [name for name in self._active if name not in now]:

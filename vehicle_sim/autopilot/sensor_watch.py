@@ -1,4 +1,4 @@
-"""What a vehicle says of its sensors: a driver that fell silent, GNSS that is used again or no more."""
+"""What a vehicle says of its sensors: one is silent or repeats itself, GNSS is used again or no more."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from vehicle_sim.vehicle_view import VehicleView
 
 FAILED_AFTER_S, NO_DATA_AFTER_S = 0.3, 1.0
 """A driver so long silent has failed; so long, and nothing valid is left of it."""
-TIMEOUT = 4
-"""Bit of sensor_failover_reason_t."""
+STALE, TIMEOUT = 2, 4
+"""Bits of sensor_failover_reason_t."""
 FIX_3D = 3
 
 
@@ -19,25 +19,28 @@ class SensorWatch:
         self._view, self._announcer = view, announcer
         self._heard_at_s = {"baro": view.time_s, "mag": view.time_s}
         self._failed = {"baro": False, "mag": False}
-        self._gnss_used: bool | None = None
+        self._gnss_used = False
 
-    def update(self) -> None:
-        """Look once; call it each tick."""
+    def update(self, *, armed: bool) -> None:
+        """Look once, each tick; of GNSS only an armed vehicle tells."""
         view, i = self._view, self._view.row
         now_s, sensors = view.time_s, view.simulation.sensors
         for name, fresh in (("baro", sensors.baro_fresh), ("mag", sensors.mag_fresh)):
+            stale = name == "baro" and sensors.baro_stale[i]
+            if fresh[i] or stale:
+                self._heard_at_s[name] = now_s
             if fresh[i]:
-                self._heard_at_s[name], self._failed[name] = now_s, False
-            elif not self._failed[name] and now_s - self._heard_at_s[name] >= FAILED_AFTER_S:
+                self._failed[name] = False
+            elif not self._failed[name] and (stale or now_s - self._heard_at_s[name] >= FAILED_AFTER_S):
                 self._failed[name] = True
-                self._announcer.text(0, f"{name.upper()} #0 failed:  TIMEOUT!\t")
-                self._announcer.event(f"sensor_failover_{name}", "BH", 0, TIMEOUT)
+                reason, word = (STALE, "STALE") if stale else (TIMEOUT, "TIMEOUT")
+                self._announcer.text(0, f"{name.upper()} #0 failed:  {word}!\t")
+                self._announcer.event(f"sensor_failover_{name}", "BH", 0, reason)
         used = bool(view.simulation.fusion.gnss_pos[i])
         if used != self._gnss_used:
-            # The first fusion after boot is told by nobody.
-            if self._gnss_used is not None:
+            if armed:
                 self._announcer.event(f"check_estimator_gnss_fusion_{'started' if used else 'stopped'}")
-            self._gnss_used = used if used or self._gnss_used is not None else None
+            self._gnss_used = used
 
     def silent(self, name: str) -> bool:
         """Whether nothing came from "baro" or "mag" for NO_DATA_AFTER_S."""

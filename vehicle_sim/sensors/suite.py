@@ -44,6 +44,8 @@ GPS_SPEED_ACCURACY_M_S = 0.4
 GPS_HDOP = 0.7
 GPS_VDOP = 1.1
 SATELLITES_FOR_A_FIX = 4
+BARO_STALE_SAMPLES = 34
+"""A barometer that repeats one value so often is stale; recorded, 1.67 s after it got stuck."""
 BARO_TEMPERATURE_DEG_C = 11.82
 """What SCALED_PRESSURE says at home: 15 degrees at sea level, 6.5 degrees a kilometre less."""
 
@@ -93,6 +95,8 @@ class SensorSuite:
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
         self._baro_offset_deg_c = np.zeros(count)
+        self._baro_before_hpa = np.zeros(count)
+        self._baro_repeats = np.zeros(count, dtype=np.int64)
         self._speaks = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
         """Whose driver runs; a stopped one leaves its sensor's last sample standing."""
         self._gyro_offset, self._accel_offset = np.zeros((count, 3)), np.zeros((count, 3))
@@ -125,6 +129,7 @@ class SensorSuite:
             baro_alt_amsl_m=np.zeros(count),
             baro_temperature_deg_c=np.full(count, BARO_TEMPERATURE_DEG_C),
             baro_fresh=np.ones(count, dtype=np.bool_),
+            baro_stale=np.zeros(count, dtype=np.bool_),
             baro_count=0,
             gps_lat_deg=np.zeros(count),
             gps_lon_deg=np.zeros(count),
@@ -257,6 +262,12 @@ class SensorSuite:
         state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
         temperature = 15.0 - _LAPSE_K_M * alt + self._baro_offset_deg_c
         np.copyto(state.baro_temperature_deg_c, temperature, where=measured)
+        # Sensors without noise repeat themselves and are whole.
+        same = (state.baro_pressure_hpa == self._baro_before_hpa) & (self._strength[:, 0] > 0.0)
+        self._baro_repeats = np.where(same & state.baro_fresh, self._baro_repeats + 1, 0)
+        self._baro_before_hpa[:] = state.baro_pressure_hpa
+        np.greater_equal(self._baro_repeats, BARO_STALE_SAMPLES, out=state.baro_stale)
+        state.baro_fresh &= ~state.baro_stale
         state.baro_count += 1
 
     def _sample_gps(self, truth: TruthState) -> None:

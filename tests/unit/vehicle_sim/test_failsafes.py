@@ -14,8 +14,8 @@ from vehicle_sim.autopilot.modes import NavState
 pytestmark = pytest.mark.flight
 
 GCS = Demand("gcs", Action.RTL, Cause.GCS_LOSS, Clear.ON_MODE_CHANGE)
-LOW = Demand("battery low", Action.WARN, Cause.BATTERY_LOW)
-LANDS = Demand("battery emergency", Action.LAND, Cause.BATTERY_EMERGENCY)
+LOW = Demand("battery", Action.WARN, Cause.BATTERY_LOW)
+LANDS = Demand("battery", Action.LAND, Cause.BATTERY_EMERGENCY)
 
 
 class Machine:
@@ -85,7 +85,8 @@ def test_what_cannot_run_gives_way_and_who_lands_already_is_let_land() -> None:
         ({"manual_lost": True, "manual_loss_action": 3}, Action.LAND, Cause.MANUAL_CONTROL_LOSS),
         ({"manual_lost": True, "manual_loss_action": 2, "manual_loss_except": 2}, Action.NONE, Cause.GENERIC),
         ({"battery_warning": 1, "low_battery_action": 3}, Action.WARN, Cause.BATTERY_LOW),
-        ({"battery_warning": 2, "low_battery_action": 0}, Action.WARN, Cause.BATTERY_LOW),
+        ({"battery_warning": 2, "low_battery_action": 0}, Action.WARN, Cause.BATTERY_CRITICAL),
+        ({"battery_warning": 3, "low_battery_action": 1}, Action.RTL, Cause.BATTERY_EMERGENCY),
         ({"battery_warning": 2, "low_battery_action": 2}, Action.LAND, Cause.BATTERY_CRITICAL),
         ({"battery_warning": 2, "low_battery_action": 3}, Action.RTL, Cause.BATTERY_CRITICAL),
         ({"battery_warning": 3, "low_battery_action": 3}, Action.LAND, Cause.BATTERY_EMERGENCY),

@@ -224,7 +224,9 @@ def test_battery_drains_armed_and_fills_when_disarmed():
     assert sim.battery.remaining[0] == pytest.approx(0.5, abs=0.001), "SIM_BAT_MIN_PCT"
     sim.parameters[0].set("SIM_BAT_MIN_PCT", 80.0)
     sim.reload_parameters(0)
-    sim.refill_battery(0)
+    sim.setpoints.armed[0] = False
+    run(sim, 0.1)
+    sim.setpoints.armed[0] = True
     run(sim, 15.0)
     assert sim.battery.remaining[0] == pytest.approx(0.8, abs=0.001)
     sim.parameters[0].set("SIM_BAT_MIN_PCT", 90.0)

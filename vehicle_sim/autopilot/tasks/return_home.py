@@ -84,14 +84,14 @@ class ReturnHome:
         self._return_z_m = to_d - height
         self._set_phase(ReturnPhase.CLIMB)
         self._path.target_ned_m = (north, east, self._return_z_m)
-        above = round(height)
+        above = math.ceil(height)
         if self._to.kind is Kind.LANDING:
             amsl = round(self._view.origin[2] - self._return_z_m)
             self._announcer.both(
                 6, f"RTL Mission Land: climb to {amsl} m", "rtl_mission_land_climb", "i", amsl
             )
             return
-        amsl = round(self._view.origin[2] - to_d + height)
+        amsl = math.ceil(self._view.origin[2] - to_d + height)
         self._announcer.both(
             6, f"RTL: start return at {amsl} m ({above} m above destination)",
             "vrtl_return_at", "ii", amsl, above,
