@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 FAULTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "faults"
+THIN = Path(__file__).resolve().parents[1] / "data" / "faults.json"
+"""Outlines of some recordings, as `load` reads them."""
 
 TIMES_S = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
 """Where errors are compared, seconds after the fault."""
+LONGEST_S = 65.0
+"""Nothing comes after that but vehicles that lie on the ground."""
 FLAGS = {
     "estimator_status_flags": (
         "cs_gnss_pos", "cs_gnss_vel", "cs_gps_hgt", "cs_baro_hgt", "cs_baro_fault", "cs_fake_hgt",
@@ -20,12 +25,16 @@ FLAGS = {
         "fs_bad_acc_vertical",
     ),
     "vehicle_local_position_flags": ("xy_valid", "z_valid", "heading_reset_counter", "xy_reset_counter",
-                                     "z_reset_counter"),
+                                     "z_reset_counter", "heading_good_for_control"),
     "vehicle_status": ("nav_state", "arming_state", "failsafe"),
     "vehicle_land_detected": ("landed", "ground_contact"),
     "failsafe_flags": ("battery_warning",),
 }  # fmt: skip
 """What is compared of the flags that the recordings hold as changes."""
+TEXT_CHARS = 50
+"""Of a STATUSTEXT's first part."""
+OFTEN = 4
+"""So many changes of a flag to a value are compared, so many resets of a kind."""
 EVENTS = (
     "check_estimator_gnss_fusion_stopped", "check_estimator_gnss_fusion_started",
     "commander_landing_detected", "commander_disarmed_by", "commander_armed_by",
@@ -41,8 +50,8 @@ EVENTS = (
 class Course:
     """What happened in one flight after a fault, in the words of the recordings."""
 
-    first_s: dict[str, float]
-    """When a flag took a value ("xy_valid=0"), an event or a text came for the first time."""
+    moments_s: dict[str, float]
+    """When a flag took a value ("xy_valid=0", "xy_valid=0 (2)" the second time), an event or a text came."""
     at: dict[float, dict[str, float]]
     """By time [s]: errors, accuracies, tilt and speed; keys as in the recordings' summary."""
 
@@ -52,12 +61,9 @@ class Scenario:
     """A fault and PX4's two runs."""
 
     name: str
-    description: str
     parameters: dict[str, Any]
     stimulus: list[dict[str, Any]]
     flies: bool
-    custom_mode: int
-    """At the moment of the fault."""
     ends_s: float
     runs: tuple[Course, ...]
 
@@ -66,18 +72,25 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
     """Read the recordings of a fault."""
     runs = [_read(path) for path in sorted((folder / "data").glob(f"{name}.run*.json.gz"))]
     first = runs[0]
-    columns = first["columns"]
     now = next(row for row in first["rows"] if row[0] >= 0.0)
     return Scenario(
         name,
-        first["header"]["description"],
         first["header"]["boot_parameters"],
         first["stimulus"],
-        bool(now[columns.index("armed")]),
-        int(now[columns.index("custom_mode")]),
-        min(float(run["rows"][-1][0]) for run in runs),
+        bool(now[first["columns"].index("armed")]),
+        min(LONGEST_S, *(float(run["rows"][-1][0]) for run in runs)),
         tuple(map(_course, runs)),
     )
+
+
+def load_thin(name: str) -> Scenario:
+    """A fault of those whose outline is kept beside the tests."""
+    kept = json.loads(THIN.read_text(encoding="utf-8"))[name]
+    runs = [
+        Course(run["moments_s"], {float(at): values for at, values in run["at"].items()})
+        for run in kept.pop("runs")
+    ]
+    return Scenario(**kept, runs=tuple(runs))
 
 
 def names(folder: Path = FAULTS) -> list[str]:
@@ -85,9 +98,23 @@ def names(folder: Path = FAULTS) -> list[str]:
     return sorted({path.name.split(".")[0] for path in (folder / "data").glob("*.json.gz")})
 
 
+def note(moments: dict[str, float], what: str, t_s: float) -> None:
+    """Enter a change of a flag, as the first, second … of its kind."""
+    for count in range(1, OFTEN + 1):
+        key = what if count == 1 else f"{what} ({count})"
+        if key not in moments:
+            moments[key] = t_s
+            return
+
+
 def tells(text: str) -> bool:
     """Whether a text is compared: the recordings' ground station had pauses of its own."""
     return not any(word in text.lower() for word in ("ground", "gcs"))
+
+
+def words(text: str) -> str:
+    """What is compared of a text: its first part, without heights."""
+    return re.sub(r"\d+ m\b", "… m", text[:TEXT_CHARS]).strip()
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -95,19 +122,21 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _course(run: dict[str, Any]) -> Course:
-    first: dict[str, float] = {}
+    moments: dict[str, float] = {}
     for table, fields in FLAGS.items():
         for t_s, field, value in run["onboard"].get(table, {"changes": []})["changes"]:
             if field in fields and t_s is not None and t_s >= 0.0:
-                key = f"{field}+" if field.endswith("_counter") else f"{field}={value:g}"
-                first.setdefault(key, t_s)
+                note(moments, f"{field}+" if field.endswith("_counter") else f"{field}={value:g}", t_s)
     for message in run["messages"]:
         if message["t_s"] < 0.0:
             continue
         if message["message"] == "EVENT" and message["name"] in EVENTS:
-            first.setdefault("event:" + message["name"], message["t_s"])
+            moments.setdefault("event:" + message["name"], message["t_s"])
         elif message["message"] == "STATUSTEXT" and not message["chunk"] and tells(message["text"]):
-            first.setdefault("text:" + message["text"].strip(), message["t_s"])
+            moments.setdefault("text:" + words(message["text"]), message["t_s"])
     keys = run["summary"]["columns"]
     at = {float(row[0]): dict(zip(keys[1:], row[1:], strict=True)) for row in run["summary"]["rows"]}
-    return Course(first, {t_s: values for t_s, values in at.items() if t_s in TIMES_S})
+    for values in at.values():
+        # Which way the heading is off is chance.
+        values["yaw_error_deg"] = abs(values["yaw_error_deg"])
+    return Course(moments, {t_s: values for t_s, values in at.items() if t_s in TIMES_S})

@@ -16,26 +16,25 @@ from numpy.typing import NDArray
 from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.frames import euler_of, rotation_matrix, wrap_pi
-from vehicle_sim.geodesy import to_local
+from vehicle_sim.geodesy import to_global, to_local
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
 
-from .fault_recordings import EVENTS, TIMES_S, Course, Scenario, tells
+from .fault_recordings import EVENTS, TIMES_S, Course, Scenario, note, tells, words
 
 FloatArray = NDArray[np.float64]
 
 FAULT_AT_S = 40.5
 ARM_AT_S = 6.0
 HEIGHT_M = 10.0
+RETURN, AWAY_AT_S, AWAY_M = 20, 18.0, 60.0
 RECORD_EVERY_STEPS = 5
 OFFBOARD, POSITION = 6, 3
 MODE_AFTER_S = 1.0
 """So long after its stream began a vehicle was switched to the mode that follows it."""
 MODE_OF = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
-TEXT_CHARS = 50
-"""Of a STATUSTEXT's first part."""
 NAN = math.nan
 
 
@@ -50,6 +49,8 @@ class _Pilot:
             self._at(ARM_AT_S, self._command, 400, 1)
             altitude_m = sim.simulation.home.alt_amsl_m + HEIGHT_M
             self._at(ARM_AT_S + 0.5, self._command, 22, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
+        if any(entry["fields"].get("command") == RETURN for entry in scenario.stimulus):
+            self._at(AWAY_AT_S, self._go_away)
         for entry in scenario.stimulus:
             self._plan(entry)
         for second in range(int(FAULT_AT_S + scenario.ends_s) + 1):
@@ -59,6 +60,12 @@ class _Pilot:
 
     def _at(self, time_s: float, call: Callable[..., None], *arguments: Any) -> None:
         self._due.append((time_s, lambda: call(*arguments)))
+
+    def _go_away(self) -> None:
+        """As the recorded vehicle, which returned from 60 m north."""
+        home = self.sim.simulation.home
+        lat, lon = to_global(np.asarray(AWAY_M), np.asarray(0.0), home.lat_deg, home.lon_deg)
+        self._command(192, -1.0, 1.0, 0.0, NAN, float(lat), float(lon), home.alt_amsl_m + HEIGHT_M)
 
     def _plan(self, entry: dict[str, Any]) -> None:
         name, at_s, fields = entry["message"], FAULT_AT_S + entry["t_s"], entry["fields"]
@@ -127,7 +134,7 @@ class _Notes:
     def __init__(self, sim: VehicleSim, row: int, ends_s: float) -> None:
         self._sim, self._row, self._ends_s = sim, row, ends_s
         self._now: dict[str, int] = {}
-        self.first_s: dict[str, float] = {}
+        self.moments_s: dict[str, float] = {}
         self.at: dict[float, dict[str, float]] = {}
         self._origin_m = np.zeros(3)
         self._left_at = np.zeros(3)
@@ -139,9 +146,9 @@ class _Notes:
             return
         if isinstance(item, Event):
             if item.name in EVENTS:
-                self.first_s.setdefault("event:" + item.name, t_s)
+                self.moments_s.setdefault("event:" + item.name, t_s)
         elif tells(item.text):
-            self.first_s.setdefault("text:" + item.text[:TEXT_CHARS].strip(), t_s)
+            self.moments_s.setdefault("text:" + words(item.text), t_s)
 
     def look(self) -> None:
         """Note flags that changed, and the errors where they are compared."""
@@ -150,8 +157,8 @@ class _Notes:
         if t_s >= 0.0:
             for name, value in flags.items():
                 if value != self._now.get(name, value):
-                    key = f"{name}+" if name.endswith("_counter") else f"{name}={value}"
-                    self.first_s.setdefault(key, t_s)
+                    what = f"{name}+" if name.endswith("_counter") else f"{name}={value}"
+                    note(self.moments_s, what, t_s)
         else:
             self._set_out()
         self._now = flags
@@ -174,7 +181,9 @@ class _Notes:
             "vehicle_at_rest", "in_air",
         ):  # fmt: skip
             named["cs_" + name] = getattr(fusion, name)
-        for name in ("heading_reset_counter", "xy_reset_counter", "z_reset_counter"):
+        for name in (
+            "heading_reset_counter", "xy_reset_counter", "z_reset_counter", "heading_good_for_control",
+        ):  # fmt: skip
             named[name] = getattr(fusion, name)
         return {name: int(values[i]) for name, values in named.items()} | {
             "nav_state": int(commander.active), "arming_state": 2 if commander.armed else 1,
@@ -207,16 +216,16 @@ class _Notes:
             "height_error_down": float(error[2]),
             "true_displacement": math.hypot(moved[0], moved[1]),
             "true_height_above_ground": -float(truth.position_ned_m[i, 2]),
-            "true_speed": float(np.linalg.norm(truth.velocity_ned_m_s[i])),
-            "yaw_error_deg": math.degrees(float(wrap_pi(np.array(yaw)))),
+            "true_speed": math.hypot(*truth.velocity_ned_m_s[i, :2]),
+            "yaw_error_deg": abs(math.degrees(float(wrap_pi(np.array(yaw))))),
             "tilt_deg": math.degrees(tilt),
             "eph": float(estimate.horizontal_accuracy_m[i]),
             "epv": float(estimate.vertical_accuracy_m[i]),
         }
 
 
-def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> dict[str, Course]:
-    """Fly all faults side by side and return what came of each.
+def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[Course]:
+    """Fly faults side by side and return what came of each; one that is named twice flies with other noise.
 
     Args:
         scenarios: what to fly.
@@ -232,16 +241,14 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> dict[str, Course]:
             for msg_id in link.streamed():
                 link.set_interval(msg_id, 0, 0)
     pilots = [_Pilot(sim, row, scenario) for row, scenario in enumerate(scenarios)]
-    notes = [_Notes(sim, row, scenario.ends_s) for row, scenario in enumerate(scenarios)]
+    vehicles = [_Notes(sim, row, scenario.ends_s) for row, scenario in enumerate(scenarios)]
     end_s = FAULT_AT_S + max(scenario.ends_s for scenario in scenarios)
     while sim.time_s < end_s:
         for pilot in pilots:
             pilot.tick()
         sim.step(sim.simulation.dt_s)
         if sim.simulation.steps % RECORD_EVERY_STEPS == 0:
-            for note, scenario in zip(notes, scenarios, strict=True):
+            for notes, scenario in zip(vehicles, scenarios, strict=True):
                 if sim.time_s < FAULT_AT_S + scenario.ends_s:
-                    note.look()
-    return {
-        scenario.name: Course(note.first_s, note.at) for scenario, note in zip(scenarios, notes, strict=True)
-    }
+                    notes.look()
+    return [Course(notes.moments_s, notes.at) for notes in vehicles]

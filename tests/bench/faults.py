@@ -1,11 +1,13 @@
 """Recorded faults on the simulated PX4 beside the real one's two runs: what is signalled, and how far off.
 
-Each number may lie outside what PX4's own two runs span by 1.5 times their difference, or by its limit here,
-whichever is more. A time is that of the first change of a flag, of an event or of a text.
+Each fault is flown twice, with other noise. A number may lie outside what PX4's own two runs span by 1.5
+times their difference, or by its limit here, whichever is more. A moment is a change of a flag or mode, a
+reset, an event or a text: what both of PX4's runs have must come, in time; what neither has must not come.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,30 +19,36 @@ OWN_DIFFERENCE = 1.5
 SOON_S = 0.35
 """Flags, failsafes and texts: PX4's own agree within 0.15 s (0.3 s of a stopped driver), and a GPS fix, which
 decides most of them, comes every 0.125 s."""
-ON_THE_GROUND_S = 6.0
-"""Touch-down and what follows: PX4's own agree within 5 s, and a height that is a metre off costs another."""
-_GROUND = (
-    "ground_contact", "landed", "cs_in_air=0", "arming_state=1", "cs_vehicle_at_rest", "cs_valid_fake_pos",
-    "landing", "Landing", "disarmed", "Disarmed", "Preflight: ", "xy_reset_counter", "failsafe=0",
-    "nav_state=4", "nav_state=14", "battery_warning=0",
-)  # fmt: skip
+ON_THE_GROUND_S = 15.0
+"""Touch-down without GPS and all that follows it. The recorded losses came at the same second after PX4's
+boot, with the same sequence of noise, and agree within 9 s; but the recorded vertical speeds were wrong by
+-0.2 to 0.7 m/s, and a descent at 0.7 m/s less that takes anything from 11 s on."""
+SINKS_OTHERWISE_M_S = 0.4
+"""So much may a descent without GPS differ, for that reason."""
+TOUCH = ("ground_contact=1", "cs_in_air=0")
+BOUNCES = "ground_contact"
+"""Comes and goes in six of 26 recorded landings: that it does where PX4's two did not is no difference."""
 FACTOR = {
     "horizontal_error": 3.0, "true_displacement": 3.0, "true_speed": 1.5, "tilt_deg": 1.5, "eph": 1.25,
     "epv": 1.35,
 }  # fmt: skip
 """A size may be this many times greater or smaller; without GPS, PX4's own errors differ threefold."""
 SLACK = {
-    "horizontal_error": 0.7, "height_error_down": 1.3, "true_displacement": 1.5,
-    "true_height_above_ground": 1.6, "true_speed": 0.6, "yaw_error_deg": 18.0, "tilt_deg": 6.0, "eph": 0.05,
+    "horizontal_error": 0.7, "height_error_down": 1.6, "true_displacement": 1.5,
+    "true_height_above_ground": 2.0, "true_speed": 0.6, "yaw_error_deg": 18.0, "tilt_deg": 6.0, "eph": 0.05,
     "epv": 0.05,
 }  # fmt: skip
-"""What flights without any fault differ by: position and height wander with the GPS noise, the heading by 18
-degrees in one of ten recorded flights."""
-CHANCE = frozenset(
-    {"gps_stuck_hold", "gps_stuck_offboard_vel", "baro_step_p1200pa_gps_lost", "gyro_bias_x_005"}
-)
-"""PX4's own runs end differently: only when the estimate says what, and how sure it is, can be compared."""
-_OF_CHANCE = ("eph", "epv")
+"""What flights without any fault differ by: position and height wander with the GPS noise (the height by
+1 m to either side, always the same way at the same time after PX4's boot), the heading by 18 degrees in one
+of ten recorded flights."""
+ALIKE_FOR_S = {
+    "gps_stuck_hold": 8.0, "gps_stuck_offboard_vel": 8.0, "baro_step_p1200pa_gps_lost": 5.0,
+    "gyro_bias_x_005": 8.0, "gps_lost_20s_hold": 15.0,
+}  # fmt: skip
+"""So long PX4's own runs are alike; then it is chance whether a loop runs away north or south, whether the
+barometer is believed, or whether the fix comes back before the ground does."""
+SIDE_BY_SIDE = 24
+"""So many faults fly together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +59,15 @@ class Outside:
     simulated: float
     """NaN: it never came."""
     recorded: tuple[float, float]
+    """NaN: in none of PX4's runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A fault flown, beside its recordings."""
+    """A flight after a fault, beside its recordings."""
 
     name: str
-    times: int
+    moments: int
     """How many moments were compared,"""
     numbers: int
     """and how many errors and accuracies."""
@@ -68,29 +77,45 @@ class Comparison:
 
 def compare(scenario: Scenario, flown: Course) -> Comparison:
     """The flown fault beside PX4's runs."""
+    until_s = ALIKE_FOR_S.get(scenario.name, scenario.ends_s)
+    late, moments = _moments(scenario, flown, until_s)
     first, second = scenario.runs
-    by_chance = scenario.name in CHANCE
-    moments = sorted(set(first.first_s) & set(second.first_s))
-    if by_chance:
-        moments = [key for key in moments if max(first.first_s[key], second.first_s[key]) < 8.0]
-    late: list[Outside] = []
-    for key in moments:
-        pair = first.first_s[key], second.first_s[key]
-        limit_s = ON_THE_GROUND_S if any(word in key for word in _GROUND) else SOON_S
-        found_s = flown.first_s.get(key, math.nan)
-        if not _near(found_s, pair, limit_s, 1.0):
-            late.append(Outside(key, found_s, pair))
+    until_s = min(until_s, *(_touched_s(course) for course in (first, second, flown)))
+    blind_s = max(course.moments_s.get("xy_valid=0", math.inf) for course in scenario.runs)
     off: list[Outside] = []
     numbers = 0
-    for t_s in sorted(set(first.at) & set(second.at) & set(flown.at)):
-        for key, slack in SLACK.items():
-            if by_chance and key not in _OF_CHANCE:
-                continue
+    for t_s in sorted(at for at in set(first.at) & set(second.at) & set(flown.at) if at < until_s):
+        for key, limit in SLACK.items():
             numbers += 1
+            sinks = SINKS_OTHERWISE_M_S if key == "true_height_above_ground" else 0.0
+            slack = limit + sinks * max(0.0, t_s - blind_s)
             pair = first.at[t_s][key], second.at[t_s][key]
             if not _near(flown.at[t_s][key], pair, slack, FACTOR.get(key, 1.0)):
                 off.append(Outside(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
-    return Comparison(scenario.name, len(moments), numbers, tuple(late), tuple(off))
+    return Comparison(scenario.name, moments, numbers, tuple(late), tuple(off))
+
+
+def _moments(scenario: Scenario, flown: Course, until_s: float) -> tuple[list[Outside], int]:
+    """What came at another time than in both of PX4's runs, or in none of them; how much was compared."""
+    first, second = (run.moments_s for run in scenario.runs)
+    touched_s = min(map(_touched_s, scenario.runs))
+    late: list[Outside] = []
+    common = [key for key in sorted(set(first) & set(second)) if max(first[key], second[key]) < until_s]
+    for key in common:
+        pair = first[key], second[key]
+        limit_s = SOON_S if max(pair) < touched_s - SOON_S else ON_THE_GROUND_S
+        found_s = flown.moments_s.get(key, math.nan)
+        if not _near(found_s, pair, limit_s, 1.0):
+            late.append(Outside(key, found_s, pair))
+    for key in sorted(set(flown.moments_s) - set(first) - set(second)):
+        if flown.moments_s[key] < until_s and not key.startswith(BOUNCES):
+            late.append(Outside(key, flown.moments_s[key], (math.nan, math.nan)))
+    return late, len(common)
+
+
+def _touched_s(course: Course) -> float:
+    """When it came down; infinite: it did not."""
+    return min((course.moments_s[key] for key in TOUCH if key in course.moments_s), default=math.inf)
 
 
 def _near(value: float, pair: tuple[float, float], limit: float, factor: float) -> bool:
@@ -101,27 +126,50 @@ def _near(value: float, pair: tuple[float, float], limit: float, factor: float) 
     return low - slack <= value <= high + slack
 
 
-def measure(names: list[str] | None = None, *, seed: int = 0) -> list[Comparison]:
-    """Fly faults (default: all recorded) and compare each."""
-    scenarios = [fault_recordings.load(name) for name in names or fault_recordings.names()]
-    flown = fault_replay.fly(scenarios, seed=seed)
-    return [compare(scenario, flown[scenario.name]) for scenario in scenarios]
+def measure(names: list[str] | None = None, *, seed: int = 0, times: int = 2) -> list[Comparison]:
+    """Fly faults (default: all recorded) so many times each and compare every flight."""
+    return compare_all(
+        [fault_recordings.load(name) for name in names or fault_recordings.names()], seed, times
+    )
+
+
+def compare_all(scenarios: list[Scenario], seed: int = 0, times: int = 1) -> list[Comparison]:
+    """Fly these so many times each and compare every flight."""
+    scenarios.sort(key=lambda scenario: scenario.ends_s)
+    found: list[Comparison] = []
+    for at in range(0, len(scenarios), SIDE_BY_SIDE):
+        side_by_side = [each for each in scenarios[at : at + SIDE_BY_SIDE] for _ in range(times)]
+        flown = fault_replay.fly(side_by_side, seed=seed)
+        found += map(compare, side_by_side, flown)
+    return sorted(found, key=lambda each: each.name)
 
 
 def rows(comparisons: list[Comparison]) -> Iterator[str]:
     """The table: a line a fault, what is outside named."""
     yield "| fault | moments | outside | errors and accuracies | outside | the first outside |"
     yield "|---|---|---|---|---|---|"
-    for each in comparisons:
-        worst = next(iter((*each.late, *each.off)), None)
-        told = ""
-        if worst is not None:
-            first, second = worst.recorded
-            told = f"{worst.what}: {worst.simulated:.2f}, PX4 {first:.2f} and {second:.2f}"
-        yield f"| {each.name} | {each.times} | {len(each.late)} | {each.numbers} | {len(each.off)} | {told} |"
-    times, late = sum(each.times for each in comparisons), sum(len(each.late) for each in comparisons)
+    flights = {
+        name: list(group) for name, group in itertools.groupby(comparisons, key=lambda each: each.name)
+    }
+    for name, group in flights.items():
+        late, off = (
+            " and ".join(str(len(each)) for each in kind)
+            for kind in ([flight.late for flight in group], [flight.off for flight in group])
+        )
+        outside = next((each for flight in group for each in (*flight.late, *flight.off)), None)
+        told = "" if outside is None else _words(outside)
+        yield f"| {name} | {group[0].moments} | {late} | {group[0].numbers} | {off} | {told} |"
+    moments, late = sum(each.moments for each in comparisons), sum(len(each.late) for each in comparisons)
     numbers, off = sum(each.numbers for each in comparisons), sum(len(each.off) for each in comparisons)
-    yield f"| all {len(comparisons)} | {times} | {late} | {numbers} | {off} | |"
+    yield f"| all {len(flights)}, {len(comparisons)} flights | {moments} | {late} | {numbers} | {off} | |"
+
+
+def _words(outside: Outside) -> str:
+    first, second = outside.recorded
+    if math.isnan(first):
+        return f"{outside.what}: {outside.simulated:.2f}, PX4 never"
+    simulated = "never" if math.isnan(outside.simulated) else f"{outside.simulated:.2f}"
+    return f"{outside.what}: {simulated}, PX4 {first:.2f} and {second:.2f}"
 
 
 def table() -> Iterator[str]:

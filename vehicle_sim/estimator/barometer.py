@@ -19,8 +19,8 @@ from vehicle_sim.state import SensorState
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-BIAS_NOISE_M_SQRT_S = 0.104
-"""How fast the offset may change; the recorded offset follows a step of 10 m by a tenth a second."""
+BIAS_NOISE_M_SQRT_S = 0.125
+"""How fast the offset may change; the recorded offset follows a ramp by 0.1 to 0.12 of its lag a second."""
 BIAS_GATE = 3.0
 SILENT_S = 0.4
 SMOOTHING = 0.2

@@ -25,6 +25,8 @@ from vehicle_sim.estimator.standing import EVERY_S as STANDING_EVERY_S
 from vehicle_sim.estimator.standing import Standing
 from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
+from vehicle_sim.estimator.yaw_estimator import EVERY_PREDICTIONS as YAW_EVERY_PREDICTIONS
+from vehicle_sim.estimator.yaw_estimator import YawEstimator
 from vehicle_sim.frames import quaternion_from_euler, rotate, rotation_matrix, yaw_of
 from vehicle_sim.geodesy import to_global, to_local
 from vehicle_sim.masks import all_of
@@ -65,7 +67,9 @@ class Estimator:
         self.state = blank_estimate(count)
         self.fusion = blank_fusion(count)
         self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
-        self._gnss = Gnss(count, self.kalman, self.fusion)
+        self._yaw = YawEstimator(count, self.state.q_ned_frd)
+        self._turned, self._gained = np.zeros((count, 3)), np.zeros((count, 3))
+        self._gnss = Gnss(count, self.kalman, self.fusion, self._yaw)
         self._barometer = Barometer(count, self.kalman, self.fusion)
         self._magnetometer = Magnetometer(count, self.kalman, self.fusion)
         self._standing = Standing(count, self.kalman, self.fusion)
@@ -124,6 +128,7 @@ class Estimator:
         self._vision.reset(i)
         self._terrain.reset(i)
         self._gyro.reset(i)
+        self._yaw.reset(i)
         self._started[i] = False
         sums = self._first_force, self._first_field, self._first_samples
         for rows in (*sums, self._delta_angle, self._delta_velocity, self._residual):
@@ -159,7 +164,6 @@ class Estimator:
         np.copyto(state.height_above_ground_m, np.where(state.valid_altitude, height, np.nan))
         fusion.mag_aligned_in_flight &= fusion.in_air | ~in_air
         np.copyto(fusion.in_air, in_air)
-        fusion.in_air_once |= in_air
         np.copyto(self._armed, armed)
 
     def take_vision(self, i: int, sample: VisionSample) -> None:
@@ -206,6 +210,12 @@ class Estimator:
         kalman.predict(self._delta_angle, self._delta_velocity)
         if self._standing.wanted:
             self._standing.add(self._delta_angle, self._delta_velocity)
+        self._turned += self._delta_angle
+        self._gained += self._delta_velocity
+        if self._predictions % YAW_EVERY_PREDICTIONS == 0:
+            self._yaw.predict(self._turned, self._gained, self._predict_s * YAW_EVERY_PREDICTIONS)
+            self._turned.fill(0.0)
+            self._gained.fill(0.0)
         self._delta_angle.fill(0.0)
         self._delta_velocity.fill(0.0)
         self._residual *= self._decay
@@ -242,7 +252,7 @@ class Estimator:
         """Stop what is silent, a dozen times a second."""
         self._gnss.watch(now_s)
         self._barometer.watch(now_s)
-        self._magnetometer.watch(now_s, self.state.acceleration_ned_m_s2)
+        self._magnetometer.watch(now_s, self.kalman.level_accel_m_s2)
         np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
 
     def _fuse(self, sensors: SensorState, counts: list[int], stands: bool) -> None:

@@ -45,8 +45,8 @@ class Fusion:
     mag_field_disturbed: BoolArray
     vehicle_at_rest: BoolArray
     in_air: BoolArray
-    in_air_once: BoolArray
-    """It has flown since the start."""
+    aided_once: BoolArray
+    """GNSS has aided it since the start: what takes its place later is a reset."""
     vision_hgt: BoolArray
     dead_reckoning: BoolArray
     bad_acc_vertical: BoolArray

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import HEIGHT_TIMEOUT_S, HORIZON_S, RESET_TIMEOUT_S, Fusion
 from vehicle_sim.estimator.kalman import POSITION, UNUSED, VELOCITY, Kalman
+from vehicle_sim.estimator.yaw_estimator import SURE_RAD, YawEstimator
+from vehicle_sim.frames import wrap_pi, yaw_of
 from vehicle_sim.geodesy import to_local
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState, SensorState
@@ -26,6 +28,9 @@ POSITION_BIT, HEIGHT_BIT, VELOCITY_BIT = 1, 2, 4
 GOOD_AGAIN_S = 1.0 + HORIZON_S
 SILENT_S = 1.0
 """Height from a receiver that says nothing for so long is no more used."""
+YAW_RESET_AFTER_S = 1.0
+YAW_OFF_RAD = math.radians(25.0)
+"""With velocities refused for so long a heading that is so far from the second one is reset to it."""
 POSITION_RESET_S = 2.0 * RESET_TIMEOUT_S + HORIZON_S
 VERTICAL_SPEED_FACTOR = 1.5
 """GNSS velocity is taken to be this much worse vertically, GNSS height than the least noise of a position."""
@@ -42,10 +47,11 @@ class Gnss:
         count: N.
         kalman: the filter.
         fusion: its flags.
+        yaw: the second heading.
     """
 
-    def __init__(self, count: int, kalman: Kalman, fusion: Fusion) -> None:
-        self._kalman, self._fusion = kalman, fusion
+    def __init__(self, count: int, kalman: Kalman, fusion: Fusion, yaw: YawEstimator) -> None:
+        self._kalman, self._fusion, self._yaw = kalman, fusion, yaw
         self.ratio = np.zeros((count, 3))
         """(N, 3) innovation over gate of velocity, position and height."""
         self.falling = np.zeros(count)
@@ -60,6 +66,7 @@ class Gnss:
         self._heard_at_s = np.full(count, -math.inf)
         self._failed_at_s = np.zeros(count)
         self._passed_at_s = np.full(count, -math.inf)
+        self._steady_since_s = np.zeros(count)
         self.position_at_s = np.full(count, -math.inf)
         """(N,) when a position was fused last."""
         self.velocity_at_s = np.full(count, -math.inf)
@@ -137,6 +144,7 @@ class Gnss:
         )
         np.copyto(self._fusion.gps_quality_bad, ~good, where=fresh)
         self._failed_at_s[fresh & ~good] = now_s
+        self._steady_since_s[good & (now_s - self._passed_at_s > SILENT_S)] = now_s
         waited_s = np.where(self._passed_once, GOOD_AGAIN_S, self._first_wait_s)
         passed = good & (now_s - self._failed_at_s >= waited_s)
         self._passed_once |= passed
@@ -175,7 +183,8 @@ class Gnss:
         starts = (places & ~fusion.gnss_pos) | (moves & ~fusion.gnss_vel)
         lost = (now_s - self.velocity_at_s > RESET_TIMEOUT_S) & (now_s - self.position_at_s > RESET_TIMEOUT_S)
         displaced = places & fusion.gnss_pos & (now_s - self.position_at_s > POSITION_RESET_S)
-        renewed = passed & (starts | lost | displaced) & (places | moves)
+        turned = self._turn(now_s, moves, velocity[:, :2], speed)
+        renewed = passed & (starts | lost | displaced | turned) & (places | moves)
         if renewed.any():
             self._renew(now_s, renewed, places, moves, measured, variances)
 
@@ -211,6 +220,24 @@ class Gnss:
         self._keep_height(now_s, passed, measured, upright, climb)
         return speed_good | place_good
 
+    def _turn(
+        self, now_s: float, moves: BoolArray, velocity_ne: FloatArray, variance: FloatArray
+    ) -> BoolArray:
+        """Ask the second heading; who was reset to it, since velocities are refused by the first."""
+        kalman, fusion, yaw = self._kalman, self._fusion, self._yaw
+        yaw.fuse(velocity_ne, variance, moves, fusion.in_air)
+        taken_at_s = np.maximum(self.velocity_at_s, self._steady_since_s)
+        refused = moves & fusion.gnss_vel & fusion.in_air & (now_s - taken_at_s > YAW_RESET_AFTER_S)
+        refused &= yaw.variance_rad2 < SURE_RAD**2
+        if not refused.any():
+            return refused
+        off = wrap_pi(yaw.heading_rad - yaw_of(kalman.q_ned_frd))
+        turned = refused & (np.abs(off) > YAW_OFF_RAD)
+        if turned.any():
+            kalman.reset_heading(turned, off, yaw.variance_rad2)
+            fusion.heading_reset_counter += turned
+        return turned
+
     def _renew(
         self, now_s: float, renewed: BoolArray, places: BoolArray, moves: BoolArray, measured: FloatArray,
         variances: FloatArray,
@@ -225,6 +252,7 @@ class Gnss:
         fusion.xy_reset_counter += placed
         fusion.vxy_reset_counter += moved
         fusion.vz_reset_counter += moved
+        fusion.aided_once |= renewed
         fusion.gnss_pos |= placed
         fusion.gnss_vel |= moved
         self.position_at_s[placed] = now_s

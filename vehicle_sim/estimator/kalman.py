@@ -33,6 +33,7 @@ PREDICTION_S = 0.008
 """PX4 adds its process noise once a filter step; this makes it a density."""
 BAD_ACCEL_NOISE_M_S2 = 4.9
 """Noise of the vertical accelerometer while it is known to be wrong (EKF2's BADACC_BIAS_PNOISE)."""
+ACCEL_SMOOTHING_S = 1.0
 _MAG_NOISE_START_GAUSS = 0.01
 _LEAST_VARIANCE = 1e-12
 UNUSED = 1e18
@@ -74,6 +75,8 @@ class Kalman:
         """(N,) the vertical accelerometer is known to be wrong: hardly believed, its bias not learned."""
         self.gained = np.zeros((count, 3))
         """(N, 3) velocity gained by the newest prediction [m/s]."""
+        self.level_accel_m_s2 = np.zeros((count, 2))
+        """(N, 2) horizontal acceleration over the last second: where there is some, the heading shows."""
         self._impulse = np.zeros((count, 3))
         self._waiting_s = 0.0
         self._noise = np.zeros((count, SIZE))
@@ -131,7 +134,7 @@ class Kalman:
         self.vector[i] = 0.0
         self.covariance[i] = np.diag(self._start[i])
         self.bad_accel[i] = False
-        self._impulse[i] = 0.0
+        self._impulse[i] = self.level_accel_m_s2[i] = 0.0
 
     def reset_covariance(self, mask: BoolArray, first: int, variance: FloatArray | float) -> None:
         """Three states from `first` on are known this well (N, 3) and depend on no other, where `mask` is."""
@@ -192,6 +195,7 @@ class Kalman:
         np.multiply(lean, 0.5 * dt_s, out=self._moved_by_lean)
         np.multiply(turned, 0.5 * dt_s, out=self._moved_by_push)
         self._coasted[:] = dt_s
+        self.level_accel_m_s2 += self._impulse[:, :2] - dt_s / ACCEL_SMOOTHING_S * self.level_accel_m_s2
         self._impulse.fill(0.0)
         covariance = self.covariance
         covariance[:, :_MOVING, :] = advance @ covariance
@@ -294,9 +298,13 @@ class Kalman:
         np.copyto(self.q_ned_frd, q / row_norm(q), where=turned)
         self.matrix = rotation_matrix(self.q_ned_frd)
 
-    def turn_far(self, down_rad: FloatArray) -> None:
-        """Turn the attitudes about down by any angle (N,); what else is known stays as it is."""
+    def reset_heading(self, mask: BoolArray, down_rad: FloatArray, variance: FloatArray) -> None:
+        """Turn by any angle (N,) about down, and take that for known this well (N,), where `mask` is."""
+        half = 0.5 * np.where(mask, down_rad, 0.0)
         delta = np.zeros_like(self._delta)
-        delta[:, 0], delta[:, 3] = np.cos(0.5 * down_rad), np.sin(0.5 * down_rad)
+        delta[:, 0], delta[:, 3] = np.cos(half), np.sin(half)
         self.q_ned_frd[:] = quaternion_product(delta, self.q_ned_frd)
         self.matrix = rotation_matrix(self.q_ned_frd)
+        rows = np.flatnonzero(mask)
+        self.covariance[rows, YAW, :] = self.covariance[rows, :, YAW] = 0.0
+        self.covariance[rows, YAW, YAW] = variance[rows]

@@ -33,9 +33,8 @@ NEVER_TYPE = 5
 HEADING_TYPE = 1
 STRENGTH_CHECK = 1
 """Bit of EKF2_MAG_CHECK."""
-OBSERVED_S = 3.0
-"""So long after an acceleration of EKF2_MAG_ACCLIM GNSS still shows the heading."""
-
+CONTROL_AFTER_S = 1.0
+"""So long after its alignment in flight a heading by the magnetometer is good for control."""
 DECLINATION_NOISE_RAD = 0.5
 START_SHARE = 0.9
 """Part of EKF2_MAG_CHK_INC that a dropped magnetometer must keep to start again: recorded, 17 degrees off
@@ -68,7 +67,9 @@ class Magnetometer:
         self._heading_off_rad = np.zeros(count)
         self._heard_at_s = np.full(count, -math.inf)
         self._fused_at_s = np.full(count, -math.inf)
-        self._observed_at_s = np.full(count, -math.inf)
+        self._observed = np.zeros(count, dtype=np.bool_)
+        self._aligned_at_s = np.full(count, -math.inf)
+        self._resets = np.zeros(count, dtype=np.int64)
         self._sensitivity = np.zeros((count, 3, SIZE))
         self._sensitivity[:, range(3), range(MAG_BIAS, SIZE)] = 1.0
         self._learns = np.ones((count, SIZE))
@@ -94,15 +95,16 @@ class Magnetometer:
         self._fused_at_s[i] = self._heard_at_s[i] = now_s
         self._heading_off_rad[i] = 0.0
         fusion.mag[i] = fusion.mag_hdg[i] = self._kind[i] != NEVER_TYPE
-        fusion.mag_heading_consistent[i] = fusion.heading_good_for_control[i] = True
+        fusion.mag_heading_consistent[i] = True
+        fusion.heading_good_for_control[i] = not fusion.mag[i]
         return self._declination_rad[i] - math.atan2(level_field[1], level_field[0])
 
-    def watch(self, now_s: float, accelerations_ned_m_s2: FloatArray) -> None:
-        """Stop what is silent, note who accelerates; a few times a second."""
+    def watch(self, now_s: float, level_accel_m_s2: FloatArray) -> None:
+        """Stop what is silent, note who accelerates (N, 2) enough for GNSS to show the heading."""
         silent = (now_s - self._heard_at_s > SILENT_S) | (self._kind == NEVER_TYPE)
         self._stop(silent & self._fusion.mag)
-        level = np.hypot(accelerations_ned_m_s2[:, 0], accelerations_ned_m_s2[:, 1])
-        self._observed_at_s[level > self._accel_limit_m_s2] = now_s
+        level = np.hypot(level_accel_m_s2[:, 0], level_accel_m_s2[:, 1])
+        np.greater(level, self._accel_limit_m_s2, out=self._observed)
 
     def _stop(self, who: BoolArray) -> None:
         fusion = self._fusion
@@ -115,6 +117,7 @@ class Magnetometer:
                 fusion.mag_aligned_in_flight,
             ):
                 flag &= ~who
+            fusion.heading_good_for_control |= who
 
     def fuse(
         self, now_s: float, interval_s: float, measured_frd: FloatArray, fresh: BoolArray, high: BoolArray
@@ -126,7 +129,7 @@ class Magnetometer:
         self._smooth += SMOOTHING * (measured - self._smooth)
         disturbed = np.abs(np.sqrt((measured**2).sum(axis=1)) - STRENGTH_GAUSS) > self._strength_gauss
         np.copyto(fusion.mag_field_disturbed, disturbed, where=fresh)
-        self._judge_heading(now_s, interval_s, measured, fresh)
+        self._judge_heading(interval_s, measured, fresh)
         self._choose(fresh)
         align = fresh & fusion.mag & high & fusion.in_air & ~fusion.mag_aligned_in_flight
         if align.any():
@@ -135,6 +138,9 @@ class Magnetometer:
         self._fused_at_s[taken] = now_s
         self._restart(now_s, fresh & ~fusion.mag & ~disturbed, measured)
         self._stop(fusion.mag & fresh & (now_s - self._fused_at_s > RESET_TIMEOUT_S + HORIZON_S))
+        settled = fusion.mag_aligned_in_flight & (now_s - self._aligned_at_s > CONTROL_AFTER_S)
+        turned = fusion.mag_hdg | fusion.mag_3d
+        np.copyto(fusion.heading_good_for_control, settled | ~turned, where=fresh)
 
     def _restart(self, now_s: float, idle: BoolArray, measured: FloatArray) -> None:
         """Begin anew where the field's inclination is right: it and the bias, not the heading."""
@@ -152,16 +158,18 @@ class Magnetometer:
             self._fused_at_s[who] = now_s
             fusion.mag |= who
 
-    def _judge_heading(self, now_s: float, interval_s: float, measured: FloatArray, fresh: BoolArray) -> None:
+    def _judge_heading(self, interval_s: float, measured: FloatArray, fresh: BoolArray) -> None:
         """Whether the field's heading, less the bias learned, goes on agreeing with the estimate's."""
         kalman, fusion = self._kalman, self._fusion
         seen = rotate(kalman.matrix, measured - kalman.mag_bias)
         declination = np.arctan2(kalman.field[:, 1], kalman.field[:, 0])
         off = wrap_pi(declination - np.arctan2(seen[:, 1], seen[:, 0]))
         share = 1.0 - math.exp(-interval_s / CONSISTENCY_S)
+        self._heading_off_rad[fusion.heading_reset_counter != self._resets] = 0.0
+        self._resets[:] = fusion.heading_reset_counter
         self._heading_off_rad += np.where(fresh, share, 0.0) * (off - self._heading_off_rad)
         near = np.abs(self._heading_off_rad) < self._heading_noise_rad
-        observed = (now_s - self._observed_at_s < OBSERVED_S) | ~fusion.in_air
+        observed = self._observed | ~fusion.in_air
         np.copyto(
             fusion.mag_heading_consistent, near & (observed | fusion.mag_heading_consistent), where=fresh
         )
@@ -188,14 +196,12 @@ class Magnetometer:
         if turned.any():
             seen = rotate(kalman.matrix, self._smooth)
             off = wrap_pi(self._declination_rad - np.arctan2(seen[:, 1], seen[:, 0]))
-            kalman.turn_far(np.where(turned, off, 0.0))
-            rows = np.flatnonzero(turned)
-            kalman.covariance[rows, YAW, :] = kalman.covariance[rows, :, YAW] = 0.0
-            kalman.covariance[rows, YAW, YAW] = self._heading_noise_rad[rows] ** 2
+            kalman.reset_heading(turned, off, self._heading_noise_rad**2)
             fusion.heading_reset_counter += turned
         self._heading_off_rad[who] = 0.0
         self._fused_at_s[who] = now_s
         fusion.mag_aligned_in_flight |= who
+        self._aligned_at_s[who] = now_s
 
     def _fuse_axes(self, measured: FloatArray, used: BoolArray) -> BoolArray:
         """Take three axes, all or none; who was believed."""

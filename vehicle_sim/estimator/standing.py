@@ -116,8 +116,8 @@ class Standing:
         if new.any():
             for k in range(2):
                 kalman.reset_one(new, VELOCITY + k, 0.0, np.full(len(new), _STANDING_VARIANCE))
-            fusion.xy_reset_counter += new & fusion.in_air_once
-            fusion.vxy_reset_counter += new & fusion.in_air_once
+            fusion.xy_reset_counter += new & fusion.aided_once
+            fusion.vxy_reset_counter += new & fusion.aided_once
         np.copyto(fusion.valid_fake_pos, fixed)
         variance = np.where(fixed, _FAKE_POSITION_VARIANCE, np.inf)
         for k in range(2):
