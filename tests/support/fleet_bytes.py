@@ -1,0 +1,42 @@
+"""All that vehicles of a fleet send while they arm, lift off and lose their GPS, as digests to compare."""
+
+from __future__ import annotations
+
+import hashlib
+
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import frame_v2
+from vehicle_sim.simulation import row_east
+
+ARMED_AT = 0.6
+"""Part of the time: EKF2 needs six seconds from boot."""
+BROKEN_AT = 0.8
+TICK_S = 0.02
+
+
+def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int, str]:
+    """Fly instances `first` to `first + count - 1`; by instance, a digest of every byte on both links."""
+    sim = VehicleSim(count, first_instance=first, seed=seed, start_ned_m=row_east(count, first))
+    found = {first + row: hashlib.sha256() for row in range(count)}
+    climb_m = sim.simulation.home.alt_amsl_m + 10.0
+    steps = round(seconds / TICK_S)
+    for step in range(steps):
+        for row in range(count):
+            if step == round(ARMED_AT * steps):
+                _command(sim, row, 400, 1.0)
+                _command(sim, row, 22, *[float("nan")] * 6, climb_m)
+            if step == round(BROKEN_AT * steps) and (first + row) % 2 == 0:
+                sim.set_parameter(row, "SIM_GPS_USED", 3)
+        sim.step(TICK_S)
+        for row in range(count):
+            for link in ("gcs", "api"):
+                found[first + row].update(sim.drain(row, link))
+    return {instance: digest.hexdigest() for instance, digest in found.items()}
+
+
+def _command(sim: VehicleSim, row: int, number: int, *parameters: float) -> None:
+    values = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+    target = {"target_system": sim.nodes[row].system_id, "target_component": 1}
+    layout, payload = pack("COMMAND_LONG", command=number, **target, **values)
+    sim.feed(row, "gcs", frame_v2(layout, payload, number & 0xFF, 255, 190))

@@ -1,0 +1,222 @@
+"""Random flights with one random fault each, side by side in one fleet, and what their estimates came to.
+
+Kinds, and the range of errors over stated accuracies, are those of the recorded faults of a real PX4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.geodesy import to_local
+from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.simulation import Simulation
+
+SETTLED_S = 8.0
+LIFT_S = 1.0
+"""After so long the land detector would call them airborne."""
+LOOK_EVERY_STEPS = 10
+"""As often as the estimator publishes."""
+NEW_COURSE_EVERY_S = 3.0
+JUDGED_AFTER_S = 1.0
+FLYING_ABOVE_M = 1.0
+DESCENT_M_S = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of fault, and a real PX4's largest errors over stated accuracies, 1 to 20 s after it."""
+
+    strike: Callable[[Simulation, int, np.random.Generator], None]
+    aided: bool | None
+    """Whether GNSS goes on aiding the estimate; None: that depends on chance."""
+    horizontal: tuple[float, float]
+    """Least and greatest of the recorded flights."""
+    vertical: tuple[float, float]
+
+
+def _parameter(sim: Simulation, row: int, name: str, value: float) -> None:
+    sim.parameters[row].set(name, value)
+    sim.reload_parameters(row)
+
+
+def _few_satellites(sim: Simulation, row: int, random: np.random.Generator) -> None:
+    _parameter(sim, row, "SIM_GPS_USED", int(random.integers(0, 6)))
+
+
+def _no_fix(sim: Simulation, row: int, _: np.random.Generator) -> None:
+    _parameter(sim, row, "SIM_GPS_USED", 3)
+
+
+def _silent(driver: Driver) -> Callable[[Simulation, int, np.random.Generator], None]:
+    return lambda sim, row, _: sim.set_driver(row, driver, False)
+
+
+def _stuck(driver: Driver) -> Callable[[Simulation, int, np.random.Generator], None]:
+    return lambda sim, row, _: sim.sensor_faults.stuck[driver].__setitem__(row, True)
+
+
+def _displaced(sim: Simulation, row: int, random: np.random.Generator) -> None:
+    turn = random.uniform(-np.pi, np.pi)
+    sim.set_gps_offset(row, random.uniform(20.0, 40.0) * np.array([np.cos(turn), np.sin(turn), 0.0]))
+
+
+def _pressure_step(sim: Simulation, row: int, random: np.random.Generator) -> None:
+    _parameter(sim, row, "SIM_BARO_OFF_P", float(random.choice([-1, 1]) * random.uniform(20.0, 1500.0)))
+
+
+def _field_step(sim: Simulation, row: int, random: np.random.Generator) -> None:
+    _parameter(sim, row, f"SIM_MAG_OFFSET_{random.choice(list('XYZ'))}", float(random.uniform(-0.5, 0.5)))
+
+
+def _wind_step(sim: Simulation, row: int, random: np.random.Generator) -> None:
+    turn = random.uniform(-np.pi, np.pi)
+    sim.set_wind(random.uniform(3.0, 10.0) * np.array([np.cos(turn), np.sin(turn), 0.0]), row)
+
+
+def _lifted_accelerometer(sim: Simulation, row: int, random: np.random.Generator) -> None:
+    sim.sensor_faults.set_imu_offset(row, np.zeros(3), np.array([0.0, 0.0, random.uniform(1.0, 2.0)]))
+
+
+GONE_FOR_A_WHILE = "GPS gone for a while"
+LEVEL, UPRIGHT = (0.4, 2.1), (0.4, 3.4)
+"""Of the recorded flights whose fault touches neither position nor height."""
+RUNS_AWAY = (100.0, 300.0), (19.0, 300.0)
+"""A frozen fix closes the loop over nothing: of whole flights, since how fast they run away is chance."""
+TILTED = (0.4, 2.7)
+"""The recorded flights hovered; these tilt, and a tilted accelerometer pushes sideways also."""
+KINDS = {
+    GONE_FOR_A_WHILE: Kind(_no_fix, None, (1.0, 3.6), (0.4, 4.6)),
+    "few satellites": Kind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
+    "silent GPS": Kind(_silent(Driver.GPS), False, (1.0, 3.6), (0.4, 4.6)),
+    "stuck GPS": Kind(_stuck(Driver.GPS), None, *RUNS_AWAY),
+    "displaced GPS": Kind(_displaced, True, (100.0, 100.2), UPRIGHT),
+    "pressure step": Kind(_pressure_step, True, LEVEL, (0.4, 7.5)),
+    "silent barometer": Kind(_silent(Driver.BARO), True, LEVEL, UPRIGHT),
+    "stuck barometer": Kind(_stuck(Driver.BARO), True, LEVEL, UPRIGHT),
+    "field step": Kind(_field_step, True, LEVEL, UPRIGHT),
+    "silent compass": Kind(_silent(Driver.MAG), True, LEVEL, UPRIGHT),
+    "wind step": Kind(_wind_step, True, LEVEL, UPRIGHT),
+    "lifted accelerometer": Kind(_lifted_accelerometer, True, TILTED, (19.8, 20.5)),
+}
+
+
+@dataclass(slots=True)
+class Course:
+    """What one estimate came to after its fault."""
+
+    kind: str
+    fixes_s: list[float]
+    """When receivers report, in seconds after the fault; the same for all."""
+    back_s: float
+    """When a GPS that is gone for a while comes back."""
+    origin_ned_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) where its local frame lies."""
+    invalid_at_s: list[float] = field(default_factory=list)
+    valid_at_s: list[float] = field(default_factory=list)
+    dead_reckoning_at_s: list[float] = field(default_factory=list)
+    horizontal_ratio: float = 0.0
+    """Greatest error over stated accuracy while it flew."""
+    vertical_ratio: float = 0.0
+
+
+def fly(count: int, seed: int, seconds: float) -> list[Course]:
+    """Fly random courses, let one fault strike each vehicle, and look for so many seconds.
+
+    Raises:
+        AssertionError: an estimate that is no number.
+    """
+    random = np.random.default_rng(seed)
+    sim = Simulation(count, seed=seed, start_ned_m=np.zeros((count, 3)))
+    fixes_s: list[float] = []
+    kinds = list(KINDS)
+    courses = [
+        Course(kinds[row % len(kinds)], fixes_s, float(random.uniform(0.5, 1.5 * seconds)))
+        for row in range(count)
+    ]
+    sim.setpoints.armed[:] = True
+    sim.setpoints.level[:] = ControlLevel.TRAJECTORY
+    fault_step = round(SETTLED_S / sim.dt_s)
+    valid, reckoning = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+    flying = np.ones(count, dtype=bool)
+    for step in range(fault_step + round(seconds / sim.dt_s)):
+        if step % round(NEW_COURSE_EVERY_S / sim.dt_s) == 0:
+            _new_courses(sim, random)
+        if step == round(LIFT_S / sim.dt_s):
+            sim.setpoints.in_air[:] = True
+        if step == fault_step:
+            assert sim.estimate.valid_position.all()
+            for row, course in enumerate(courses):
+                course.origin_ned_m = _origin(sim, row)
+                KINDS[course.kind].strike(sim, row, random)
+        for row, course in enumerate(courses):
+            if course.kind == GONE_FOR_A_WHILE and step == fault_step + round(course.back_s / sim.dt_s):
+                _parameter(sim, row, "SIM_GPS_USED", 10)
+        fixes = sim.sensors.gps_count
+        sim.step()
+        if sim.sensors.gps_count != fixes:
+            fixes_s.append((step - fault_step) * sim.dt_s)
+        if step < fault_step or step % LOOK_EVERY_STEPS:
+            continue
+        now_s = (step - fault_step) * sim.dt_s
+        estimate = sim.estimate
+        for row in np.flatnonzero(estimate.valid_position != valid):
+            changes = courses[row].invalid_at_s if valid[row] else courses[row].valid_at_s
+            changes.append(now_s)
+        for row in np.flatnonzero(sim.fusion.dead_reckoning & ~reckoning):
+            courses[row].dead_reckoning_at_s.append(now_s)
+        valid, reckoning = estimate.valid_position.copy(), sim.fusion.dead_reckoning.copy()
+        _descend(sim, ~valid)
+        flying &= sim.truth.position_ned_m[:, 2] < -FLYING_ABOVE_M
+        _judge(sim, courses, flying if now_s >= JUDGED_AFTER_S else np.zeros(count, dtype=bool))
+    return courses
+
+
+def _origin(sim: Simulation, row: int) -> np.ndarray:
+    """(3,) from the world's origin to that of the estimate."""
+    estimate, home = sim.estimate, sim.home
+    north, east = to_local(
+        estimate.origin_lat_deg[row], estimate.origin_lon_deg[row],
+        np.asarray(home.lat_deg), np.asarray(home.lon_deg),
+    )  # fmt: skip
+    return np.array([float(north), float(east), home.alt_amsl_m - float(estimate.origin_alt_amsl_m[row])])
+
+
+def _judge(sim: Simulation, courses: list[Course], flying: np.ndarray) -> None:
+    estimate, truth = sim.estimate, sim.truth
+    numbers = (
+        estimate.position_ned_m, estimate.velocity_ned_m_s, estimate.q_ned_frd,
+        estimate.horizontal_accuracy_m, estimate.vertical_accuracy_m, estimate.speed_accuracy_m_s,
+    )  # fmt: skip
+    assert all(np.isfinite(each).all() for each in numbers)
+    error = estimate.position_ned_m - truth.position_ned_m + [course.origin_ned_m for course in courses]
+    level = np.hypot(error[:, 0], error[:, 1]) / estimate.horizontal_accuracy_m
+    upright = np.abs(error[:, 2]) / estimate.vertical_accuracy_m
+    for row in np.flatnonzero(flying):
+        course = courses[row]
+        course.horizontal_ratio = max(course.horizontal_ratio, float(level[row]))
+        course.vertical_ratio = max(course.vertical_ratio, float(upright[row]))
+
+
+def _new_courses(sim: Simulation, random: np.random.Generator) -> None:
+    """Half of them hold a place near where they are, half fly a velocity; all between 15 and 25 m."""
+    count, setpoints = sim.count, sim.setpoints
+    holds = random.random(count) < 0.5
+    near = sim.estimate.position_ned_m[:, :2] + random.uniform(-8.0, 8.0, (count, 2))
+    setpoints.position_ned_m[:, :2] = np.where(holds[:, None], near, np.nan)
+    setpoints.position_ned_m[:, 2] = random.uniform(-25.0, -15.0, count)
+    velocity = random.uniform(-3.0, 3.0, (count, 2))
+    setpoints.velocity_ned_m_s[:, :2] = np.where(holds[:, None], np.nan, velocity)
+    yaw = random.uniform(-np.pi, np.pi, count)
+    np.copyto(setpoints.yaw_ned_rad, yaw, where=sim.estimate.valid_position)
+
+
+def _descend(sim: Simulation, who: np.ndarray) -> None:
+    """Those without a position (N,) are levelled and let down, as the failsafe does."""
+    setpoints = sim.setpoints
+    setpoints.position_ned_m[who] = setpoints.velocity_ned_m_s[who] = np.nan
+    setpoints.acceleration_ned_m_s2[:, :2] = np.where(who[:, None], 0.0, np.nan)
+    setpoints.velocity_ned_m_s[who, 2] = DESCENT_M_S
