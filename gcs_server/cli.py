@@ -109,15 +109,15 @@ def _serving_flags(parser: argparse.ArgumentParser) -> None:
         "--token-file",
         type=Path,
         metavar="FILE",
-        help="holds the token that everybody needs; made where it is missing. Without it: GCS_TOKEN, else "
-        "with --host a file of the data folder, else (this machine only) none",
+        help="file with the access token; created if missing. Without this option: GCS_TOKEN; else, with "
+        "--host, a file in the data folder; else (this machine only) no token",
     )
     parser.add_argument(
         "--trusted-proxy",
         dest="trusted_proxies",
         action="append",
         metavar="ADDRESS",
-        help="an https proxy whose X-Forwarded-For and X-Forwarded-Proto are believed; may be given several "
+        help="an https proxy whose X-Forwarded-For and X-Forwarded-Proto are trusted; may be given several "
         "times",
     )
     parser.add_argument("--system-id", type=int, metavar="ID", help="our MAVLink system id (default 255)")

@@ -166,7 +166,7 @@ class SimulatorProcess:
             elif self._ended():
                 code = None if self._child is None else self._child.returncode
                 ended = f" with exit code {code}" if code is not None else ""
-                self._warn(f"The simulator ended by itself{ended}; see {self._folder.simulator_log}.")
+                self._warn(f"The simulator stopped by itself{ended}; see {self._folder.simulator_log}.")
                 self._forget()
 
     def _ended(self) -> bool:

@@ -31,14 +31,14 @@ def decode(data: str | bytes, what: str = "the file") -> str:
     """
     if len(data) > MAX_FILE_BYTES:
         limit_mib, size_mb = MAX_FILE_BYTES // (1024 * 1024), len(data) / 1e6
-        reason = f"{size_mb:.0f} MB are too large, {limit_mib} MiB are the most"
+        reason = f"{size_mb:.0f} MB are too large, {limit_mib} MiB is the maximum"
         raise PlanError(what, reason, "Split the plan into smaller ones.")
     if isinstance(data, str):
         return data
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        reason = f"byte {error.start} is no UTF-8 text"
+        reason = f"byte {error.start} is not UTF-8 text"
         raise PlanError(what, reason, "Save the file as UTF-8.") from None
 
 
@@ -70,7 +70,7 @@ def check_json(data: str | bytes) -> str:
         deepest = max(deepest, depth)
     if deepest > MAX_DEPTH:
         raise PlanError(
-            "the file", f"nested deeper than {MAX_DEPTH} levels", "This is no plan; choose another file."
+            "the file", f"nested deeper than {MAX_DEPTH} levels", "This is not a plan; choose another file."
         )
     return text
 
@@ -92,7 +92,7 @@ def load(data: str | bytes) -> Any:
         )
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
-        raise PlanError(place, f"no valid JSON ({error.msg})", "Export the plan again.") from None
+        raise PlanError(place, f"not valid JSON ({error.msg})", "Export the plan again.") from None
 
 
 def dump(value: Any) -> str:
@@ -103,7 +103,7 @@ def dump(value: Any) -> str:
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise PlanError(f"the number {text[:40]}", "it is too large to be anything", "Correct this value.")
+        raise PlanError(f"the number {text[:40]}", "it is out of range", "Correct this value.")
     return number
 
 
@@ -124,5 +124,5 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) != len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
-        raise PlanError(f"key {twice[:60]!r}", "it stands twice in one object", "Remove one of them.")
+        raise PlanError(f"key {twice[:60]!r}", "it appears twice in one object", "Remove one of them.")
     return found

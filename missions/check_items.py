@@ -102,7 +102,7 @@ def _takeoff(context: Context) -> Iterator[Finding]:
                 )
                 yield Finding("takeoff_too_low", message, row, fix=f"Raise it to {least_m:.1f} m.")
             if before is not None:
-                message = f"PX4 wants the take-off before {before}."
+                message = f"PX4 requires the take-off before {before}."
                 yield Finding("takeoff_not_first", message, row, fix="Move the take-off to the start.")
         if is_flown_to(item) or isinstance(item, Delay | Jump | Gate):
             before = before or name(row, item).lower()
@@ -115,11 +115,13 @@ def _ends(context: Context) -> Iterator[Finding]:
     required = context.vehicle.required_ends
     if required in (4, 5) and takeoff != landing:
         there, missing = ("take-off", "landing") if takeoff else ("landing", "take-off")
-        message = f"The plan has a {there} but no {missing}, and the vehicle wants both or neither."
+        message = f"The plan has a {there} but no {missing}, and the vehicle requires both or neither."
         yield Finding("takeoff_landing_mismatch", message, fix=f"Add a {missing}.")
         return
     if required in (2, 3) and not landing:
-        yield Finding("landing_missing", "The vehicle wants a landing in the mission.", fix="Add a landing.")
+        yield Finding(
+            "landing_missing", "The vehicle requires a landing in the mission.", fix="Add a landing."
+        )
     if not takeoff and context.items:
         message = (
             "The plan has no take-off; on the ground the vehicle climbs to its own take-off altitude first."
@@ -132,10 +134,10 @@ def _jumps(context: Context) -> Iterator[Finding]:
         if not isinstance(item, Jump):
             continue
         if item.target_index >= len(context.items):
-            message = f"{name(row, item)} names item {item.target_index + 1}, and there is none."
+            message = f"{name(row, item)} jumps to item {item.target_index + 1}, which does not exist."
             yield Finding("jump_target_missing", message, row, fix="Choose another item.")
         elif item.repeat < 0:
-            message = f"{name(row, item)} repeats without end; only a person or the battery ends this."
+            message = f"{name(row, item)} repeats without end; only the operator or the battery ends it."
             yield Finding("jump_endless", message, row, fix="Give it a number of repeats.")
     if context.route.stalled_row is not None:
         row = context.route.stalled_row
@@ -160,12 +162,12 @@ def _speeds(context: Context) -> Iterator[Finding]:
             continue
         speed = item.speed_m_s
         if speed is None or (speed <= 0.0 and speed not in (-1.0, -2.0)):
-            message = f"{name(row, item)} asks for {speed} m/s."
+            message = f"{name(row, item)} requests {speed} m/s."
             yield Finding(
                 "speed_invalid", message, row, fix="Set a speed above 0, or -2 for the vehicle's own."
             )
         elif item.speed_type in GROUND_SPEED_TYPES and speed > most:
-            message = f"{name(row, item)} asks for {speed:g} m/s; the vehicle flies {most:g} m/s at most."
+            message = f"{name(row, item)} requests {speed:g} m/s; the vehicle flies {most:g} m/s at most."
             yield Finding("speed_too_high", message, row, fix=f"Set {most:g} m/s or less.")
     planned = context.plan.hover_speed_m_s
     if planned is not None and planned > most:

@@ -32,8 +32,8 @@ def _distances(context: Context) -> Iterator[Finding]:
         if most is None or leg.length_m <= most or leg.step.seq in seen:
             continue
         seen.add(leg.step.seq)
-        message = f"{name(leg.step.row, leg.step.item)} is {leg.length_m:.0f} m from the place before it."
-        yield Finding("leg_too_long", message, leg.step.row, fix="Check that the plan belongs here.")
+        message = f"{name(leg.step.row, leg.step.item)} is {leg.length_m:.0f} m from the previous item."
+        yield Finding("leg_too_long", message, leg.step.row, fix="Check that the plan is for this site.")
 
 
 def _from_home(context: Context, lat_deg: float, lon_deg: float) -> Iterator[Finding]:
@@ -57,7 +57,7 @@ def _fence(context: Context) -> Iterator[Finding]:
         return
     home = context.plan.planned_home
     if home is not None and not area.covers(ShapelyPoint(_local(context, home.lat_deg, home.lon_deg))):
-        message = "Home is outside the geofence: PX4 calls such a fence invalid."
+        message = "Home is outside the geofence: PX4 rejects this geofence."
         yield Finding("fence_home_outside", message, fix="Move the home or the fence.")
     before: tuple[Place, bool] | None = None
     if home is not None:
@@ -92,7 +92,7 @@ def _zones(context: Context) -> Iterator[Finding]:
             shape = Polygon([_local(context, point.lat_deg, point.lon_deg) for point in zone.polygon])
             if not shape.is_valid or shape.area <= 0.0:
                 message = f"The sides of fence zone {index + 1} cross, or it has no area."
-                yield Finding("fence_invalid", message, zone=index, fix="Draw it anew.")
+                yield Finding("fence_invalid", message, zone=index, fix="Draw it again.")
     for index, rally in enumerate(context.plan.rally_points):
         if rally.altitude.reference == "terrain" and rally.altitude.resolved_amsl_m is None:
             message = f"Rally point {index + 1} has a terrain altitude, which PX4 refuses."

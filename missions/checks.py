@@ -33,7 +33,7 @@ def check(plan: Plan, limits: Limits | None = None) -> tuple[Finding, ...]:
             found += list(rule(context))
         except Exception as error:
             name = getattr(rule, "__name__", "rule").strip("_").replace("_", " ")
-            message = f"The check of {name} could not be made: {error!r:.200}."
+            message = f"The check of {name} could not be carried out: {error!r:.200}."
             found.append(Finding("check_failed", message))
     return tuple(found)
 
@@ -48,11 +48,11 @@ def _totals(context: Context) -> Iterator[Finding]:
     if total.energy_wh is None or limits.power is None:
         return
     if total.endless:
-        message = "The plan repeats without end, so no battery lasts for it."
+        message = "The plan repeats endlessly: no battery is large enough."
         yield Finding("endurance_endless", message, fix="Give the jump a number of repeats.")
     elif total.energy_wh > limits.power.usable_wh:
         message = (
-            f"The flight takes {total.energy_wh:.0f} Wh ({total.time_s / 60:.0f} min), the battery gives "
+            f"The flight takes {total.energy_wh:.0f} Wh ({total.time_s / 60:.0f} min), the battery provides "
             f"{limits.power.usable_wh:.0f} Wh with {limits.power.reserve:.0%} in reserve."
         )
         yield Finding(

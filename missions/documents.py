@@ -34,7 +34,7 @@ def read(data: str | bytes) -> Document:
     text = decode(data)
     value = load(text)
     if not isinstance(value, dict):
-        raise PlanError("the plan", "it is no JSON object", "Send a plan or an offboard mission.")
+        raise PlanError("the plan", "it is not a JSON object", "Send a plan or an offboard mission.")
     is_mission = value.get("format") == MISSION_FORMAT
     return mission_reader.read_json(text) if is_mission else plan_document.read(text)
 

@@ -113,7 +113,7 @@ def check_count(plan: Plan) -> Plan:
     """
     count = sum(len(item.items) if isinstance(item, ComplexItem) else 1 for item in plan.items)
     if count > MAX_ITEMS:
-        reason = f"{count} items, {MAX_ITEMS} are the most"
+        reason = f"{count} items, the maximum is {MAX_ITEMS}"
         raise PlanError("the plan", reason, "Split the plan into smaller ones.")
     return plan
 

@@ -30,8 +30,8 @@ class TakeControl(StrictBody):
     )
     on_expiry: OnControlLost | None = Field(
         default=None,
-        description="Command that the flying vehicle gets once if this client is silent for `lease_s`: "
-        "`nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never sent while another "
+        description="Command sent once to the flying vehicle if this client sends nothing for `lease_s`: "
+        "`nothing` (the vehicle continues; the default), `hold`, `land` or `rtl`. Never sent while another "
         "party controls the vehicle.",
     )
 

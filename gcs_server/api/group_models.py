@@ -83,7 +83,7 @@ class StartGroup(_Together):
     )
     others_go_on: bool = Field(
         default=False,
-        description="Whether members that a problem does not concern fly on; otherwise all hold.",
+        description="Whether members without a problem continue if one has a problem; otherwise all hold.",
     )
 
     @model_validator(mode="after")

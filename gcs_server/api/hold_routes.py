@@ -28,7 +28,7 @@ class HoldRequest(StrictBody):
     model_config = example(vehicles=["1", "2"])
 
     vehicles: tuple[VehicleId, ...] | None = Field(
-        default=None, max_length=MAX_VEHICLES, description="Their ids; all that are armed unless given."
+        default=None, max_length=MAX_VEHICLES, description="Ids of the vehicles; default: all armed vehicles."
     )
 
 
@@ -38,8 +38,8 @@ class HoldResult(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     vehicle: str = Field(description="The vehicle's id.")
-    held: bool = Field(description="Whether it has shown Hold.")
-    problem: Problem | None = Field(description="Why it has not; null where it has.")
+    held: bool = Field(description="Whether the vehicle has reported Hold.")
+    problem: Problem | None = Field(description="Why it has not; null if it has.")
 
 
 class HoldResults(BaseModel):

@@ -266,7 +266,7 @@ class FailsafeRequest(StrictBody):
         allow_inf_nan=False,
         ge=0.5,
         le=60,
-        description="How long after the last setpoint [s] (COM_OF_LOSS_T).",
+        description="Time from the last setpoint to the action [s] (COM_OF_LOSS_T).",
     )
 
     @model_validator(mode="after")

@@ -162,7 +162,7 @@ class FindingModel(AnswerBody):
 
     code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=[next(iter(CODES))])
     severity: Literal["error", "warning"] = Field(
-        description="error: PX4 refuses it, or it is unsafe; warning: it may surprise."
+        description="error: PX4 refuses it, or it is unsafe; warning: check it."
     )
     text: str = Field(description="What is wrong, a sentence.")
     place: FindingPlace = Field(description="Part of the plan concerned.")

@@ -104,17 +104,19 @@ async def plan_schema(kind: Kind) -> Response:
 async def import_plan(
     request: Request,
     station: StationDep,
-    filename: Annotated[str, Query(max_length=255, description="Its ending tells a CSV file.")] = "",
+    filename: Annotated[
+        str, Query(max_length=255, description="Name of the file; a CSV file is recognised by its extension.")
+    ] = "",
     altitude_m: Annotated[
         float | None,
         Query(
             ge=-12_000,
             le=100_000,
             allow_inf_nan=False,
-            description="Of points that have none [m]; a file with such points is refused without it.",
+            description="Altitude of points without one [m]; without it, a file with such points is refused.",
         ),
     ] = None,
-    altitude_reference: Annotated[Reference, Query(description="What `altitude_m` counts from.")] = "home",
+    altitude_reference: Annotated[Reference, Query(description="Reference of `altitude_m`.")] = "home",
 ) -> Response:
     """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, our own JSON, or YAML. Saves nothing.
 
@@ -167,7 +169,7 @@ async def export_plan(
 
 @router.post("/pattern", response_model=m.PatternPlan)
 async def make_pattern(
-    pattern: Annotated[m.PatternBody, Body(description="`kind` and what is drawn and chosen.")],
+    pattern: Annotated[m.PatternBody, Body(description="`kind` and the fields of that pattern.")],
     station: StationDep,
 ) -> Response:
     """Items from an area, a line or a point: survey, corridor, perimeter, orbit or structure scan."""
@@ -181,7 +183,7 @@ async def make_pattern(
 async def get_plan(
     plan: str,
     station: StationDep,
-    version: Annotated[int | None, Query(ge=1, description="The newest unless named.")] = None,
+    version: Annotated[int | None, Query(ge=1, description="Default: the newest.")] = None,
 ) -> Response:
     """A plan with its document."""
     return _kept(*await station.plans.get(plan, version))

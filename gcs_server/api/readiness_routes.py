@@ -49,5 +49,5 @@ async def check(vehicle: VehicleDep) -> Response:
     The vehicle's own texts are read from its files, once per firmware, and arrive a little later.
     """
     await vehicle.health.check()
-    vehicle.in_background("words for its events", vehicle.health.learn(vehicle.metadata))
+    vehicle.in_background("metadata of its events", vehicle.health.learn(vehicle.metadata))
     return answer(_view(vehicle))

@@ -115,7 +115,10 @@ _vehicle_fields: dict[str, Any] = {
     "id": (str, Field(description="Id of the vehicle in the API.")),
     "identity": (IdentityModel, Field(description="Identity of the vehicle.")),
     "status": (StatusModel, Field(description="State of the vehicle.")),
-    "links": (list[str], Field(description="Names of the links on which it is heard, most recent first.")),
+    "links": (
+        list[str],
+        Field(description="Names of the links on which it is connected, most recent first."),
+    ),
     "topics": (TopicsModel, Field(description="Every topic's newest sample.")),
     "control": (ControlModel | None, Field(description="Who controls it; null for a recording.")),  # type: ignore[operator]
     "offboard": (OffboardModel | None, Field(description="The setpoint stream to it.")),  # type: ignore[operator]
@@ -186,7 +189,7 @@ class GimbalView(AnswerBody):
     """State of the gimbal."""
 
     vehicle: str = Field(description="The vehicle's id.")
-    available: bool = Field(description="False: the vehicle has not reported a gimbal.")
+    available: bool = Field(description="False: the vehicle has reported no gimbal.")
     in_control: bool = Field(description="Whether this server is in primary control.")
     roi: RoiModel | None = Field(  # type: ignore[valid-type]
         description="The ROI that this server has set; null: none, or ended since."

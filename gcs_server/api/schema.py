@@ -114,7 +114,7 @@ def bare_app() -> FastAPI:
             "A command succeeds when the vehicle's own state shows it. Name your program in "
             "`X-Client` and give it an id of its own in `X-Client-Id`: one client at a time controls a "
             "vehicle (409 `not_in_control`). "
-            "A server that other machines can reach wants its token with every call, as "
+            "A server that other machines can reach requires its token with every call, as "
             "`Authorization: Bearer …`; without it the answer is 401."
         ),
         separate_input_output_schemas=False,  # requests and answers use the same type for a plan

@@ -84,9 +84,13 @@ async def remove_vehicle(v: str, station: StationDep, principal: PrincipalDep) -
 @router.get("/{v}/history", response_model=responses.History)
 async def history(
     vehicle: VehicleDep,
-    topics: Annotated[str, Query(description="Names joined by commas; all unless given.")] = "",
+    topics: Annotated[str, Query(description="Names separated by commas; default: all.")] = "",
     since_unix_s: Annotated[
-        float | None, Query(allow_inf_nan=False, description="[s since 1970]; the last 5 minutes.")
+        float | None,
+        Query(
+            allow_inf_nan=False,
+            description="Only samples since this time [s since 1970]; the last 5 minutes are kept.",
+        ),
     ] = None,
 ) -> Response:
     """The last minutes at up to 4 Hz, oldest first."""
@@ -111,7 +115,7 @@ async def history(
 
 @router.get("/{v}/messages", response_model=responses.Messages)
 async def messages(
-    vehicle: VehicleDep, since: Annotated[int, Query(ge=0, description="Only later than this index.")] = 0
+    vehicle: VehicleDep, since: Annotated[int, Query(ge=0, description="Only messages after this index.")] = 0
 ) -> Response:
     """Status texts, events and what the server noticed."""
     return answer({"messages": [responses.message_view(e) for e in vehicle.events.since(since)]})

@@ -228,7 +228,7 @@ class Lease:
         asking.denied, asking.first_s = True, self.clock.monotonic_s()
         why = f": {reason}" if reason else ""
         text = (
-            f"{holding.client} keeps control of vehicle {self.vehicle_id}; {asking.client} asked for it{why}."
+            f"{holding.client} keeps control of vehicle {self.vehicle_id}; {asking.client} requested it{why}."
         )
         self.on_change(ControlChange("denied", client, text, holding.client, reason=reason, to=asking.client))
 
@@ -290,7 +290,7 @@ class Lease:
             holding.heard_s = now_s
         elif now_s - holding.heard_s > self.terms.lease_s:
             text = (
-                f"{holding.client} has been silent for {self.terms.lease_s:g} s: "
+                f"{holding.client} sent nothing for {self.terms.lease_s:g} s: "
                 f"its control of vehicle {self.vehicle_id} has ended."
             )
             self._end(

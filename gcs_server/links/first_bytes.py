@@ -95,5 +95,5 @@ class ClosedConnections:
         connections = "1 connection" if self._count == 1 else f"{self._count} connections"
         return (
             f"Closed {connections} that spoke {protocol}, not MAVLink, the last from {host}: a web page or a "
-            "browser tried this port. Nothing of it was read. Close that page."
+            "browser tried this port. The server read nothing from it. Close that page."
         )

@@ -41,7 +41,7 @@ _REFUSAL_TEXT = {
     "senders with this key have the same system id, component and link id.",
     Refusal.TOO_OLD: "signs with a time more than a minute behind this server's. It should take over this "
     "server's time from the frames that it gets; if it does not, set its clock.",
-    Refusal.TOO_MANY_STREAMS: "is one sender too many with this key. Restart the server.",
+    Refusal.TOO_MANY_STREAMS: "is beyond the maximum number of senders with this key. Restart the server.",
 }
 
 

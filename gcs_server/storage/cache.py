@@ -64,5 +64,5 @@ class Cache:
 
     def _path(self, name: str) -> Path:
         if not _name.fullmatch(name):
-            raise ValueError(f"{name!r} is no name for a file of the cache")
+            raise ValueError(f"{name!r} is not a valid name of a cache file")
         return self._folder / name

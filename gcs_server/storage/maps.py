@@ -131,7 +131,7 @@ def _pmtiles(path: Path) -> MapInfo:
             fields[19:23],
         )
         if magic != b"PMTiles" or version != 3:
-            raise ValueError("it is no PMTiles file of version 3")
+            raise ValueError("it is not a PMTiles file of version 3")
         offset, length = numbers[2], numbers[3]
         if length > MAX_METADATA_BYTES:
             raise ValueError("its metadata is too large")

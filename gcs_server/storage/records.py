@@ -116,5 +116,5 @@ def _read(path: Path) -> dict[str, object]:
 
 def _checked(name: str) -> str:
     if not _name.fullmatch(name):
-        raise ValueError(f"{name!r} is no name for a record")
+        raise ValueError(f"{name!r} is not a valid name of a record")
     return name

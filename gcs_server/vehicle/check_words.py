@@ -20,19 +20,19 @@ class Check(NamedTuple):
     """What to do, as a sentence."""
 
 
-STILL = "Keep the vehicle still and wait; if it stays, look at the sensor."
+STILL = "Keep the vehicle still and wait; if the problem stays, check the sensor."
 SKY = "Wait at a place with a clear view of the sky."
-CALIBRATE_RC = "Calibrate the transmitter again."
+CALIBRATE_RC = "Calibrate the RC transmitter again."
 CALIBRATE = "Calibrate it."
 WIRING = "Check that it is connected, and restart the vehicle."
 CHARGE = "Insert a charged battery."
-BACK_INSIDE = "Bring the vehicle back inside of the fence, or change the fence."
+BACK_INSIDE = "Bring the vehicle back inside the geofence, or change the geofence."
 
 MANUAL_CONTROL_ID = 17231145
 MODE_NEEDS: dict[int, Check] = {
     MANUAL_CONTROL_ID: Check(
-        "check_modes_manual_control", "there is no transmitter or joystick",
-        "Switch the transmitter on, or fly with a gamepad; or choose a mode that flies by itself.",
+        "check_modes_manual_control", "no RC transmitter or joystick",
+        "Switch the RC transmitter on or use a gamepad, or choose a mode that needs no pilot.",
     ),
     17154777: Check("check_modes_mission", "there is no mission to fly", "Upload a mission."),
     19865031: Check(
@@ -51,7 +51,7 @@ MODE_NEEDS: dict[int, Check] = {
         "check_external_modes_unavailable", "the external mode is not registered", "Start its program."
     ),
     26592384: Check(
-        "check_external_modes_unresponsive", "the external mode's program is silent", "Restart its program."
+        "check_external_modes_unresponsive", "the external mode does not respond", "Restart its program."
     ),
 }  # fmt: skip
 """Checks that a mode needs in order to run; the others only prevent arming."""
@@ -147,10 +147,10 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     24685549: Check("check_avionics_power_missing", "the power module is not connected", WIRING),
     18447583: Check("check_avionics_power_low", "the supply voltage is too low", CHARGE),
     32067059: Check("check_avionics_power_high", "the supply voltage is too high", "Check the power module."),
-    16920235: Check("check_gf_violation_custom_gf", "the vehicle is outside of the fence", BACK_INSIDE),
-    30700832: Check("check_gf_violation_max_alt", "the vehicle is higher than the fence", BACK_INSIDE),
+    16920235: Check("check_gf_violation_custom_gf", "the vehicle is outside the geofence", BACK_INSIDE),
+    30700832: Check("check_gf_violation_max_alt", "the vehicle is above the geofence's height", BACK_INSIDE),
     20842799: Check(
-        "check_gf_violation_max_hor_dist", "the vehicle is farther from home than the fence", BACK_INSIDE
+        "check_gf_violation_max_hor_dist", "the vehicle is beyond the geofence's distance", BACK_INSIDE
     ),
     16901501: Check("check_gf_no_home", "a geofence with the action Return needs a home position", SKY),
     29582859: Check("check_mission_failure", "the mission cannot be flown", "Correct it; upload it again."),
@@ -183,11 +183,11 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     ),
     17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Close unused functions."),
     31198698: Check("check_ram_usage_too_high", "the flight computer's memory is nearly full"),
-    23756917: Check("check_rc_min_too_small", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
-    24624528: Check("check_rc_max_too_high", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
-    25272693: Check("check_rc_trim_too_small", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
-    18694246: Check("check_rc_trim_too_high", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
-    23436396: Check("check_rc_dz_too_high", "a transmitter channel's calibration is wrong", CALIBRATE_RC),
+    23756917: Check("check_rc_min_too_small", "the calibration of an RC channel is invalid", CALIBRATE_RC),
+    24624528: Check("check_rc_max_too_high", "the calibration of an RC channel is invalid", CALIBRATE_RC),
+    25272693: Check("check_rc_trim_too_small", "the calibration of an RC channel is invalid", CALIBRATE_RC),
+    18694246: Check("check_rc_trim_too_high", "the calibration of an RC channel is invalid", CALIBRATE_RC),
+    23436396: Check("check_rc_dz_too_high", "the calibration of an RC channel is invalid", CALIBRATE_RC),
 }  # fmt: skip
 
 COMPONENTS: tuple[str, ...] = (

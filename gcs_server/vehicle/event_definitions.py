@@ -1,6 +1,6 @@
-"""The vehicle's own words for its events, filled with an event's values.
+"""The texts of events from the vehicle's metadata, with the values of an event filled in.
 
-Messages come taken apart (`event_document.py`), so that filling one in is work of a limited length.
+`event_document.py` has already split each text into parts, so the work for one event is bounded.
 """
 
 from __future__ import annotations

@@ -120,8 +120,8 @@ class Fleet(FrameSink):
             )
         if self._clock.monotonic_s() - last_heard_s(vehicle) <= SILENT_AFTER_S:
             raise Refused(
-                f"Vehicle {vehicle_id} is heard on {', '.join(vehicle.links)}: it would reappear at once.",
-                remedy="Switch it off, or close the link; a vehicle can be removed once it is silent.",
+                f"Vehicle {vehicle_id} is connected on {', '.join(vehicle.links)}: it would be added again.",
+                remedy="Switch it off, or close the link. Only a disconnected vehicle can be removed.",
             )
         if vehicle.streaming:
             raise Refused(
@@ -234,7 +234,7 @@ class Fleet(FrameSink):
         why, others = found
         leaves = forgettable(others, now_s)
         if leaves is not None:
-            self._drop(leaves, "it had been silent for a long time, and its slot was needed")
+            self._drop(leaves, "no message came from it for a long time, and its slot was needed")
             return True
         text = self._refusals.refuse(endpoint, why, now_s)
         if text is not None:

@@ -40,7 +40,7 @@ def no_room(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, list[Vehi
         return f"{len(alike)} vehicles already use system id {system_id}", alike
     on_link = [v for v in vehicles if any(e.connection is endpoint.connection for e in v.endpoints)]
     if len(on_link) >= MAX_ON_LINK:
-        return f"{len(on_link)} vehicles are already heard on this link", on_link
+        return f"{len(on_link)} vehicles are already connected on this link", on_link
     if len(vehicles) >= MAX_VEHICLES:
         return f"the server already has {len(vehicles)} vehicles", vehicles
     return None
@@ -78,7 +78,8 @@ class Refusals:
         told = now_s - self._last.get(link, (float("-inf"), ""))[0] <= WARNED_FOR_S
         text = (
             f"Link {link}: a vehicle with system id {endpoint.system_id} is not shown: {why}. Remove those "
-            "that are silent. If a program sends heartbeats of vehicles that do not exist, close the link."
+            "that are no longer connected. If a program sends heartbeats of vehicles that do not exist, "
+            "close the link."
         )
         self._last[link] = (now_s, text)
         return None if told else text

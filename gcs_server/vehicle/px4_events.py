@@ -21,7 +21,7 @@ LEVEL_PROTOCOL = 8
 """Levels from here on are internal."""
 
 TEXTS: dict[int, str] = {
-    16910493: "Arming denied: the vehicle's checks fail",
+    16910493: "Arming denied: the vehicle's checks failed",
     25868725: "Disarming denied: the vehicle has not landed",
     27280279: "The vehicle cannot switch to that mode now",
     19869445: "The vehicle does not know that mode",
@@ -32,14 +32,14 @@ TEXTS: dict[int, str] = {
     20656071: "Climbing to the default take-off altitude",
     19098816: "Already above the take-off altitude",
     20099806: "Landing at the current position",
-    25087420: "Landing precisely",
+    25087420: "Precision landing",
     20262116: "Returning to launch",
     22161044: "Return started",
     16962474: "Landing at the destination",
-    22400324: "Transmitter lost",
+    22400324: "RC signal lost",
     27900317: "Connection to the onboard computer lost",
     31382480: "Failsafe active",
-    30481910: "Failsafe: holding first",
+    30481910: "Failsafe: Hold before the failsafe action",
     26528394: "Failsafe active",
     29547634: "Failsafe active: the autopilot lost control of the mode",
     28993875: "Battery low: return advised",
@@ -50,7 +50,7 @@ TEXTS: dict[int, str] = {
     23844490: "Mission not started: the vehicle has no mission",
     24986204: "Climbing before the mission begins",
     18865022: "The orbit's radius is too large",
-    27750677: "The fence does not contain home",
+    27750677: "The geofence does not contain home",
     26128688: "The rally point's frame is not supported",
     30930440: "Manual speed was limited by the maximum speed",
 }

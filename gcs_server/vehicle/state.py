@@ -105,7 +105,7 @@ class VehicleState:
         """Text about how long the connection has been lost."""
         now_s = self._clock.monotonic_s()
         if self._heard_s == float("-inf"):
-            return "it has not been heard"
+            return "no message received"
         if now_s - self._heard_s > LINK_LOST_AFTER_S:
             return f"no messages for {now_s - self._heard_s:.1f} s"
         return f"no heartbeat for {now_s - self.flight_state.heartbeat_s:.0f} s"

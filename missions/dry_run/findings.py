@@ -12,7 +12,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "obstacle_hit": ("error", "the flight ends at an obstacle"),
     "failsafe": ("error", "a failsafe of the vehicle takes over"),
     "mission_left": ("error", "the vehicle leaves the mission before its end"),
-    "not_finished": ("error", "the flight has not come to its end within the time that was given"),
+    "not_finished": ("error", "the flight did not finish within the allowed time"),
     "battery_empty": ("error", "the battery is empty before the end"),
     "battery_reserve": ("warning", "less than the battery's reserve is left at the end"),
     "battery_unknown": ("warning", "how fast the battery drains is not known"),

@@ -113,7 +113,7 @@ class Vehicle:
         if isinstance(said, StatusText) and said.severity <= SEVERITY_WARNING:
             self.warnings.append(said.text.strip())
         elif isinstance(said, Event) and said.id in _REFUSAL_OF:
-            self.warnings.append(f"PX4 does not take it: {_REFUSAL_OF[said.id]}")
+            self.warnings.append(f"PX4 refuses it: {_REFUSAL_OF[said.id]}")
 
     @property
     def armed(self) -> bool:
@@ -123,7 +123,7 @@ class Vehicle:
     @property
     def last_warning(self) -> str:
         """What it said last, for the end of a sentence."""
-        return self.warnings[-1].rstrip(".") if self.warnings else "it gives no reason"
+        return self.warnings[-1].rstrip(".") if self.warnings else "the vehicle reported no reason"
 
 
 def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:

@@ -90,7 +90,7 @@ def _flight(
     findings = list(pilot.findings)
     collided = fleet.collided(row)
     if not pilot.done:
-        message = f"The flight has not ended after {longest_s:.0f} s."
+        message = f"The flight did not end within {longest_s:.0f} s."
         findings.append(found("not_finished", message, pilot.step, longest_s, vehicle))
     track = recorder.track(row)
     if collided:

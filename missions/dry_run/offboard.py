@@ -91,7 +91,7 @@ class OffboardPilot:
             requests = self._runner.start(now_s, self._reading())
         except CannotDo as error:
             self.findings.append(
-                found("start_refused", f"It cannot start: {error}.", None, 0.0, self._vehicle)
+                found("start_refused", f"The mission cannot start: {error}.", None, 0.0, self._vehicle)
             )
             self.done = True
             return

@@ -63,7 +63,7 @@ class FlyableMission:
         )  # fmt: skip
         timeline = compile_mission(mission, vehicle, start, files)
         if not timeline.segments and timeline.decision is None:
-            raise PlanError("the mission", "nothing of it can be flown", "See the findings of its check.")
+            raise PlanError("the mission", "it has no step that can be flown", "See its findings.")
         motion = vehicle.within(mission.limits)
         speed_m_s = min(motion.speed_m_s, mission.limits.speed_m_s or vehicle.limits.vehicle.cruise_m_s)
         return cls(

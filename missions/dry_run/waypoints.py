@@ -72,7 +72,7 @@ def _stored(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ..
     for item in items:
         fields = dataclasses.asdict(item)
         if result_of(kind, fields, as_int=True) != ACCEPTED:
-            reason = f"PX4 does not take command {item.command} in frame {item.frame} there"
+            reason = f"PX4 does not accept command {item.command} in frame {item.frame} there"
             raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or give it another altitude.")
         found.append(fields)
     return tuple(found)

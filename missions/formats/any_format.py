@@ -67,7 +67,7 @@ def recognise(data: bytes, filename: str = "") -> FormatName:
         return "csv"
     raise PlanError(
         "the file",
-        "it is none of the formats that can be read",
+        "its format is not supported",
         "Choose a .plan, .waypoints, .csv, .geojson, .kml, .kmz or .yaml file.",
     )
 

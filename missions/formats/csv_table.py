@@ -58,7 +58,7 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
             items.append(_item(rows.line_num, names, cells, options or ImportOptions()))
     except csv.Error as error:
         raise PlanError(
-            f"line {rows.line_num}", f"no valid CSV ({error})", "Export the table again."
+            f"line {rows.line_num}", f"not valid CSV ({error})", "Export the table again."
         ) from None
     if names is None:
         raise PlanError("the file", "it has no rows", "The first row names the columns: lat_deg, lon_deg.")
@@ -71,7 +71,7 @@ def _names(names: list[str]) -> list[str]:
             fix = "Name it as a field of a mission item: lat_deg, lon_deg, altitude_m, altitude_reference."
             raise PlanError(f"line 1, column {name[:40]!r}", "no item has such a field", fix)
         if names.count(name) > 1:
-            raise PlanError(f"line 1, column {name!r}", "it stands twice", "Remove one of them.")
+            raise PlanError(f"line 1, column {name!r}", "it appears twice", "Remove one of them.")
     return names
 
 
@@ -118,7 +118,7 @@ def _value(line: int, name: str, cell: str) -> Any:
         return int(cell) if cell.lstrip("-").isdigit() and len(cell) < 20 else _number(cell)
     except (ValueError, RecursionError):
         place = f"line {line}, column {name}"
-        raise PlanError(place, f"{cell[:30]!r} is no finite number", "Write a number.") from None
+        raise PlanError(place, f"{cell[:30]!r} is not a finite number", "Write a number.") from None
 
 
 def _number(cell: str) -> float:

@@ -127,9 +127,7 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
 
 def _check_counts(items: Sequence[Any], fence: Sequence[Any], rally: Sequence[Any]) -> None:
     if len(items) > MAX_ITEMS or len(fence) > MAX_FENCE_ZONES or len(rally) > MAX_RALLY_POINTS:
-        most = (
-            f"{MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones, {MAX_RALLY_POINTS} rally points are the most"
-        )
+        most = f"{MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones, {MAX_RALLY_POINTS} rally points at most"
         raise PlanError("the file", most, "Split the plan into smaller ones.")
 
 
@@ -165,7 +163,7 @@ def _foreign(feature: Feature, options: ImportOptions, items: list[SimpleItem], 
         if feature.altitude is not None and z is not None:
             altitude = feature.altitude.model_copy(update={"value_m": z})
         if altitude is None:
-            reason = "the file does not say above what its altitude counts"
+            reason = "the file does not state its altitude reference"
             raise PlanError("its altitude", reason, "Give an altitude with its reference for the import.")
         checked = Altitude.model_validate(altitude.model_dump())
         items.append(Waypoint(lat_deg=lat, lon_deg=lon, altitude=checked))

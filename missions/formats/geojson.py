@@ -80,7 +80,7 @@ def _geometry(kind: Any, raw: Any, properties: dict[str, Any], name: str, place:
                 raise PlanError(place, "the polygon has no corners", "Correct the area.")
             return Feature("area", tuple(open_ring(ring) for ring in rings), properties, name)
         case _:
-            reason = f"{str(kind)[:30]!r} is no GeoJSON geometry"
+            reason = f"{str(kind)[:30]!r} is not a GeoJSON geometry"
             raise PlanError(place, reason, "Choose a GeoJSON file.")
 
 

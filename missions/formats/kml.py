@@ -120,7 +120,7 @@ def _parse(text: str) -> Element:
         line, column = getattr(error, "position", (1, 0))
         place = f"line {line}, column {column + 1}"
         raise PlanError(
-            place, f"no valid XML ({str(error).partition(':')[0]})", "Export the file again."
+            place, f"not valid XML ({str(error).partition(':')[0]})", "Export the file again."
         ) from None
     except DefusedXmlException:
         raise PlanError("the KML file", "it has entities or a document type", "Remove them.") from None
@@ -191,7 +191,7 @@ def _coordinate(text: str, name: str) -> Coordinate:
     except ValueError:
         values = []
     if not 2 <= len(values) <= 3 or not all(math.isfinite(value) and abs(value) <= 1e9 for value in values):
-        reason = f"{text[:40]!r} is no longitude, latitude, altitude"
+        reason = f"{text[:40]!r} is not longitude, latitude, altitude"
         raise PlanError(f"placemark {name!r}", reason, "Correct this coordinate.")
     return (values[0], values[1], values[2] if len(values) == 3 else None)
 

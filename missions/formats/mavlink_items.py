@@ -282,7 +282,7 @@ def fence_from_wire(items: Sequence[WireItem]) -> tuple[FenceZone, ...]:
     """The geofence that a vehicle holds.
 
     Raises:
-        PlanError: An item is none of a fence, or a polygon's corners are missing; names the item.
+        PlanError: An item is not a geofence command, or a polygon's corners are missing; names the item.
     """
     zones: list[FenceZone] = []
     position = 0
@@ -311,12 +311,12 @@ def _corners(items: Sequence[WireItem], first: int) -> tuple[Point, ...]:
         MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
         MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     ):
-        raise PlanError(place, f"command {head.command} is none of a fence", "Upload the fence again.")
+        raise PlanError(place, f"command {head.command} is not a geofence command", "Upload the fence again.")
     count = int(head.param1) if math.isfinite(head.param1) and 3 <= head.param1 <= len(items) else 0
     part = items[first : first + count]
     if not count or len(part) < count or any(each.command != head.command for each in part):
         raise PlanError(
-            place, f"its polygon has not the {head.param1:g} corners it says", "Upload the fence again."
+            place, f"its polygon does not have the {head.param1:g} corners it says", "Upload the fence again."
         )
     return tuple(_place(each) for each in part)
 
@@ -325,13 +325,13 @@ def rally_from_wire(items: Sequence[WireItem]) -> tuple[RallyPoint, ...]:
     """The rally points that a vehicle holds.
 
     Raises:
-        PlanError: An item is no rally point, or has a value that cannot be; names it.
+        PlanError: An item is not a rally point, or has a value that cannot be; names it.
     """
     found: list[RallyPoint] = []
     for number, item in enumerate(items, start=1):
         reference = REFERENCE_OF_FRAME.get(item.frame)
         if item.command != MAV_CMD_NAV_RALLY_POINT or reference is None:
-            reason = f"command {item.command} in frame {item.frame} is no rally point"
+            reason = f"command {item.command} in frame {item.frame} is not a rally point"
             raise PlanError(f"rally item {number}", reason, "Upload the rally points again.")
         try:
             place, altitude = _place(item), Altitude(value_m=item.z, reference=reference)

@@ -27,7 +27,7 @@ def an_object(raw: Any, place: str) -> dict[str, Any]:
         PlanError: It is not.
     """
     if not isinstance(raw, dict):
-        raise PlanError(place, "it is missing or no object", "Export the plan again.")
+        raise PlanError(place, "it is missing or not an object", "Export the plan again.")
     return raw
 
 
@@ -38,7 +38,7 @@ def a_list(raw: Any, place: str) -> list[Any]:
         PlanError: It is not.
     """
     if not isinstance(raw, list):
-        raise PlanError(place, "it is missing or no list", "Export the plan again.")
+        raise PlanError(place, "it is missing or not a list", "Export the plan again.")
     return raw
 
 
@@ -58,9 +58,9 @@ def number(raw: Any, place: str) -> float:
         PlanError: It is not.
     """
     if isinstance(raw, bool) or not isinstance(raw, int | float):
-        raise PlanError(place, "it is missing or no number", "Write a number.")
+        raise PlanError(place, "it is missing or not a number", "Write a number.")
     if not math.isfinite(raw) or abs(raw) > 1e9:
-        raise PlanError(place, "it is too large to be anything", "Correct this value.")
+        raise PlanError(place, "it is out of range", "Correct this value.")
     return float(raw)
 
 

@@ -37,7 +37,7 @@ def read(data: bytes | str) -> Imported:
         raise PlanError("line 1", f'it is not "{HEADER}"', "Choose a .waypoints file.")
     rows = [(n, line.split()) for n, line in enumerate(lines[1:], start=2) if line.strip()]
     if len(rows) > MAX_ITEMS + 1:
-        raise PlanError("the file", f"{len(rows)} items, {MAX_ITEMS} are the most", "Split the plan.")
+        raise PlanError("the file", f"{len(rows)} items, the maximum is {MAX_ITEMS}", "Split the plan.")
     values = [_row(n, cells) for n, cells in rows]
     home: HomePosition | None = None
     if values and _is_home(values[0]):
@@ -61,9 +61,9 @@ def _value(line: int, column: str, cell: str) -> float | None:
     try:
         value = float(cell)
     except ValueError:
-        raise PlanError(place, f"{cell[:30]!r} is no number", "Write a number.") from None
+        raise PlanError(place, f"{cell[:30]!r} is not a number", "Write a number.") from None
     if not math.isfinite(value) or abs(value) > 1e9:
-        raise PlanError(place, f"{cell[:30]!r} is no value that can be", "Correct this value.")
+        raise PlanError(place, f"{cell[:30]!r} is not a possible value", "Correct this value.")
     if column in ("frame", "command") and not value.is_integer():
         raise PlanError(place, f"{cell[:30]!r} is not a whole number", "Write a whole number.")
     return value

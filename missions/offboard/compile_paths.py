@@ -96,7 +96,7 @@ def add_curve(state: State, curve: TimedCurve, title: str, photo_every_m: float 
 def _photos(curve: TimedCurve, every_m: float) -> tuple[Event, ...]:
     """A picture at the beginning and after each distance flown."""
     if curve.length_m / every_m > MAX_PHOTOS:
-        reason = f"{curve.length_m / every_m:.0f} pictures, {MAX_PHOTOS} are the most"
+        reason = f"{curve.length_m / every_m:.0f} pictures, the maximum is {MAX_PHOTOS}"
         raise PlanError("field photo_every_m", reason, "Give a longer distance.")
     times = np.linspace(0.0, curve.duration_s, 20 * (10 + int(curve.duration_s)))
     places = curve.many(times).position_ned_m

@@ -163,7 +163,7 @@ def _next(frame: _Frame | None) -> tuple[MissionStep, str, _Frame | None] | None
 
 def _branch(state: State, step: Branch, frame: _Frame | None, decisions: int) -> Timeline:
     c = step.condition
-    _check_condition(state, c, "the mission goes on with `otherwise`")
+    _check_condition(state, c, "the mission continues with `otherwise`")
     decision = Decision(state.place, c.value, c.above, c.below, c.for_s)
     ways: list[Timeline] = []
     for word, steps in (("then", step.then), ("otherwise", step.otherwise)):
@@ -219,7 +219,9 @@ def _carry_out(state: State, step: Any) -> None:
 
 def _take_off(state: State, step: TakeOff) -> None:
     if state.in_air:
-        state.report("takeoff_in_air", "A take-off, but the vehicle is flying already.", "Remove it.")
+        state.report(
+            "takeoff_in_air", "The mission takes off, but the vehicle is already flying.", "Remove it."
+        )
         return
     north, east, down = state.position_ned_m
     state.in_air = True
@@ -244,7 +246,7 @@ def _wait_step(state: State, step: Wait) -> None:
         _wait(state, "person", 0.0, state.position_ned_m, step.timeout_s, **rest)
         return
     c = step.until
-    _check_condition(state, c, f"after {step.timeout_s:g} s it does {step.on_timeout}")
+    _check_condition(state, c, f"after {step.timeout_s:g} s the action is {step.on_timeout}")
     rest |= {"value": c.value, "above": c.above, "below": c.below, "for_s": c.for_s}
     _wait(state, "condition", c.for_s, state.position_ned_m, step.timeout_s, **rest)
 
@@ -290,7 +292,7 @@ def _gimbal(state: State, step: Gimbal) -> None:
     else:
         steepest_rad = abs(step.pitch_rad) + (step.sweep_pitch_rad if step.track == "sweep" else 0.0)
         if steepest_rad > 1.5708:
-            message = f"The gimbal is asked for a pitch of {steepest_rad:.2f} rad."
+            message = f"The gimbal is commanded to a pitch of {steepest_rad:.2f} rad."
             state.report("gimbal_steep", message, "Stay within straight up and straight down (1.57 rad).")
         place = (0.0, 0.0, 0.0) if step.place is None else state.locate(step.place)
         state.gimbal = GimbalTrack(

@@ -134,7 +134,7 @@ def _depth(mission: OffboardMission, name: str, depths: dict[str, int], above: t
     """Depth of nested calls from this mission downwards."""
     if name in above:
         circle = " → ".join((*above[above.index(name) :], name))
-        raise PlanError(f"mission {name!r}", f"the calls run in a circle ({circle})", "Remove one of them.")
+        raise PlanError(f"mission {name!r}", f"the calls form a loop ({circle})", "Remove one of them.")
     if name not in depths:
         deepest = 0
         for called in dict.fromkeys(_calls(mission.missions[name])):

@@ -28,14 +28,14 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
     "condition_never": ("warning", "a condition that can never become true"),
     "condition_unreported": ("warning", "a condition on a value that the vehicle does not report"),
-    "gimbal_steep": ("warning", "the gimbal is asked for more than straight up or down"),
-    "separation": ("error", "two vehicles of the mission come too near to each other by plan"),
+    "gimbal_steep": ("warning", "the gimbal is commanded beyond straight up or down"),
+    "separation": ("error", "the planned paths of two vehicles come too close"),
     "separation_unknown": (
         "warning",
-        "where the vehicles stand is not known, so nothing is said of their separation",
+        "the positions of the vehicles are not known, so their separation cannot be checked",
     ),
     "length_exceeded": ("warning", "longer than the operator's limit"),
-    "endurance_exceeded": ("warning", "more energy than the battery gives"),
+    "endurance_exceeded": ("warning", "more energy than the battery provides"),
 }
 """Every code: its severity, and what it means."""
 

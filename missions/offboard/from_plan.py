@@ -101,7 +101,7 @@ def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Con
         _item(maker, step.item, f"item {step.row + 1} ({step.item.kind.replace('_', ' ')})")
     maker.flush()
     if len(maker.steps) > s.MAX_STEPS:
-        reason = f"it becomes {len(maker.steps)} steps, {s.MAX_STEPS} are the most"
+        reason = f"it becomes {len(maker.steps)} steps, the maximum is {s.MAX_STEPS}"
         raise PlanError("the plan", reason, "Split the plan.")
     if not any(isinstance(step, s.Fly) for step in maker.steps):
         raise PlanError("the plan", "it has no item that is flown to", "Add a waypoint.")

@@ -32,7 +32,7 @@ def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
     found: list[MissionFinding] = []
     if work.mission.fence:
         if work.start.origin is None:
-            message = "The geofence is given on the earth, and the local origin is not known."
+            message = "The geofence needs a global position of the local origin, which is not known."
             found.append(MissionFinding("fence_unknown", message, None, "Give the mission a home."))
         else:
             area = allowed_area(work.mission.fence, work.start.origin)
@@ -132,7 +132,7 @@ def _totals(timeline: Timeline, work: Work) -> Iterator[MissionFinding]:
     power, needed_wh = limits.power, energy_wh(timeline, work)
     if power is not None and needed_wh is not None and needed_wh > power.usable_wh:
         message = (
-            f"The flight takes {needed_wh:.0f} Wh ({timeline.duration_s / 60:.0f} min), the battery gives "
+            f"The flight takes {needed_wh:.0f} Wh ({timeline.duration_s / 60:.0f} min), the battery provides "
             f"{power.usable_wh:.0f} Wh with {power.reserve:.0%} in reserve."
         )
         yield MissionFinding("endurance_exceeded", message, None, "Shorten the mission.")

@@ -34,7 +34,7 @@ def read(data: str | bytes) -> OffboardMission:
     """
     text = decode(data)
     if len(text) > MAX_BYTES:
-        reason = f"{len(text) / 1e6:.1f} MB are too large, {MAX_BYTES // 1_048_576} MiB are the most"
+        reason = f"{len(text) / 1e6:.1f} MB are too large, {MAX_BYTES // 1_048_576} MiB is the maximum"
         raise PlanError("the file", reason, "Give its trajectories (`tables`) fewer rows.")
     lines: dict[Path, int] = {}
     value = _parse(text, lines)
@@ -91,7 +91,7 @@ def _parse(text: str, lines: dict[Path, int]) -> Any:
         place = "the file" if mark is None else f"line {min(mark.line, text.count(chr(10))) + 1}"
         problem = str(getattr(error, "problem", None) or "it cannot be read")[:200]
         raise PlanError(
-            place, f"no valid YAML ({problem})", "Check indentation, brackets and quotes."
+            place, f"not valid YAML ({problem})", "Check indentation, brackets and quotes."
         ) from None
     finally:
         loader.dispose()
@@ -140,7 +140,9 @@ class _Reader:
             if not isinstance(event, yaml.ScalarEvent) or getattr(event, "anchor", None) is not None:
                 raise PlanError(f"line {line}", "a key is not a plain word", "Write `key: value`.")
             if event.value in found:
-                raise PlanError(f"line {line}", f"key {event.value[:60]!r} stands twice", "Keep one of them.")
+                raise PlanError(
+                    f"line {line}", f"key {event.value[:60]!r} appears twice", "Keep one of them."
+                )
             found[event.value] = self.value((*path, event.value))
         self._loader.get_event()
         return found

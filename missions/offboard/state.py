@@ -155,6 +155,6 @@ class State:
         asked_m_s = step.speed_m_s or bound or cruise_m_s
         most_m_s = min(motion.speed_m_s, bound or math.inf)
         if asked_m_s > most_m_s:
-            message = f"A speed of {asked_m_s:g} m/s is asked for; the limit is {most_m_s:g} m/s."
+            message = f"A speed of {asked_m_s:g} m/s is requested; the limit is {most_m_s:g} m/s."
             self.report("speed_too_high", message, "Lower the speed, or raise the limit.")
         return replace(motion, speed_m_s=min(asked_m_s, most_m_s))

@@ -61,7 +61,7 @@ def _csv(data: bytes) -> list[list[float]]:
         lines = [line for line in reader if line]
     except csv.Error as error:
         raise PlanError(
-            f"line {reader.line_num}", f"no valid CSV ({error})", "Export the table again."
+            f"line {reader.line_num}", f"not valid CSV ({error})", "Export the table again."
         ) from None
     if header not in (list(COLUMNS), list(COLUMNS[:4])):
         reason = f"the columns are {', '.join(header)[:100] or 'missing'}"
@@ -91,7 +91,9 @@ def _array(data: bytes) -> list[list[float]]:
             raise ValueError("the file is shorter than it says")
         found = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, OSError, EOFError, OverflowError) as error:
-        raise PlanError("the table", f"no NumPy array ({error!s:.100})", "Save it with numpy.save.") from None
+        raise PlanError(
+            "the table", f"not a NumPy array ({error!s:.100})", "Save it with numpy.save."
+        ) from None
     if found.ndim != 2 or found.shape[1] not in (4, 5) or found.dtype.kind not in "fiu":
         reason = f"shape {found.shape} of {found.dtype}"
         raise PlanError("the table", reason, f"Give numbers (N, 4 or 5): {', '.join(COLUMNS)}.")

@@ -45,7 +45,7 @@ def corridor(
     middle = chart.line(points)
     count = max(1, math.ceil(width_m / coverage.spacing_m - 1e-9))
     if count > MAX_LINES:
-        raise PlanError("the lines", f"there would be {count}, {MAX_LINES} are the most", "Fly higher.")
+        raise PlanError("the lines", f"there would be {count}, the maximum is {MAX_LINES}", "Fly higher.")
     spacing_m = width_m / count
     items: list[SimpleItem] = []
     lines: list[tuple[Point, Point]] = []

@@ -75,13 +75,13 @@ class Map:
             PlanError: Its sides cross, or it has no area.
         """
         if len(outer) < 3 or any(len(hole) < 3 for hole in holes):
-            raise PlanError("the area", "a side has fewer than 3 corners", "Draw it anew.")
+            raise PlanError("the area", "a side has fewer than 3 corners", "Draw it again.")
         shape = Polygon(
             [self.local(each) for each in outer], [[self.local(each) for each in hole] for hole in holes]
         )
         if not shape.is_valid or shape.area < 1.0:
             reason = shapely.is_valid_reason(shape) if not shape.is_valid else "it is smaller than 1 m²"
-            raise PlanError("the area", f"its sides cross or touch ({reason})", "Draw it anew.")
+            raise PlanError("the area", f"its sides cross or touch ({reason})", "Draw it again.")
         return shape
 
     def line(self, points: Sequence[Point]) -> LineString:
@@ -91,10 +91,10 @@ class Map:
             PlanError: It has no length.
         """
         if len(points) < 2:
-            raise PlanError("the line", "it has fewer than 2 points", "Draw it anew.")
+            raise PlanError("the line", "it has fewer than 2 points", "Draw it again.")
         shape = LineString([self.local(each) for each in points])
         if shape.length < 1.0:
-            raise PlanError("the line", "it is shorter than 1 m", "Draw it anew.")
+            raise PlanError("the line", "it is shorter than 1 m", "Draw it again.")
         return shape
 
 

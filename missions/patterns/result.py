@@ -63,7 +63,7 @@ def bounded(items: Sequence[SimpleItem]) -> tuple[SimpleItem, ...]:
         PlanError: It has not.
     """
     if len(items) > MAX_ITEMS:
-        reason = f"it has {len(items)} items, {MAX_ITEMS} are the most"
+        reason = f"it has {len(items)} items, the maximum is {MAX_ITEMS}"
         raise PlanError("the pattern", reason, "Split it into smaller ones.")
     return tuple(items)
 

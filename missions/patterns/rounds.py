@@ -60,7 +60,7 @@ def orbit(
     """
     if not 1.0 <= radius_m <= 10_000.0 or not 0.0 < deviation_m <= radius_m:
         raise PlanError(
-            "field radius_m", f"{radius_m:g} m with {deviation_m:g} m cannot be", "Set 1 to 10,000 m."
+            "field radius_m", f"{radius_m:g} m with {deviation_m:g} m is not possible", "Set 1 to 10,000 m."
         )
     corners = max(8, math.ceil(math.pi / math.acos(1.0 - deviation_m / radius_m)))
     chart = Map.about([center], "the centre")
@@ -106,7 +106,7 @@ def structure(scan: StructureScan) -> Pattern:
     """
     if not 0.0 < scan.lowest_m <= 10_000.0 or not 0.0 < scan.height_m <= 10_000.0:
         raise PlanError(
-            "field height_m", f"{scan.height_m:g} m with {scan.lowest_m:g} m cannot be", "Correct it."
+            "field height_m", f"{scan.height_m:g} m with {scan.lowest_m:g} m is not possible", "Correct it."
         )
     chart = Map.about(scan.outline, "the outline")
     ring = _ring(chart.polygon(scan.outline), scan.coverage.distance_m)
@@ -141,7 +141,7 @@ def layer_heights(scan: StructureScan) -> list[float]:
     count = 1 + max(0, math.ceil((highest_m - scan.lowest_m) / spacing_m - 1e-9))
     if count > MAX_ROUNDS:
         raise PlanError(
-            "the layers", f"there would be {count}, {MAX_ROUNDS} are the most", "Ask for less overlap."
+            "the layers", f"there would be {count}, the maximum is {MAX_ROUNDS}", "Reduce the overlap."
         )
     step_m = (highest_m - scan.lowest_m) / max(1, count - 1)
     return [scan.lowest_m + number * step_m for number in range(count)]
@@ -166,7 +166,9 @@ def _ring(area: Polygon, offset_m: float) -> list[East]:
     """The corners of the grown area's outline, clockwise, without the first again."""
     grown = area.buffer(offset_m, join_style="mitre", mitre_limit=MITRE_LIMIT)
     if grown.geom_type != "Polygon" or grown.is_empty:
-        raise PlanError("field offset_m", "the area falls apart or vanishes at this distance", "Come nearer.")
+        raise PlanError(
+            "field offset_m", "at this distance the area is empty or in several parts", "Come nearer."
+        )
     corners = [(float(x), float(y)) for x, y in grown.exterior.coords[:-1]]
     return corners if not grown.exterior.is_ccw else corners[::-1]
 

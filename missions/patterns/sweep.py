@@ -92,8 +92,8 @@ def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
     x_min, y_min, x_max, y_max = turned.bounds
     count = max(1, math.ceil((y_max - y_min) / spacing_m - 1e-9))
     if count > MAX_LINES:
-        fix = "Fly higher, ask for less overlap, or split the area."
-        raise PlanError("the lines", f"there would be {count} of them, {MAX_LINES} are the most", fix)
+        fix = "Fly higher, reduce the overlap, or split the area."
+        raise PlanError("the lines", f"there would be {count} of them, the maximum is {MAX_LINES}", fix)
     first = (y_min + y_max) / 2.0 - (count - 1) * spacing_m / 2.0
     back = math.radians(-turn_deg)
     cos, sin = math.cos(back), math.sin(back)
@@ -104,7 +104,7 @@ def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
         for low, high in _extents(turned.intersection(band)):
             total += 1
             if total > MAX_LINES:
-                fix = "Fly higher, ask for less overlap, or split the area."
+                fix = "Fly higher, reduce the overlap, or split the area."
                 raise PlanError("the lines", f"there are more than {MAX_LINES} of them", fix)
             yield (
                 (low * cos - y * sin, low * sin + y * cos),

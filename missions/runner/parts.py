@@ -119,7 +119,7 @@ class LandPart(Part):
         self.done = reading.armed is False or down_for_s >= DOWN_FOR_S
         if not self.done and not self._told and now_s - self._began_s > self._segment.timeout_s:
             self._told = True
-            text = f"The landing has taken longer than {self._segment.timeout_s:g} s; it goes on."
+            text = f"The landing has taken longer than {self._segment.timeout_s:g} s; it continues."
             return [Tell("landing_late", text, warning=True)]
         return []
 

@@ -139,8 +139,10 @@ class Runner:
         """
         part = self._part
         if self._suspended or not isinstance(part, StretchPart) or not part.answer():
-            raise CannotDo("it waits for nobody", "Look at the mission's status: it says what it waits for.")
-        self._tell("answered", f"{by} said to go on.")
+            raise CannotDo(
+                "it is not waiting for the operator", "The mission's status says what it is waiting for."
+            )
+        self._tell("answered", f"{by} continued the mission.")
         return self._taken()
 
     def abort(self, reading: Reading, by: str, then: str = "hold") -> list[Request]:
@@ -326,7 +328,7 @@ class Runner:
         if not ours or reading.on_ground:
             self._taken_over(reading)
         elif action == "continue":
-            self._tell("link_back", "The link was lost and is back: going on.")
+            self._tell("link_back", "The link was lost and is back: continuing.")
             self._begin_part(now_s, reading)
         else:
             self._act(action, "The link was lost and is back", reading)
@@ -341,7 +343,7 @@ class Runner:
             self._tell("control_taken", f"{why}: paused.", warning=True)
             return
         if action == "continue" or isinstance(self._part, LandPart):
-            self._tell("continued", f"{why}: going on.", warning=True)
+            self._tell("continued", f"{why}: continuing.", warning=True)
             return
         if reading.on_ground and not reading.armed:
             self._suspend(why)
@@ -363,7 +365,7 @@ class Runner:
         what = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
         if what not in self._payload_told:
             self._payload_told.add(what)
-            self._tell("payload", f"{what}: {text}. The mission goes on.", warning=True)
+            self._tell("payload", f"{what}: {text}. The mission continues.", warning=True)
 
     def _in_charge(self, what: str) -> Part:
         self._require_not_over(what)
@@ -373,7 +375,7 @@ class Runner:
 
     def _require_not_over(self, what: str) -> None:
         if self._over is not None:
-            raise CannotDo(f"it is over, there is nothing to {what}", "Start it anew.")
+            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it anew.")
 
     def _tell(self, code: str, text: str, *, warning: bool = False) -> None:
         self._out.append(Tell(code, text, warning))

@@ -199,7 +199,7 @@ class StretchPart(Part):
             what = "No answer" if segment.kind == "person" else "The condition did not come true"
             text = f"{what} within {segment.timeout_s:g} s ({segment.place})"
             if segment.on_timeout == "continue":
-                return [*out, Tell("timeout", f"{text}: going on."), *self._past(played)]
+                return [*out, Tell("timeout", f"{text}: continuing."), *self._past(played)]
             self.failure = Failure(segment.on_timeout, text)
         return out
 

@@ -66,7 +66,7 @@ class FlightWatch:
             self._owner = None
             if not self._control_lost_told:
                 self._control_lost_told = True
-                yield Failure(self._flight.actions.control_lost, "Nobody has control any more")
+                yield Failure(self._flight.actions.control_lost, "No client has control")
             return
         taken, self._owner = self._owner is not None, holder
         self._control_lost_told = False

@@ -38,7 +38,7 @@ def check_points(points: Sequence[PassPoint]) -> None:
     if not points:
         raise PlanError("the trajectory", "it has no points", "Add at least one point.")
     if len(points) > MAX_POINTS:
-        reason = f"{len(points)} points, {MAX_POINTS} are the most"
+        reason = f"{len(points)} points, the maximum is {MAX_POINTS}"
         raise PlanError("the trajectory", reason, "Split it into several.")
     for number, point in enumerate(points, 1):
         if not all(abs(axis) <= FARTHEST_M for axis in point.position_ned_m):

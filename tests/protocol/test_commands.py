@@ -202,7 +202,7 @@ def test_progress_prolongs_the_wait(kit, jump):
         assert vehicle.status.armed
         assert 0.84 in told
         news = [e for e in heard if e.kind == "progress"]
-        assert news[0].text == f"Asking vehicle {vehicle.id} to arm"
+        assert news[0].text == f"Commanding vehicle {vehicle.id} to arm"
         wanted = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
         assert wanted in [dict(e.data) for e in news]
         assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # kept in no history

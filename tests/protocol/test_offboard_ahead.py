@@ -198,7 +198,7 @@ def test_the_failsafe_is_told_before_the_start_and_set_verified(jump):
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.set_failsafe(None, 0.5)
         pilot.stored = lambda message: 2.0  # it keeps its own
-        with pytest.raises(Rejected, match="keeps COM_OF_LOSS_T"):
+        with pytest.raises(Rejected, match="still has COM_OF_LOSS_T"):
             await vehicle.offboard.set_failsafe(None, 5.0)
 
     flight(jump, story)

@@ -61,7 +61,7 @@ def world_of(fields: Fields) -> World:
     lidars = _lidars(fields.mapping("lidars"))
     fields.finish()
     if len(entries) > MOST_OBSTACLES:
-        raise fields.problem(None, f"has {len(entries)} obstacles; {MOST_OBSTACLES} are the most")
+        raise fields.problem(None, f"has {len(entries)} obstacles; the maximum is {MOST_OBSTACLES}")
     return World(name, terrain, tuple(entries), lidars)
 
 

@@ -201,7 +201,7 @@ class Groups:
                 self._end(group, None)
             elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
                 group.state = "flying"
-                self._announce(group, f"Group {group.id} has begun: {listed(group.members)} fly together.")
+                self._announce(group, f"Group {group.id} has started: {listed(group.members)} fly together.")
             elif group.state in ("waiting", "flying") and not phases & {"streaming"}:
                 group.state = "holding"
                 self._announce(group, f"Group {group.id} is being stopped.")
@@ -291,7 +291,9 @@ class Groups:
         )
         group.state, group.guard = "waiting", guard.state()
         self._streams.watch(guard)
-        self._announce(group, f"Group {group.id}: all are in Offboard and begin together in {lead_s:.1f} s.")
+        self._announce(
+            group, f"Group {group.id}: all members are in Offboard and start together in {lead_s:.1f} s."
+        )
 
     async def _abort_start(self, group: Group, why: str) -> None:
         failed = await self._hold(group, list(group.numbers))

@@ -95,8 +95,8 @@ class Conflict:
             )
         if self.while_stopping:
             return (
-                f"After {self.after_s:.1f} s vehicles {a} and {b} would be so near and so fast that stopping "
-                f"both leaves {self.distance_m:.1f} m between them ({wanted}), vehicle {a} {where}."
+                f"After {self.after_s:.1f} s vehicles {a} and {b} would be so close and so fast that "
+                f"stopping both leaves {self.distance_m:.1f} m between them ({wanted}), vehicle {a} {where}."
             )
         return (
             f"After {self.after_s:.1f} s vehicles {a} and {b} would come within {self.distance_m:.1f} m of "

@@ -114,7 +114,7 @@ class MissionFlight:
         reading = self.reading()
         if reading.estimates is None:
             raise Refused(
-                f"Vehicle {self._vehicle.id} sends no attitude just now.",
+                f"Vehicle {self._vehicle.id} does not report its attitude now.",
                 remedy="Check its link, then try again.",
             )
         requests = _asked(self._runner.start, self._now_s, reading)
@@ -295,7 +295,7 @@ class MissionFlight:
         sample = self._vehicle.topic("global_position")
         if sample is None or not isinstance(sample.value, GlobalPosition):
             raise Refused(
-                f"Vehicle {self._vehicle.id} does not know its height above home.",
+                f"Vehicle {self._vehicle.id} reports no altitude above home.",
                 remedy="Wait for GPS and the estimator, then resume the mission.",
             )
         return sample.value.alt_home_m

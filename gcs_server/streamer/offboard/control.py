@@ -41,7 +41,7 @@ CHECK_PERIOD_S = 0.02
 """How often the end of pre-streaming is checked."""
 ENDS_IN = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
 """The mode that a stream requests in each of its final phases."""
-MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so a setpoint has nowhere to go."
+MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so the setpoint was not sent."
 
 
 class OffboardControl:

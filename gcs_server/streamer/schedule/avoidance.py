@@ -110,7 +110,9 @@ class AvoidanceStage:
         elif doing.text:
             self._reports.append(StreamEvent("avoidance", NOTICE, doing.text))
         elif before is not None:
-            self._reports.append(StreamEvent("avoidance", NOTICE, "The way is free: flying as ordered."))
+            self._reports.append(
+                StreamEvent("avoidance", NOTICE, "The way is clear: following the setpoint.")
+            )
 
 
 def _flown(ordered: DirectSetpoint, adjusted: Adjusted) -> DirectSetpoint:

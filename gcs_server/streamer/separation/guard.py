@@ -282,8 +282,8 @@ class GroupGuard:
             if left_m < self.minimum_m + margin:
                 why = (
                     f"Vehicles {a} and {b} are {apart_m:.1f} m apart, and stopping both now leaves "
-                    f"{left_m:.1f} m (at least {self.minimum_m:g} m are to be kept, and {margin:.1f} m of "
-                    "margin for what is not known exactly)"
+                    f"{left_m:.1f} m (the minimum is {self.minimum_m:g} m plus {margin:.1f} m margin for "
+                    "estimation errors)"
                 )
                 self._stop(now_s, actions, "separation", (a, b), why, apart_m)
 

@@ -49,7 +49,7 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, limited_p
     """
     bounds = snapshot.bounds
     if limited_place and bounds.unknown is not None:
-        raise Refused(f"The operator's limits cannot be kept: {bounds.unknown}.", remedy=LIMITS_REMEDY)
+        raise Refused(f"The operator's limits cannot be enforced: {bounds.unknown}.", remedy=LIMITS_REMEDY)
     region = bounds.region
     for segment in segments:
         places = _places(segment)
@@ -93,7 +93,7 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limite
     if limited_place and (bounds.unknown is not None or here is None):
         why = bounds.unknown or "the vehicle has no valid position estimate"
         raise Refused(
-            f"The operator's limits cannot be kept: {why}.",
+            f"The operator's limits cannot be enforced: {why}.",
             remedy=LIMITS_REMEDY,
         )
     if here is None:

@@ -123,7 +123,7 @@ class MissionService:
             found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
             if wrong := [each for each in found if each.essential]:
                 raise Rejected(
-                    f"Vehicle {self._vehicle.id} has something else than was sent: {wrong[0].text()}.",
+                    f"Vehicle {self._vehicle.id} has a different plan from the one sent: {wrong[0].text()}.",
                     reasons=tuple(each.text() for each in wrong),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )

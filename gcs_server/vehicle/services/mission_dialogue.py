@@ -210,7 +210,7 @@ class Upload(Dialogue):
     def _take_busy(self, now_s: float) -> None:
         if self._busy >= len(BUSY_RETRIES_S):
             raise Rejected(
-                f"Vehicle {self.target.vehicle_id} is busy with another transfer and takes no "
+                f"Vehicle {self.target.vehicle_id} is busy with another transfer and does not accept the "
                 f"{NAME_OF[self.part]}.",
                 remedy="Another ground station may be uploading: wait until it is done.",
             )
@@ -291,7 +291,7 @@ class Download(Dialogue):
             return []
         if message.count > MAX_ITEMS:
             raise Rejected(
-                f"Vehicle {self.target.vehicle_id} says that its {NAME_OF[self.part]} has {message.count} "
+                f"Vehicle {self.target.vehicle_id} reports that its {NAME_OF[self.part]} has {message.count} "
                 f"items; more than {MAX_ITEMS} are not read."
             )
         self._count, self.opaque_id = message.count, message.opaque_id or None

@@ -303,7 +303,7 @@ class ParamService:
             if not seen:
                 raise
             raise Rejected(
-                f"Vehicle {self._vehicle.id} keeps {name} at {seen[-1].value}, not {wanted}.",
+                f"Vehicle {self._vehicle.id} still has {name} = {seen[-1].value}, not {wanted}.",
                 remedy="It may be limited by another parameter; see the vehicle's messages.",
             ) from None
 

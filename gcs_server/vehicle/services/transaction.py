@@ -212,7 +212,7 @@ class Transaction:
                 f"Vehicle {vehicle.id} did not answer the request to {goal.what} "
                 f"within {goal.deadline_s:g} s.",
                 deadline_s=goal.deadline_s,
-                remedy="Check the link, then look at the vehicle's state before asking again.",
+                remedy="Check the link, then check the vehicle's state before you repeat the command.",
             )
 
     def _settle_s(self) -> float:
@@ -243,8 +243,8 @@ class Transaction:
         resend_s = RESEND_ACCEPTED_S if self._accepted else RESEND_S
         self._next_send_s = now_s + (self._goal.repeat_s or resend_s)
         if self._progress is not None:
-            again = f" ({self._sent}. attempt)" if self._sent > 1 else ""
-            self._progress(f"Asking vehicle {self._vehicle.id} to {self._goal.what}{again}", None)
+            again = f" (attempt {self._sent})" if self._sent > 1 else ""
+            self._progress(f"Commanding vehicle {self._vehicle.id} to {self._goal.what}{again}", None)
 
     def _ask(self, now_s: float) -> None:
         identity = self._vehicle.identity

@@ -64,11 +64,11 @@ def test_our_own_document_comes_back_the_same():
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (b"\x00\x01", "none of the formats"),
-        (b"", "none of the formats"),
+        (b"\x00\x01", "format is not supported"),
+        (b"", "format is not supported"),
         (b'{"fileType": "Parameters"}', "neither a plan"),
-        (b'{"a": ', "no valid JSON"),
-        (b"kind,lat_deg\n", "none of the formats"),
+        (b'{"a": ', "not valid JSON"),
+        (b"kind,lat_deg\n", "format is not supported"),
     ],
 )
 def test_a_file_of_no_known_format_is_refused_in_words(data, reason):

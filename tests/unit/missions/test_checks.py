@@ -166,7 +166,7 @@ def test_a_check_that_fails_is_a_finding_and_the_others_are_made(monkeypatch: py
     monkeypatch.setattr(check_items, "RULES", (broken_rule, *check_items.RULES))
     found = check(a_plan(TAKEOFF, to(2001)))
     assert [finding.code for finding in found] == ["check_failed", "leg_too_long"]
-    assert "broken rule could not be made: RuntimeError('out of order')" in found[0].message
+    assert "broken rule could not be carried out: RuntimeError('out of order')" in found[0].message
 
 
 @settings(deadline=None, max_examples=40)

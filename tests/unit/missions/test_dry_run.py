@@ -110,7 +110,7 @@ def test_an_item_that_px4_does_not_store_is_named():
     terrain = at(Takeoff, 0.0, 0.0, 5.0).model_copy(
         update={"altitude": Altitude(value_m=5.0, reference="terrain")}
     )
-    with pytest.raises(PlanError, match="item 1: PX4 does not take command 22 in frame 11"):
+    with pytest.raises(PlanError, match="item 1: PX4 does not accept command 22 in frame 11"):
         flyable(Plan(planned_home=HOME, items=(terrain,)))
     with pytest.raises(PlanError, match="nothing to fly"):
         flyable(Plan(planned_home=HOME))

@@ -112,12 +112,12 @@ def test_an_item_without_a_place_is_never_sent_to_zero_degrees() -> None:
 @pytest.mark.parametrize("count", [2.0, 5.0, math.nan, 1e30])
 def test_a_fence_with_missing_corners_is_refused(count: float) -> None:
     corners = [WireItem(n, 6, 5001, count, 0, 0, 0, n, n, 0.0) for n in range(4)]
-    with pytest.raises(PlanError, match="fence item 1: its polygon has not the"):
+    with pytest.raises(PlanError, match="fence item 1: its polygon does not have the"):
         wire.fence_from_wire(corners)
 
 
 def test_a_waypoint_in_a_fence_is_refused() -> None:
-    with pytest.raises(PlanError, match="fence item 1: command 16 is none of a fence"):
+    with pytest.raises(PlanError, match="fence item 1: command 16 is not a geofence command"):
         wire.fence_from_wire([WireItem(0, 6, 16, 4.0, 0, 0, 0, 0, 0, 0.0)])
 
 

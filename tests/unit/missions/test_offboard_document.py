@@ -53,9 +53,9 @@ def test_the_schema_names_every_step() -> None:
     ("text", "place", "words"),
     [
         ("", "the file", "empty"),
-        ("steps: [", "line 1", "no valid YAML"),
+        ("steps: [", "line 1", "not valid YAML"),
         ("- 1", "line 1", "object"),
-        ("name: a\nname: b", "line 2", "stands twice"),
+        ("name: a\nname: b", "line 2", "appears twice"),
         ("name: &x a", "line 1", "anchors"),
         ("name: !!python/object:os.system a", "line 1", "tag"),
         ("name: a\n---\nname: b", "the file", "more than one document"),
@@ -83,7 +83,7 @@ def test_the_schema_names_every_step() -> None:
         (
             HEAD + LAND_ONLY + "missions:\n  a: [{step: call, mission: b}]\n  b: [{step: call, mission: a}]",
             "mission 'a'",
-            "circle",
+            "loop",
         ),
         (
             HEAD + ORBIT + "{lat_deg: 1, lon_deg: 2}}",

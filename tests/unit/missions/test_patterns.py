@@ -274,7 +274,7 @@ FIELD = points([(0, 0), (300, 0), (300, 200), (0, 200)])
         ),
         (lambda: Coverage(CAMERA, 60.0, side_overlap=1.0), "field side_overlap: 1 is not between"),
         (lambda: Coverage(CAMERA, math.nan), "its sizes and distance are not all above 0"),
-        (lambda: perimeter(FIELD, -120.0, HIGH), "field offset_m: the area falls apart or vanishes"),
+        (lambda: perimeter(FIELD, -120.0, HIGH), "field offset_m: at this distance the area is"),
         (lambda: perimeter(FIELD, 5.0, HIGH, rounds=0), "field rounds: 0 is not between"),
         (lambda: orbit(FIELD[0], math.nan, HIGH), "field radius_m"),
         (lambda: corridor(FIELD[:1], 50.0, COVERAGE, HIGH), "the line: it has fewer than 2 points"),

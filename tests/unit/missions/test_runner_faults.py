@@ -64,7 +64,7 @@ def test_a_mission_that_continues_after_a_lost_link_goes_on_from_the_vehicles_ho
     fake.lose_link()
     fake.fly(10.0)
     fake.know(link_heard=True, satellites=14)
-    fake.until(lambda: "The link was lost and is back: going on." in fake.told)
+    fake.until(lambda: "The link was lost and is back: continuing." in fake.told)
     if kind == "person":
         fake.in_state("waiting")
         fake.go_on()

@@ -3573,27 +3573,27 @@ export interface components {
         };
         /**
          * DryRunBand
-         * @description Quantiles of a deviation at each place of the corridor [m].
+         * @description Quantiles of a deviation at each point of the corridor [m].
          */
         DryRunBand: {
             /**
              * P5
-             * @description 5 % are smaller.
+             * @description 5 % quantile.
              */
             p5: number[];
             /**
              * P50
-             * @description The median.
+             * @description Median.
              */
             p50: number[];
             /**
              * P95
-             * @description 5 % are greater.
+             * @description 95 % quantile.
              */
             p95: number[];
             /**
              * Greatest
-             * @description The greatest by size.
+             * @description Largest absolute value.
              */
             greatest: number[];
         };
@@ -3620,12 +3620,12 @@ export interface components {
         };
         /**
          * DryRunConditions
-         * @description What the flight meets.
+         * @description Wind, vehicle and battery of the simulated flight.
          */
         DryRunConditions: {
             /**
              * Wind Ned M S
-             * @description Steady wind: where the air moves to [m/s]; at most 40 m/s.
+             * @description Steady wind as the velocity of the air [m/s]; at most 40 m/s.
              * @default [
              *       0,
              *       0,
@@ -3639,88 +3639,88 @@ export interface components {
             ];
             /**
              * Gusts M S
-             * @description One sigma of the gusts on each horizontal axis [m/s].
+             * @description Standard deviation of the gusts on each horizontal axis [m/s].
              * @default 0
              */
             gusts_m_s: number;
             /**
              * Mass Scale
-             * @description Times the vehicle's mass.
+             * @description Factor on the vehicle's mass.
              * @default 1
              */
             mass_scale: number;
             /**
              * Battery Scale
-             * @description Times the battery's capacity.
+             * @description Factor on the battery's capacity.
              * @default 1
              */
             battery_scale: number;
             /**
              * Sensor Noise
-             * @description Times the sensor noise of PX4's own simulation.
+             * @description Factor on the sensor noise of PX4's own simulation.
              * @default 1
              */
             sensor_noise: number;
         };
         /**
          * DryRunCorridor
-         * @description How far the flights lie from the nominal one along its path, at up to 400 places.
+         * @description Deviation of the flights from the nominal one, at up to 400 points of its path.
          */
         DryRunCorridor: {
             /**
              * T S
-             * @description Since the start of the nominal flight [s].
+             * @description Time since the start of the nominal flight [s].
              */
             t_s: number[];
             /**
              * Position Ned M
-             * @description Of the nominal flight, from `origin` [m].
+             * @description Position of the nominal flight, from `origin` [m].
              */
             position_ned_m: [
                 number,
                 number,
                 number
             ][];
-            /** @description Distance over the ground. */
+            /** @description Horizontal deviation. */
             horizontal_m: components["schemas"]["DryRunBand"];
-            /** @description Positive: higher. */
+            /** @description Vertical deviation; positive: higher. */
             vertical_m: components["schemas"]["DryRunBand"];
         };
         /**
          * DryRunFindingModel
-         * @description One thing that the flight has shown to be wrong.
+         * @description A problem that the flight has shown.
          */
         DryRunFindingModel: {
             /**
              * Code
-             * @description Stable; `docs/missions.md` has all.
+             * @description Stable code; `docs/missions.md` lists all.
              * @example fence_touched
              */
             code: string;
             /**
              * Severity
-             * @description error: it must not be flown so; warning: it may surprise.
+             * @description error: do not fly this plan; warning: check it.
              * @enum {string}
              */
             severity: "error" | "warning";
             /**
              * Text
-             * @description What is wrong, a sentence.
+             * @description What is wrong, as a sentence.
              */
             text: string;
             /**
              * Step
-             * @description Where, as `place` of the steps.
+             * @description Step where it happened (its `place`).
              */
             step: string | null;
             /**
              * T S
-             * @description When, since the start [s].
+             * @description Time since the start of the flight [s].
              */
             t_s: number | null;
             /**
              * Position Ned M
-             * @description Where the vehicle was, from `origin` [m].
+             * @description Position of the vehicle, from `origin` [m].
              */
             position_ned_m: [
                 number,
@@ -3730,56 +3730,56 @@ export interface components {
         };
         /**
          * DryRunFlight
-         * @description The flight in the stated conditions.
+         * @description The flight in the requested conditions.
          */
         DryRunFlight: {
-            /** @description Where the vehicle stands; zero of all local places. */
+            /** @description Start position of the vehicle; origin of all local positions. */
             origin: components["schemas"]["PlanOrigin"];
-            /** @description What it met. */
+            /** @description Conditions of this flight. */
             conditions: components["schemas"]["DryRunConditions"];
             /**
              * Finished
-             * @description The whole plan was flown.
+             * @description Whether the whole plan was flown.
              */
             finished: boolean;
             /**
              * Landed
-             * @description It ended on the ground, disarmed.
+             * @description Whether it ended on the ground, disarmed.
              */
             landed: boolean;
             /**
              * Duration S
-             * @description From arming to the end [s].
+             * @description Time from arming to the end [s].
              */
             duration_s: number;
             /**
              * Length M
-             * @description Along the flown path [m].
+             * @description Length of the flown path [m].
              */
             length_m: number;
             /**
              * Battery Start Share
-             * @description Charge at the start, 0 to 1.
+             * @description Battery charge at the start, 0 to 1.
              */
             battery_start_share: number;
             /**
              * Battery End Share
-             * @description At the end; null: how it drains is not known.
+             * @description Battery charge at the end; null: its drain is not known.
              */
             battery_end_share: number | null;
             /**
              * Fence Distance M
-             * @description The smallest distance inside the geofence [m]; negative: outside; null: no geofence.
+             * @description Smallest distance to the geofence [m]; negative: outside; null: no geofence.
              */
             fence_distance_m: number | null;
             /**
              * Obstacle Distance M
-             * @description The smallest distance to an obstacle [m]; null: none.
+             * @description Smallest distance to an obstacle [m]; null: no obstacles.
              */
             obstacle_distance_m: number | null;
             /**
              * Steps
-             * @description In their order.
+             * @description Steps in flown order.
              */
             steps: components["schemas"]["DryRunStep"][];
             /**
@@ -3787,51 +3787,51 @@ export interface components {
              * @description Errors first; at most 100.
              */
             findings: components["schemas"]["DryRunFindingModel"][];
-            /** @description Null: the flight never began. */
+            /** @description Null: the flight did not start. */
             path: components["schemas"]["DryRunPath"] | null;
             /**
              * Times Real Time
-             * @description How much faster than real time it was flown.
+             * @description Simulation speed relative to real time.
              */
             times_real_time: number;
         };
         /**
          * DryRunMonteCarlo
-         * @description Many flights, each in conditions of its own.
+         * @description Many flights, each in different conditions.
          */
         DryRunMonteCarlo: {
             /** @description How the conditions varied. */
             spread: components["schemas"]["DryRunSpread"];
             /**
              * Seed
-             * @description Of draws, noise and gusts.
+             * @description Seed of the varied conditions, noise and gusts.
              */
             seed: number;
             /**
              * Flights
-             * @description Each of them; without the nominal one.
+             * @description All flights except the nominal one.
              */
             flights: components["schemas"]["DryRunSummary"][];
-            /** @description Null: the nominal flight never began. */
+            /** @description Null: the nominal flight did not start. */
             corridor: components["schemas"]["DryRunCorridor"] | null;
-            /** @description Of the finished flights [s]; null: none was. */
+            /** @description Duration of the finished flights [s]; null: none finished. */
             duration_s: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description Charge at the end; null: not known. */
+            /** @description Battery charge at the end; null: not known. */
             battery_end_share: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description Of the smallest distances [m]. */
+            /** @description Smallest distances to the geofence [m]. */
             fence_distance_m: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description Of the smallest distances [m]. */
+            /** @description Smallest distances to obstacles [m]. */
             obstacle_distance_m: components["schemas"]["DryRunQuantiles"] | null;
             /**
              * Chances
-             * @description Of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and `battery_reserve`.
+             * @description Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and `battery_reserve`.
              */
             chances: {
                 [key: string]: components["schemas"]["DryRunChance"];
             };
             /**
              * Times Real Time
-             * @description Simulated time over time spent, all flights at once.
+             * @description Simulated time of all flights divided by computing time.
              */
             times_real_time: number;
         };
@@ -3842,43 +3842,43 @@ export interface components {
         DryRunObstacle: {
             /**
              * Name
-             * @description For findings.
+             * @description Name in findings.
              */
             name: string;
             /**
              * North M
-             * @description Of its centre, from where the vehicle stands [m].
+             * @description Centre, north of the vehicle's start position [m].
              */
             north_m: number;
             /**
              * East M
-             * @description Of its centre, from where the vehicle stands [m].
+             * @description Centre, east of the vehicle's start position [m].
              */
             east_m: number;
             /**
              * Length M
-             * @description Along its own x axis: north where yaw is 0 [m].
+             * @description Length along its own x axis, which points north at yaw 0 [m].
              */
             length_m: number;
             /**
              * Width M
-             * @description Along its own y axis [m].
+             * @description Length along its own y axis [m].
              */
             width_m: number;
             /**
              * Height M
-             * @description From its underside to its roof [m].
+             * @description Height from its lower to its upper side [m].
              */
             height_m: number;
             /**
              * Base Alt Home M
-             * @description Its underside above home [m].
+             * @description Altitude of its lower side above home [m].
              * @default 0
              */
             base_alt_home_m: number;
             /**
              * Yaw Ned Rad
-             * @description How it is turned, clockwise from north [rad].
+             * @description Direction of its x axis, clockwise from north [rad].
              * @default 0
              */
             yaw_ned_rad: number;
@@ -3890,12 +3890,12 @@ export interface components {
         DryRunPath: {
             /**
              * T S
-             * @description Since the start [s]; 10 Hz, long flights thinned to 4000 samples.
+             * @description Time since the start [s]; 10 Hz, for long flights reduced to 4000 samples.
              */
             t_s: number[];
             /**
              * Position Ned M
-             * @description From `origin` [m].
+             * @description Position from `origin` [m].
              */
             position_ned_m: [
                 number,
@@ -3904,7 +3904,7 @@ export interface components {
             ][];
             /**
              * Velocity Ned M S
-             * @description [m/s].
+             * @description Velocity [m/s].
              */
             velocity_ned_m_s: [
                 number,
@@ -3913,7 +3913,7 @@ export interface components {
             ][];
             /**
              * Q Ned Frd
-             * @description Attitude, taking body FRD to NED, order w, x, y, z.
+             * @description Attitude: rotation from body FRD to NED, order w, x, y, z.
              */
             q_ned_frd: [
                 number,
@@ -3931,7 +3931,7 @@ export interface components {
             ][];
             /**
              * Battery Share
-             * @description Charge, 0 to 1; null: not known.
+             * @description Battery charge, 0 to 1; null: not known.
              */
             battery_share: number[] | null;
             /**
@@ -3941,7 +3941,7 @@ export interface components {
             step: number[];
             /**
              * Step Places
-             * @description The steps that were flown.
+             * @description Names of the flown steps.
              */
             step_places: string[];
         };
@@ -3978,27 +3978,27 @@ export interface components {
         };
         /**
          * DryRunRequest
-         * @description Which plan is flown in simulation, by which vehicle, in which weather, how often.
+         * @description A plan to fly in simulation: vehicle, conditions and number of flights.
          */
         DryRunRequest: {
             /**
              * Plan Id
-             * @description Of a plan that the server keeps.
+             * @description Id of a stored plan.
              */
             plan_id?: string | null;
             /**
              * Version
-             * @description Of that plan; the newest unless named.
+             * @description Version of that plan; default: the newest.
              */
             version?: number | null;
             /**
              * Plan
-             * @description A plan that is not kept on the server.
+             * @description A plan that is not stored on the server.
              */
             plan?: (components["schemas"]["Plan"] | components["schemas"]["OffboardMission"]) | null;
             /**
              * Vehicle
-             * @description With this vehicle's parameters, place, heading and charge, as far as they are known; null: PX4's defaults, from the plan's home.
+             * @description Use this vehicle's parameters, position, heading and battery charge, as far as known; null: PX4's defaults, starting at the plan's home.
              */
             vehicle?: string | null;
             /**
@@ -4017,11 +4017,11 @@ export interface components {
             conditions: components["schemas"]["DryRunConditions"];
             /**
              * Flights
-             * @description Monte Carlo: so many flights more, each in other conditions.
+             * @description Monte Carlo: number of further flights, each in other conditions.
              */
             flights?: number | null;
             /**
-             * @description Of the conditions, with `flights`.
+             * @description How `flights` vary the conditions.
              * @default {
              *       "wind_m_s": 1.5,
              *       "gusts": 0.3,
@@ -4039,54 +4039,54 @@ export interface components {
             seed: number;
             /**
              * Obstacles
-             * @description What stands around where the vehicle stands.
+             * @description Obstacles around the vehicle's start position.
              * @default []
              */
             obstacles: components["schemas"]["DryRunObstacle"][];
             /**
              * Endurance S
-             * @description Hovering from a full battery to an empty one [s]; null: as SIM_BAT_* of a simulated vehicle say.
+             * @description Hover time with a full battery [s]; null: from SIM_BAT_* of a simulated vehicle.
              */
             endurance_s?: number | null;
             /**
              * Battery Reserve
-             * @description Share of the battery that is to be left.
+             * @description Fraction of the battery charge to keep in reserve.
              * @default 0.2
              */
             battery_reserve: number;
         };
         /**
          * DryRunSpread
-         * @description One sigma of each normal distribution about the stated conditions, cut at three sigma.
+         * @description Standard deviations of the conditions (normal distributions, cut at three sigma).
          */
         DryRunSpread: {
             /**
              * Wind M S
-             * @description On each horizontal axis [m/s].
+             * @description Wind on each horizontal axis [m/s].
              * @default 1.5
              */
             wind_m_s: number;
             /**
              * Gusts
-             * @description As a part of the stated gusts.
+             * @description Gusts, as a fraction of their value.
              * @default 0.3
              */
             gusts: number;
             /**
              * Mass
-             * @description As a part of the mass.
+             * @description Mass, as a fraction of its value.
              * @default 0.03
              */
             mass: number;
             /**
              * Battery
-             * @description As a part of the battery's capacity.
+             * @description Battery capacity, as a fraction of its value.
              * @default 0.05
              */
             battery: number;
             /**
              * Sensor Noise
-             * @description As a part of the sensor noise.
+             * @description Sensor noise, as a fraction of its value.
              * @default 0.2
              */
             sensor_noise: number;
@@ -4103,32 +4103,32 @@ export interface components {
             place: string;
             /**
              * Title
-             * @description What it is, for people.
+             * @description Title of the step.
              */
             title: string;
             /**
              * Row
-             * @description Index in the plan's `items`; null: of an offboard mission.
+             * @description Index in the plan's `items`; null for an offboard mission.
              */
             row: number | null;
             /**
              * Start S
-             * @description Since the start [s].
+             * @description Begin, since the start of the flight [s].
              */
             start_s: number;
             /**
              * End S
-             * @description Since the start [s].
+             * @description End, since the start of the flight [s].
              */
             end_s: number;
             /**
              * Fence Distance M
-             * @description The smallest distance inside the geofence [m]; negative: outside; null: no geofence.
+             * @description Smallest distance to the geofence [m]; negative: outside; null: no geofence.
              */
             fence_distance_m: number | null;
             /**
              * Obstacle Distance M
-             * @description The smallest distance to an obstacle [m]; null: none.
+             * @description Smallest distance to an obstacle [m]; null: no obstacles.
              */
             obstacle_distance_m: number | null;
         };
@@ -4148,63 +4148,63 @@ export interface components {
             ];
             /**
              * Gusts M S
-             * @description One sigma [m/s].
+             * @description Standard deviation of the gusts [m/s].
              */
             gusts_m_s: number;
             /**
              * Mass Scale
-             * @description Times the vehicle's mass.
+             * @description Factor on the vehicle's mass.
              */
             mass_scale: number;
             /**
              * Battery Scale
-             * @description Times the battery's capacity.
+             * @description Factor on the battery's capacity.
              */
             battery_scale: number;
             /**
              * Sensor Noise
-             * @description Times the usual noise.
+             * @description Factor on the usual sensor noise.
              */
             sensor_noise: number;
             /**
              * Finished
-             * @description The whole plan was flown.
+             * @description Whether the whole plan was flown.
              */
             finished: boolean;
             /**
              * Duration S
-             * @description From arming to the end [s].
+             * @description Time from arming to the end [s].
              */
             duration_s: number;
             /**
              * Battery End Share
-             * @description Charge at the end; null: not known.
+             * @description Battery charge at the end; null: not known.
              */
             battery_end_share: number | null;
             /**
              * Fence Distance M
-             * @description The smallest [m]; null: no geofence.
+             * @description Smallest distance to the geofence [m]; null: no geofence.
              */
             fence_distance_m: number | null;
             /**
              * Obstacle Distance M
-             * @description The smallest [m]; null: no obstacle.
+             * @description Smallest distance to an obstacle [m]; null: no obstacles.
              */
             obstacle_distance_m: number | null;
             /**
              * Findings
-             * @description Codes.
+             * @description Codes of its findings.
              */
             findings: string[];
         };
         /**
          * DryRunView
-         * @description What came of a dry run.
+         * @description Result of a dry run.
          */
         DryRunView: {
             /**
              * Id
-             * @description Its id, as the operation's `result` names it.
+             * @description Id of the dry run, as in the operation's `result`.
              */
             id: string;
             /**
@@ -4215,31 +4215,31 @@ export interface components {
             kind: "waypoint_plan" | "offboard_mission";
             /**
              * Name
-             * @description Of a plan that the server keeps.
+             * @description Name of the stored plan.
              */
             name: string | null;
             /**
              * Plan Id
-             * @description Of a plan that the server keeps.
+             * @description Id of the stored plan.
              */
             plan_id: string | null;
             /**
              * Version
-             * @description Of that plan.
+             * @description Version of the stored plan.
              */
             version: number | null;
             /**
              * Vehicle
-             * @description Whose parameters, place and charge were taken.
+             * @description Vehicle whose parameters, position and battery charge were used.
              */
             vehicle: string | null;
             /**
              * Assumed
-             * @description What was not known and what was taken instead; sentences.
+             * @description What was not known, and what was assumed instead; sentences.
              */
             assumed: string[];
             nominal: components["schemas"]["DryRunFlight"];
-            /** @description Null: it was flown once. */
+            /** @description Null: only one flight was simulated. */
             monte_carlo: components["schemas"]["DryRunMonteCarlo"] | null;
         };
         /**
@@ -4364,7 +4364,7 @@ export interface components {
             action?: ("position" | "altitude" | "stabilized" | "rtl" | "land" | "hold") | null;
             /**
              * After S
-             * @description How long after the last setpoint [s] (COM_OF_LOSS_T).
+             * @description Time from the last setpoint to the action [s] (COM_OF_LOSS_T).
              */
             after_s?: number | null;
         };
@@ -4553,7 +4553,7 @@ export interface components {
             code: string;
             /**
              * Severity
-             * @description error: PX4 refuses it, or it is unsafe; warning: it may surprise.
+             * @description error: PX4 refuses it, or it is unsafe; warning: check it.
              * @enum {string}
              */
             severity: "error" | "warning";
@@ -5278,7 +5278,7 @@ export interface components {
             vehicle: string;
             /**
              * Available
-             * @description False: the vehicle has not reported a gimbal.
+             * @description False: the vehicle has reported no gimbal.
              */
             available: boolean;
             /**
@@ -6016,7 +6016,7 @@ export interface components {
         HoldRequest: {
             /**
              * Vehicles
-             * @description Their ids; all that are armed unless given.
+             * @description Ids of the vehicles; default: all armed vehicles.
              */
             vehicles?: string[] | null;
         };
@@ -6032,10 +6032,10 @@ export interface components {
             vehicle: string;
             /**
              * Held
-             * @description Whether it has shown Hold.
+             * @description Whether the vehicle has reported Hold.
              */
             held: boolean;
-            /** @description Why it has not; null where it has. */
+            /** @description Why it has not; null if it has. */
             problem: components["schemas"]["Problem"] | null;
         };
         /**
@@ -11149,7 +11149,7 @@ export interface components {
             rate_hz: number;
             /**
              * Others Go On
-             * @description Whether members that a problem does not concern fly on; otherwise all hold.
+             * @description Whether members without a problem continue if one has a problem; otherwise all hold.
              * @default false
              */
             others_go_on: boolean;
@@ -11551,7 +11551,7 @@ export interface components {
             force: boolean;
             /**
              * On Expiry
-             * @description Command that the flying vehicle gets once if this client is silent for `lease_s`: `nothing` (it goes on as it does; the default), `hold`, `land` or `rtl`. Never sent while another party controls the vehicle.
+             * @description Command sent once to the flying vehicle if this client sends nothing for `lease_s`: `nothing` (the vehicle continues; the default), `hold`, `land` or `rtl`. Never sent while another party controls the vehicle.
              */
             on_expiry?: ("nothing" | "hold" | "land" | "rtl") | null;
         };
@@ -12271,7 +12271,7 @@ export interface components {
             status: components["schemas"]["Status"];
             /**
              * Links
-             * @description Names of the links on which it is heard, most recent first.
+             * @description Names of the links on which it is connected, most recent first.
              */
             links: string[];
             /** @description Every topic's newest sample. */
@@ -13833,9 +13833,9 @@ export interface operations {
     history_api_v1_vehicles__v__history_get: {
         parameters: {
             query?: {
-                /** @description Names joined by commas; all unless given. */
+                /** @description Names separated by commas; default: all. */
                 topics?: string;
-                /** @description [s since 1970]; the last 5 minutes. */
+                /** @description Only samples since this time [s since 1970]; the last 5 minutes are kept. */
                 since_unix_s?: number | null;
             };
             header?: never;
@@ -13897,7 +13897,7 @@ export interface operations {
     messages_api_v1_vehicles__v__messages_get: {
         parameters: {
             query?: {
-                /** @description Only later than this index. */
+                /** @description Only messages after this index. */
                 since?: number;
             };
             header?: never;
@@ -17869,11 +17869,11 @@ export interface operations {
     import_plan_api_v1_plans_import_post: {
         parameters: {
             query?: {
-                /** @description Its ending tells a CSV file. */
+                /** @description Name of the file; a CSV file is recognised by its extension. */
                 filename?: string;
-                /** @description Of points that have none [m]; a file with such points is refused without it. */
+                /** @description Altitude of points without one [m]; without it, a file with such points is refused. */
                 altitude_m?: number | null;
-                /** @description What `altitude_m` counts from. */
+                /** @description Reference of `altitude_m`. */
                 altitude_reference?: "home" | "amsl" | "terrain";
             };
             header?: never;
@@ -18068,7 +18068,7 @@ export interface operations {
     get_plan_api_v1_plans__plan__get: {
         parameters: {
             query?: {
-                /** @description The newest unless named. */
+                /** @description Default: the newest. */
                 version?: number | null;
             };
             header?: never;

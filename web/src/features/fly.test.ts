@@ -204,7 +204,7 @@ describe('what is asked', () => {
     );
     actions.request('hold', facts);
     expect(actions.running.map((r) => [r.action, r.told])).toEqual([['hold', null]]);
-    const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Asking vehicle 1 to hold (2. attempt)', command: 'hold', fraction: 0.5 };
+    const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Commanding vehicle 1 to hold (attempt 2)', command: 'hold', fraction: 0.5 };
     actions.heard({ ...told, client: 'Anna', client_key: 'k8' }); // another tab of the same name
     expect(actions.running[0]?.told).toBeNull();
     actions.heard({ ...told, client: 'Anna', client_key: 'k7' });

@@ -148,7 +148,7 @@ def test_the_cache_keeps_the_newest_and_never_fails(tmp_path):
     assert len(list((tmp_path / "cache").iterdir())) == MAX_FILES
     cache.write("big", bytes(9_000_000))
     assert cache.read("big") is None
-    with pytest.raises(ValueError, match="no name"):
+    with pytest.raises(ValueError, match="not a valid name"):
         cache.read("../token")
     (tmp_path / "file").write_text("in the way")
     Cache(tmp_path / "file").write("a", b"x")

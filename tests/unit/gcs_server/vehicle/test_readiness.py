@@ -26,7 +26,7 @@ from tests.steps import lines_run
 
 GPS = "no valid global position"
 POSITION = "no valid position estimate"
-STICKS = "there is no transmitter or joystick"
+STICKS = "no RC transmitter or joystick"
 MISSION = "there is no mission to fly"
 SIGNAL = "no offboard setpoints arrive"
 GROUND = "this mode cannot take off from the ground"

@@ -69,14 +69,14 @@ describe('list of vehicles', () => {
     const asked: [string, string | undefined][] = [];
     const fetch = vi.fn((url: string, init?: RequestInit) => {
       asked.push([url, init?.method]);
-      const refusal = { title: 'Not sent', code: 'refused', detail: 'Vehicle 7 is heard on udp.', remedy: 'Switch it off.' };
+      const refusal = { title: 'Not sent', code: 'refused', detail: 'Vehicle 7 is connected on udp.', remedy: 'Switch it off.' };
       return Promise.resolve(url.endsWith('/7') ? new Response(JSON.stringify(refusal), { status: 409 }) : new Response(null, { status: 204 }));
     });
     const api = new ApiClient('test', () => undefined, fetch as never);
     await list.remove(api, { id: '3~2', name: '3~2 Quad' });
     expect(list.said).toEqual({ text: '3~2 Quad is removed.', refused: false });
     await list.remove(api, { id: '7', name: '7 Quad' });
-    expect(list.said).toEqual({ text: 'Vehicle 7 is heard on udp. Switch it off.', refused: true });
+    expect(list.said).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
     expect(asked.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([
       ['3~2', 'DELETE'],
       ['7', 'DELETE'],
