@@ -230,14 +230,12 @@ class DryRunMonteCarlo(AnswerBody):
     seed: int = Field(description="Seed of the varied conditions, noise and gusts.")
     flights: list[DryRunSummary] = Field(description="All flights except the nominal one.")
     corridor: DryRunCorridor | None = Field(description="Null: the nominal flight did not start.")
-    duration_s: QuantilesModel | None = Field(
-        description="Duration of the finished flights [s]; null: none finished."
-    )  # type: ignore[valid-type]
+    duration_s: QuantilesModel | None = Field(description="Of finished flights [s]; null: none.")  # type: ignore[valid-type]
     battery_end_share: QuantilesModel | None = Field(
         description="Battery charge at the end; null: not known."
     )  # type: ignore[valid-type]
-    fence_distance_m: QuantilesModel | None = Field(description="Smallest distances to the geofence [m].")  # type: ignore[valid-type]
-    obstacle_distance_m: QuantilesModel | None = Field(description="Smallest distances to obstacles [m].")  # type: ignore[valid-type]
+    fence_distance_m: QuantilesModel | None = Field(description="To the geofence [m].")  # type: ignore[valid-type]
+    obstacle_distance_m: QuantilesModel | None = Field(description="To obstacles [m].")  # type: ignore[valid-type]
     chances: dict[str, ChanceModel] = Field(  # type: ignore[valid-type]
         description="Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), "
         "`failsafe` and `battery_reserve`."

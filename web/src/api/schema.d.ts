@@ -3814,13 +3814,13 @@ export interface components {
             flights: components["schemas"]["DryRunSummary"][];
             /** @description Null: the nominal flight did not start. */
             corridor: components["schemas"]["DryRunCorridor"] | null;
-            /** @description Duration of the finished flights [s]; null: none finished. */
+            /** @description Of finished flights [s]; null: none. */
             duration_s: components["schemas"]["DryRunQuantiles"] | null;
             /** @description Battery charge at the end; null: not known. */
             battery_end_share: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description Smallest distances to the geofence [m]. */
+            /** @description To the geofence [m]. */
             fence_distance_m: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description Smallest distances to obstacles [m]. */
+            /** @description To obstacles [m]. */
             obstacle_distance_m: components["schemas"]["DryRunQuantiles"] | null;
             /**
              * Chances
