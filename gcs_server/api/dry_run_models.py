@@ -231,9 +231,7 @@ class DryRunMonteCarlo(AnswerBody):
     flights: list[DryRunSummary] = Field(description="All flights except the nominal one.")
     corridor: DryRunCorridor | None = Field(description="Null: the nominal flight did not start.")
     duration_s: QuantilesModel | None = Field(description="Of finished flights [s]; null: none.")  # type: ignore[valid-type]
-    battery_end_share: QuantilesModel | None = Field(
-        description="Battery charge at the end; null: not known."
-    )  # type: ignore[valid-type]
+    battery_end_share: QuantilesModel | None = Field(description="Charge at the end [0 to 1]; null: none.")  # type: ignore[valid-type]
     fence_distance_m: QuantilesModel | None = Field(description="To the geofence [m].")  # type: ignore[valid-type]
     obstacle_distance_m: QuantilesModel | None = Field(description="To obstacles [m].")  # type: ignore[valid-type]
     chances: dict[str, ChanceModel] = Field(  # type: ignore[valid-type]

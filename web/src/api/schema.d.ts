@@ -3816,7 +3816,7 @@ export interface components {
             corridor: components["schemas"]["DryRunCorridor"] | null;
             /** @description Of finished flights [s]; null: none. */
             duration_s: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description Battery charge at the end; null: not known. */
+            /** @description Charge at the end [0 to 1]; null: none. */
             battery_end_share: components["schemas"]["DryRunQuantiles"] | null;
             /** @description To the geofence [m]. */
             fence_distance_m: components["schemas"]["DryRunQuantiles"] | null;
