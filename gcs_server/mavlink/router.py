@@ -158,6 +158,10 @@ class Router:
         """State and counters of all links."""
         return [connection.info() for connection in self._connections.values()]
 
+    def connections(self) -> tuple[Connection, ...]:
+        """All links' connections."""
+        return tuple(self._connections.values())
+
     def connection(self, name: str) -> Connection:
         """One link's connection, for its counters.
 

@@ -205,8 +205,7 @@ class Replays:
         self._readers.shutdown(wait=False, cancel_futures=True)
 
     def _links(self) -> list[TlogLink]:
-        links = (self._router.connection(info.name).link for info in self._router.links() if info.replay)
-        return [link for link in links if isinstance(link, TlogLink)]
+        return [c.link for c in self._router.connections() if isinstance(c.link, TlogLink)]
 
     def _link(self, name: str) -> TlogLink:
         links = {link.name: link for link in self._links()}

@@ -15,7 +15,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 from gcs_server.clock import Clock
@@ -52,7 +52,8 @@ PERIODS_S = {
     "control": CONTROL_PERIOD_S,
 }
 """Topics of the server: how often each is checked for a change. Only a change makes a new sample."""
-ALL_TOPICS = frozenset(TOPICS) | frozenset(PERIODS_S) | {"readiness"}
+SERVER_TOPICS = frozenset(PERIODS_S) | {"readiness"}
+ALL_TOPICS = frozenset(TOPICS) | SERVER_TOPICS
 CLOSE_TOO_SLOW = 1013
 
 
@@ -70,7 +71,8 @@ class Encoded:
     def __init__(self, clock: Clock, fleet: Fleet) -> None:
         self._clock = clock
         self._fleet = fleet
-        self._bytes: dict[tuple[str, str], tuple[float, bytes]] = {}
+        self._bytes: dict[str, dict[str, tuple[float, bytes]]] = {}
+        """By vehicle and topic."""
         self._looked: dict[tuple[str, str], tuple[float, object]] = {}
         """The server's topics: time of the last check, and value."""
         self.replays: Callable[[], Sequence[object]] = tuple
@@ -87,17 +89,40 @@ class Encoded:
 
     def forget(self, vehicle_id: str) -> None:
         """Drops everything about a vehicle that was removed."""
-        for held in (self._bytes, self._looked):
-            for key in [key for key in held if key[0] == vehicle_id]:
-                del held[key]
+        self._bytes.pop(vehicle_id, None)
+        for key in [key for key in self._looked if key[0] == vehicle_id]:
+            del self._looked[key]
 
-    def newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
-        """(a number that grows with each new sample, JSON); None before the first, and on failure."""
-        return vehicle.isolation.run(f"telemetry of {topic}", self._newest, vehicle, topic)
+    def news(self, vehicle: Vehicle, topics: Sequence[str], seen: dict[str, float]) -> Iterator[bytes]:
+        """JSON of the topics' newest samples that a client has not seen.
 
-    def _newest(self, vehicle: Vehicle, topic: str) -> tuple[float, bytes] | None:
+        Args:
+            seen: for each topic the number of the sample that the client has; brought up to date.
+        """
+        held = self._bytes.setdefault(vehicle.id, {})
+        for topic in topics:
+            newest = held.get(topic)
+            # Most topics have nothing new at most looks: this is what a client costs.
+            if newest is None or not self._is_newest(vehicle, topic, newest[0]):
+                what = f"telemetry of {topic}"
+                newest = vehicle.isolation.run(what, self._newest, vehicle, topic, held)
+            if newest is not None and seen.get(topic) != newest[0]:
+                seen[topic] = newest[0]
+                yield newest[1]
+
+    @staticmethod
+    def _is_newest(vehicle: Vehicle, topic: str, number: float) -> bool:
+        if topic in SERVER_TOPICS:
+            return False
+        sample = vehicle.topic(topic)
+        return sample is not None and sample.received_monotonic_s == number
+
+    def _newest(
+        self, vehicle: Vehicle, topic: str, all_held: dict[str, tuple[float, bytes]]
+    ) -> tuple[float, bytes] | None:
+        """(a number that grows with each new sample, JSON); None before the first."""
         key = (vehicle.id, topic)
-        held = self._bytes.get(key)
+        held = all_held.get(topic)
         if topic == "readiness":
             health = vehicle.health
             if health.changed_s is None or (held is not None and held[0] == health.changed_s):
@@ -126,7 +151,7 @@ class Encoded:
                 vehicle.id, topic, sample.vehicle_time_boot_s, sample.received_unix_s, sample.value
             )
             fresh = (sample.received_monotonic_s, encode(wire))
-        self._bytes[key] = fresh
+        all_held[topic] = fresh
         return fresh
 
     @staticmethod
@@ -149,7 +174,8 @@ class Subscriber:
         self._encoded = encoded
         self._wants: Subscribe | None = None
         self._topics: tuple[str, ...] = ()
-        self._seen: dict[tuple[str, str], float] = {}
+        self._seen: dict[str, dict[str, float]] = {}
+        """By vehicle and topic, the number of the newest sample that was sent."""
         self._seen_replays: str | None = None
         self._events: deque[str] = deque()
         self._events_size = 0
@@ -230,12 +256,8 @@ class Subscriber:
         for vehicle in self._encoded.vehicles():
             if isinstance(wants.vehicles, list) and vehicle.id not in wants.vehicles:
                 continue
-            for topic in self._topics:
-                newest = self._encoded.newest(vehicle, topic)
-                key = (vehicle.id, topic)
-                if newest is not None and self._seen.get(key) != newest[0]:
-                    self._seen[key] = newest[0]
-                    news.append(newest[1])
+            seen = self._seen.setdefault(vehicle.id, {})
+            news.extend(self._encoded.news(vehicle, self._topics, seen))
         return news
 
 

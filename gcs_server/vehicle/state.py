@@ -34,6 +34,11 @@ ALSO_READS: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
 READS: dict[str, tuple[int, ...]] = {
     topic: (*ids, *ALSO_READS.get(topic, ())) for topic, ids in MADE_OF.items()
 }
+READ_BY: dict[int, tuple[str, ...]] = {
+    msg_id: tuple(topic for topic, ids in READS.items() if msg_id in ids)
+    for msg_id in {msg_id for ids in READS.values() for msg_id in ids}
+}
+"""Topics that a message changes."""
 PAIR_WITHIN_S = 1.0
 KEEPS_LAST = frozenset({"home"})
 """Topics of which the last valid value is kept: limits count from home, and one bad message must not lift
@@ -57,7 +62,9 @@ class VehicleState:
         """Topics whose newest message cannot be used, and why; as of the last reading."""
         self._component_id = component_id
         self._clock = clock
-        self._cache: dict[str, tuple[Frames, Sample | None]] = {}
+        self._cache: dict[str, Sample | None] = {}
+        self._decoded: set[str] = set()
+        """Topics of which no message has arrived since they were decoded."""
         self._history = History({msg_id for ids in READS.values() for msg_id in ids})
         self._heard_s = float("-inf")
         """Time of the last heartbeat, or of later messages without a gap."""
@@ -80,6 +87,7 @@ class VehicleState:
         key = self._instances.key_of(frame)
         if key is not None:
             self.latest[key] = frame
+            self._decoded.difference_update(READ_BY.get(frame.msg_id, ()))
         reducer = REDUCERS.get(frame.msg_id)
         if reducer is not None:
             self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
@@ -136,25 +144,25 @@ class VehicleState:
         Raises:
             KeyError: there is no such topic.
         """
+        if name in self._decoded:
+            return self._cache[name]
         if name == "status":
             return self._sample(name, self.status(), None, self._status_since_s())
         keys = self._instances.keys(READS[name])
         frames = tuple(map(self.latest.get, keys))
-        cached = self._cache.get(name)
-        if cached is not None and cached[0] == frames:
-            return cached[1]
         self.unusable.pop(name, None)
         try:
             sample = self._decode(name, keys, frames)
         except Unusable as error:
             self.unusable[name] = str(error)
-            sample = cached[1] if cached is not None and name in KEEPS_LAST else None
+            sample = self._cache.get(name) if name in KEEPS_LAST else None
         except Exception as error:  # a fault of this program: only this topic is missing
-            if cached is None or cached[1] is not None:
+            if name not in self._cache or self._cache[name] is not None:
                 log.exception("topic %s could not be decoded", name)
             self.unusable[name] = f"it could not be decoded ({type(error).__name__}: {error})"
             sample = None
-        self._cache[name] = (frames, sample)
+        self._cache[name] = sample
+        self._decoded.add(name)
         return sample
 
     def remember(self) -> None:
