@@ -9,10 +9,11 @@ import viser
 from gcs_server.scene.dry_runs import DryRunPath, tube, way
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import GIMBAL_AT_M
+from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import Palette, lit
 from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.shapes import Shapes
-from gcs_server.scene.vehicle_node import LABEL_ABOVE_M, frustum_depth_m, set_pose
+from gcs_server.scene.vehicle_node import LABEL_ABOVE_M, frustum_depth_m
 from missions.frames import Vector3
 
 ROOT = "/world/dry_run"
@@ -42,9 +43,11 @@ class DryRunNode:
         if (corridor := tube(path)) is not None:
             self._mesh("/flown/corridor", corridor, 0.16)
         self._ghost = self._scene.add_frame(f"{ROOT}/ghost", show_axes=False)
+        self._flying = MovingNode(client, f"{ROOT}/ghost")
         self._mesh("/ghost/shell", shapes.shell, 0.45)
         self._lines("/ghost/outline", shapes.ghost, 1.6)
-        self._gimbal = self._scene.add_frame(f"{ROOT}/ghost/gimbal", show_axes=False, position=GIMBAL_AT_M)
+        self._scene.add_frame(f"{ROOT}/ghost/gimbal", show_axes=False, position=GIMBAL_AT_M)
+        self._looking = MovingNode(client, f"{ROOT}/ghost/gimbal")
         self._frustum = self._scene.add_frame(f"{ROOT}/ghost/gimbal/sees", show_axes=False)
         volume, edges = shapes.frustum
         self._mesh("/ghost/gimbal/sees/volume", volume, 0.13)
@@ -65,9 +68,10 @@ class DryRunNode:
         if pose == self._drawn:
             return
         self._drawn = pose
-        set_pose(self._ghost, pose.position_enu_m, pose.q_enu_flu)
+        self._flying.place(pose.position_enu_m)
+        self._flying.turn(pose.q_enu_flu)
         if pose.q_body_camera is not None:
-            self._gimbal.wxyz = pose.q_body_camera
+            self._looking.turn(pose.q_body_camera)
             self._frustum.scale = frustum_depth_m(pose, pose.q_body_camera)
         x, y, z = pose.position_enu_m
         self.label.move((x, y, z + LABEL_ABOVE_M))

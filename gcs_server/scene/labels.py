@@ -12,6 +12,7 @@ from typing import Literal
 
 import viser
 
+from gcs_server.scene.moving_node import MovingNode
 from missions.frames import Vector3
 
 Side = Literal["above", "below", "sign"]
@@ -33,7 +34,8 @@ class Label:
     """
 
     def __init__(self, client: viser.ClientHandle, name: str, colour: str, *, side: Side = "above") -> None:
-        self._node = client.scene.add_frame(name, show_axes=False)
+        client.scene.add_frame(name, show_axes=False)
+        self._node = MovingNode(client, name)
         self.name = name
         self._side = side
         self.colour = colour
@@ -43,7 +45,7 @@ class Label:
 
     def move(self, position_m: Vector3) -> None:
         """Moves the tag."""
-        self._node.position = position_m
+        self._node.place(position_m)
 
     def html(self) -> str:
         """HTML for the script that draws it; empty if there is nothing to show."""
@@ -64,16 +66,20 @@ class Board:
         self._said = ""
         self._next_s = 0.0
 
-    def say(self, labels: list[Label], now_s: float, *, mode: str, scale: str) -> None:
-        """Sends the texts if one has changed; looks at most five times a second.
+    def is_due(self, now_s: float) -> bool:
+        """True at most five times a second: then `say` is called."""
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + EVERY_S
+        return True
+
+    def say(self, labels: list[Label], *, mode: str, scale: str) -> None:
+        """Sends the texts if one has changed.
 
         Args:
             mode: of the view; looking through the camera has a mark at its middle.
             scale: what the grid's squares measure.
         """
-        if now_s < self._next_s:
-            return
-        self._next_s = now_s + EVERY_S
         view = f'<i data-gcs-mode="{html.escape(mode)}">{html.escape(scale)}</i>'
         text = view + "".join(label.html() for label in labels)
         if text != self._said:

@@ -19,13 +19,14 @@ from gcs_server.scene.dry_runs import pose_at
 from gcs_server.scene.frames import enu_from_ned
 from gcs_server.scene.gizmo import PreviewNode
 from gcs_server.scene.labels import Board, Label
+from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.shapes import Shapes, shapes
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.strokes import scale_marks
 from gcs_server.scene.tracks import Track
-from gcs_server.scene.vehicle_node import VehicleNode, set_pose
+from gcs_server.scene.vehicle_node import VehicleNode
 from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, framed, in_world, world_pose
 from missions.frames import Vector3, yaw_from_q
 
@@ -77,6 +78,8 @@ class Stage:
             p, q = self._world_pose.position_m, self._world_pose.q
             self._world = self._scene.add_frame("/world", show_axes=False, position=p, wxyz=q)
             self._lights = self._scene.add_frame("/lights", show_axes=False, wxyz=q)
+            self._moving_world = MovingNode(client, "/world", p, q)
+            self._turning_lights = MovingNode(client, "/lights", q=q)
             self._add_lights()
             self._grid = self._add_grid()
             self._marks: Any = None
@@ -130,17 +133,21 @@ class Stage:
                     hidden=view.mode == "gimbal" and vehicle_id == seen and followed is None,
                 )
             self._look(view, fleet[seen].smoother if seen is not None else None, followed)
-            labels = [label for node in self._vehicles.values() for label in node.labels]
             self._show_preview(view, fleet[seen] if seen is not None else None)
-            if self._preview is not None:
-                labels.append(self._preview.label)
-            if self._dry_run is not None:
-                labels.append(self._dry_run.label)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
                 self._show_marks(view.mode)
-            self._board.say([*self._compass, *labels], now_s, mode=view.mode, scale=self._scale)
+            if self._board.is_due(now_s):
+                self._board.say(self._labels(), mode=view.mode, scale=self._scale)
+
+    def _labels(self) -> list[Label]:
+        others = [node.label for node in (self._preview, self._dry_run) if node is not None]
+        return [
+            *self._compass,
+            *(label for node in self._vehicles.values() for label in node.labels),
+            *others,
+        ]
 
     def _make_one(self, fleet: Mapping[str, Track], seen: str | None) -> None:
         """Nodes of a vehicle that has none yet, first of the one that is looked at.
@@ -148,11 +155,12 @@ class Stage:
         One vehicle's took 24 ms on a slow machine. A fleet's all at once held up the event loop for seconds,
         and a loop so silent loses every setpoint stream.
         """
-        index = {v: n for n, (v, track) in enumerate(fleet.items()) if track.smoother.pose is not None}
-        waiting = index.keys() - self._vehicles.keys()
+        waiting = [v for v in fleet if v not in self._vehicles and fleet[v].smoother.pose is not None]
         if waiting:
-            new = min(waiting, key=lambda v: (v != seen, index[v]))
-            self._vehicles[new] = VehicleNode(self._client, index[new], self._palette, self._shapes)
+            new = seen if seen in waiting else waiting[0]
+            self._vehicles[new] = VehicleNode(
+                self._client, list(fleet).index(new), self._palette, self._shapes
+            )
 
     def hold(self, *, turns: bool) -> None:
         """This browser's hand is on one of the preview's handles."""
@@ -227,9 +235,9 @@ class Stage:
         elif view.mode == "gimbal":
             self._hold_camera()
         if world != self._world_pose:
-            set_pose(self._world, world.position_m, world.q)
-            if world.q != self._world_pose.q:
-                self._lights.wxyz = world.q
+            self._moving_world.place(world.position_m)
+            self._moving_world.turn(world.q)
+            self._turning_lights.turn(world.q)
             self._world_pose = world
 
     def _start_mode(self, mode: Mode, world: WorldPose, pose: VehiclePose | None) -> None:

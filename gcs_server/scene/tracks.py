@@ -31,8 +31,8 @@ AWAY_AFTER_S = 1.0
 FEW = 3
 """So many vehicles are looked at each time, all of them."""
 TURNS = 3
-"""Of more, those that no view follows are looked at once in so many times: each change of a node costs the
-server some 25 µs, and most of what a view of a fleet costs is the vehicles that nobody follows."""
+"""Of more, those that no view follows are looked at once in so many times: most of what a view of a fleet
+costs is the vehicles that nobody follows."""
 
 
 @dataclass(slots=True)

@@ -10,6 +10,7 @@ import viser
 
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import GIMBAL_AT_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
+from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import Palette, lit
 from gcs_server.scene.pose import Target, VehiclePose
 from gcs_server.scene.returns import strokes
@@ -27,12 +28,6 @@ GROUND_GAP_M = 0.012
 """What lies on the ground lies this much above it, or it would flicker."""
 AWAY_M = 0.35
 """Nearer than this the target is the vehicle: no line between them."""
-
-
-def set_pose(handle: Any, position_m: Vector3, q: Quaternion) -> None:
-    """Moves a node."""
-    handle.position = position_m
-    handle.wxyz = q
 
 
 class VehicleNode:
@@ -64,7 +59,8 @@ class VehicleNode:
         self._returns: Any = None
         """Made with the first measurement: most vehicles have no such sensor."""
         self._sealed: Any = None
-        self._tail = self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
+        self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
+        self._tail = self._moving("/tail")
         self._label = Label(client, f"{self._root}/place/label", self._colour)
         self._label.move((0.0, 0.0, LABEL_ABOVE_M))
         self._hidden: bool | None = None
@@ -88,7 +84,7 @@ class VehicleNode:
         if pose is None:
             return
         last = self._drawn
-        if pose is last and hidden == self._hidden and now_s < self._next_trail_s:
+        if pose is last and hidden == self._hidden:  # it was not this vehicle's turn
             return
         if hidden != self._hidden:
             self._hidden = hidden
@@ -98,7 +94,7 @@ class VehicleNode:
             self._move(pose, last)
         if pose.motors is not None and smoother.rotor_angles_rad != self._angles:
             self._angles = smoother.rotor_angles_rad
-            self._blades.batched_wxyzs = rotor_quaternions(self._angles)
+            self._rotors.change("batched_wxyzs", rotor_quaternions(self._angles))
         self._point_gimbal(pose, last)
         if last is None or pose.lost != last.lost:
             self._show_lost(pose.lost)
@@ -118,13 +114,13 @@ class VehicleNode:
     def _move(self, pose: VehiclePose, last: VehiclePose | None) -> None:
         x, y, z = pose.position_enu_m
         if last is None or pose.q_enu_flu != last.q_enu_flu:
-            self._body.wxyz = pose.q_enu_flu
+            self._turning.turn(pose.q_enu_flu)
         if last is not None and pose.position_enu_m == last.position_enu_m:
             return
-        self._place.position = pose.position_enu_m
+        self._place.place(pose.position_enu_m)
         height_m = z - pose.ground_z_m
-        self._below.position = (x, y, pose.ground_z_m)
-        self._plumb.scale = (1.0, 1.0, max(0.001, height_m))
+        self._below.place((x, y, pose.ground_z_m))
+        self._plumb_line.scale(1.0, 1.0, max(0.001, height_m))
         self._plumb.visible = height_m > 0.3
 
     def _point_gimbal(self, pose: VehiclePose, last: VehiclePose | None) -> None:
@@ -134,7 +130,7 @@ class VehicleNode:
         if q is None:
             return
         if last is None or q != last.q_body_camera:
-            self._gimbal.wxyz = q
+            self._looking.turn(q)
         depth_m = frustum_depth_m(pose, q)
         if abs(depth_m - self._frustum_m) > 0.02:
             self._frustum_m = depth_m
@@ -162,7 +158,8 @@ class VehicleNode:
             return
         if last is None or target != last.target:
             yaw = target.yaw_enu_rad
-            set_pose(self._target, target.position_enu_m, q_from_yaw(yaw) if yaw is not None else IDENTITY)
+            self._target_at.place(target.position_enu_m)
+            self._target_at.turn(q_from_yaw(yaw) if yaw is not None else IDENTITY)
             x, y, z = target.position_enu_m
             self._target_label.move((x, y, z - LABEL_BELOW_M))
         self._stretch(pose, target)
@@ -185,8 +182,9 @@ class VehicleNode:
         self._way.visible = away
         self._target_label.shown = away
         if away:
-            set_pose(self._way, a, q_along(way))
-            self._way.scale = (length_m, 1.0, 1.0)
+            self._way_from.place(a)
+            self._way_from.turn(q_along(way))
+            self._way_from.scale(length_m, 1.0, 1.0)
 
     def _draw_trail(self, trail: Trail, head: Vector3) -> None:
         if trail.version != self._trail_version:
@@ -199,13 +197,15 @@ class VehicleNode:
             self._tail_end = None
         if trail.recent and head != self._tail_end:
             self._tail_end = head
-            self._tail.points = _chain([*trail.recent, head])
+            self._tail.change("points", _chain([*trail.recent, head]))
 
     def _add_airframe(self) -> None:
         s, p = self._shapes, self._palette
         self._top = self._scene.add_frame(self._root, show_axes=False)
-        self._place = self._scene.add_frame(f"{self._root}/place", show_axes=False)
+        self._scene.add_frame(f"{self._root}/place", show_axes=False)
+        self._place = self._moving("/place")
         self._body = self._scene.add_frame(f"{self._root}/place/body", show_axes=False)
+        self._turning = self._moving("/place/body")
         self._shell = self._mesh("/place/body/shell", s.shell, p.body)
         self._dark = self._mesh("/place/body/dark", s.dark_parts, p.dark_part)
         self._mark = self._mesh("/place/body/mark", s.front_mark, self._rgb, side="double")
@@ -225,12 +225,14 @@ class VehicleNode:
             cast_shadow=False,
             receive_shadow=False,
         )
+        self._rotors = self._moving("/place/body/blades")
 
     def _add_gimbal(self) -> None:
         s, p = self._shapes, self._palette
         self._gimbal = self._scene.add_frame(
             f"{self._root}/place/body/gimbal", show_axes=False, position=GIMBAL_AT_M
         )
+        self._looking = self._moving("/place/body/gimbal")
         self._mesh("/place/body/gimbal/camera", s.camera, p.dark_part)
         self._lines("/place/body/gimbal/lens", s.lens, p.text, 2.0)
         self._frustum = self._scene.add_frame(f"{self._root}/place/body/gimbal/sees", show_axes=False)
@@ -241,7 +243,8 @@ class VehicleNode:
     def _add_ground_marks(self) -> None:
         p = self._palette
         self._home = self._lines("/home", self._shapes.home, p.text_2, 1.8)
-        self._below = self._scene.add_frame(f"{self._root}/below", show_axes=False)
+        self._scene.add_frame(f"{self._root}/below", show_axes=False)
+        self._below = self._moving("/below")
         self._scene.add_image(
             f"{self._root}/below/shadow",
             self._shadow_image(),
@@ -254,11 +257,14 @@ class VehicleNode:
         )
         upright = np.asarray([[(0, 0, 0), (0, 0, 1)]], np.float32)
         self._plumb = self._lines("/below/plumb", upright, p.text_3, 1.0)
+        self._plumb_line = self._moving("/below/plumb")
 
     def _add_target(self) -> None:
         p = self._palette
         self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
+        self._target_at = self._moving("/target")
         self._way = self._lines("/way", self._shapes.dots, p.target, 2.0)
+        self._way_from = self._moving("/way")
         self._target_label = Label(self._client, f"{self._root}/target_label", p.target, side="below")
         self._target.visible = self._way.visible = False
         self._target_label.shown = False
@@ -267,6 +273,9 @@ class VehicleNode:
         image = self._shapes.shadow.copy()
         image[..., 3] = (image[..., 3] * self._palette.shadow_opacity).astype(np.uint8)
         return image
+
+    def _moving(self, name: str) -> MovingNode:
+        return MovingNode(self._client, self._root + name)
 
     def _mesh(self, name: str, mesh: Any, colour: tuple[int, int, int], **options: Any) -> Any:
         return self._scene.add_mesh_simple(

@@ -1,0 +1,127 @@
+"""Moves the nodes of one browser's scene past viser's handles.
+
+A handle compares with NumPy, casts by type hints and serializes each message by its annotations: that was
+most of what an open 3D view cost the server. What moves at each step goes into viser's queue for the browser
+directly: in the order of all other messages, under viser's own keys, so that a newer value replaces one that
+has not been sent. The tests compare these messages with those of viser's handles (hence the pinned minor
+version).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from viser.infra import Message
+
+from missions.frames import Quaternion, Vector3
+
+MOVED_M = 2e-4
+"""A smaller move is not sent: no screen shows it."""
+TURNED = 2e-5
+"""The same for the components of a quaternion."""
+SCALED = 5e-3
+"""The same for a scale; a line of one metre is scaled to its length [m]."""
+
+
+class NodeChange(Message):
+    """One value of one node, as viser writes it.
+
+    Args:
+        key: which message it replaces while neither has been sent.
+        fields: of the message; an array is written as viser writes arrays.
+    """
+
+    include_in_scene_serialization = False
+
+    def __init__(self, key: str, fields: dict[str, Any]) -> None:
+        self._key = key
+        self._fields = fields
+
+    def redundancy_key(self) -> str:
+        """Viser's key of the same change."""
+        return self._key
+
+    def entity_state_key(self) -> None:
+        """None: viser need not find these by node. What waits when a node is removed is sent before that."""
+
+    def as_serializable_dict(self, binary_buffers: list[memoryview] | None = None) -> dict[str, Any]:
+        """The message, with its arrays in `binary_buffers`."""
+        updates = self._fields.get("updates")
+        if updates is None or binary_buffers is None:
+            return self._fields
+        return {**self._fields, "updates": {k: _extracted(v, binary_buffers) for k, v in updates.items()}}
+
+
+class MovingNode:
+    """Pose and properties of a node that moves. Only they are sent past its handle: it must not set them too.
+
+    Args:
+        name: of the node.
+        position_m: where it was added, in its parent's frame.
+        q: how it was turned then.
+    """
+
+    __slots__ = ("_name", "_owner", "_position_m", "_q", "_queue", "_scale")
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        name: str,
+        position_m: Vector3 = (0.0, 0.0, 0.0),
+        q: Quaternion = (1.0, 0.0, 0.0, 0.0),
+    ) -> None:
+        self._name = name
+        self._owner = str(client.client_id)
+        self._queue = client._websock_connection.queue_message  # pyright: ignore[reportPrivateUsage]
+        self._position_m, self._q = position_m, q
+        self._scale: tuple[float, ...] = ()
+
+    def place(self, position_m: Vector3) -> None:
+        """Moves it, in its parent's frame."""
+        if _differs(position_m, self._position_m, MOVED_M):
+            self._position_m = position_m
+            self._send("SetPositionMessage", "position", position_m)
+
+    def turn(self, q: Quaternion) -> None:
+        """Turns it, in its parent's frame."""
+        if _differs(q, self._q, TURNED):
+            self._q = q
+            self._send("SetOrientationMessage", "wxyz", q)
+
+    def scale(self, x: float, y: float, z: float) -> None:
+        """Scales it along its axes."""
+        scale = (x, y, z)
+        if not self._scale or _differs(scale, self._scale, SCALED):
+            self._scale = scale
+            self.change("scale", tuple(map(float, scale)))
+
+    def change(self, prop: str, value: tuple[float, ...] | NDArray[np.float32]) -> None:
+        """Sends a property.
+
+        Args:
+            value: an array is sent as it is, later: nothing may write to it.
+        """
+        fields = {"name": self._name, "updates": {prop: value}, "owner": self._owner}
+        fields["type"] = "SceneNodeUpdateMessage"
+        self._queue(NodeChange(f"scene:{self._name}:update:{prop}", fields))
+
+    def _send(self, kind: str, field: str, value: tuple[float, ...]) -> None:
+        # A float of NumPy cannot be encoded, and what cannot ends the browser's connection.
+        plain = tuple(map(float, value))
+        fields = {"name": self._name, field: plain, "owner": self._owner, "type": kind}
+        self._queue(NodeChange(f"scene:{self._name}:update:{kind}", fields))
+
+
+def _differs(a: Sequence[float], b: Sequence[float], by: float) -> bool:
+    return a != b and any(abs(x - y) > by for x, y in zip(a, b, strict=True))
+
+
+def _extracted(value: Any, binary_buffers: list[memoryview]) -> Any:
+    if not isinstance(value, np.ndarray):
+        return value
+    binary_buffers.append(np.ascontiguousarray(value).data)
+    return {"__binary_index": len(binary_buffers) - 1, "dtype": value.dtype.str}

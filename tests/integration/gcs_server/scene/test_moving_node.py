@@ -1,0 +1,126 @@
+"""What `MovingNode` puts into viser's queue is what viser's own handles would put there."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from viser import _messages
+from zstandard import ZstdDecompressor
+
+from gcs_server.scene.moving_node import MOVED_M, MovingNode
+from tests.integration.gcs_server.scene.scene_running import CAMERA, open_stream
+from tests.unit.gcs_server.scene.scene_fakes import local
+
+POINTS = np.array([[[0, 0, 0], [1, 2, 3]], [[1, 2, 3], [4, 5, 6]]], np.float32)
+Q = (0.5, 0.5, 0.5, 0.5)
+
+
+def moving() -> tuple[MovingNode, list[Any]]:
+    queued: list[Any] = []
+    connection = SimpleNamespace(queue_message=queued.append)
+    return MovingNode(SimpleNamespace(client_id=7, _websock_connection=connection), "/a/b"), queued
+
+
+def on_the_wire(message: Any) -> tuple[Any, list[bytes]]:
+    """As viser's `_message_producer` writes it: the message, and its arrays."""
+    buffers: list[memoryview] = []
+    packed = msgspec.msgpack.encode(message.as_serializable_dict(buffers))
+    return msgspec.msgpack.decode(packed), [bytes(buffer) for buffer in buffers]
+
+
+def messages_in(data: bytes) -> list[dict[str, Any]]:
+    size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
+    inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
+    return msgspec.msgpack.decode(inner)["messages"]
+
+
+CHANGES = {
+    "position": (lambda n: n.place((1.0, 2.0, 3.0)), _messages.SetPositionMessage("/a/b", (1.0, 2.0, 3.0))),
+    "orientation": (lambda n: n.turn(Q), _messages.SetOrientationMessage("/a/b", Q)),
+    "scale": (
+        lambda n: n.scale(1.0, 1.0, 4.5),
+        _messages.SceneNodeUpdateMessage("/a/b", {"scale": (1.0, 1.0, 4.5)}),
+    ),
+    "array": (
+        lambda n: n.change("points", POINTS),
+        _messages.SceneNodeUpdateMessage("/a/b", {"points": POINTS}),
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "of_viser"), CHANGES.values(), ids=CHANGES)
+def test_a_change_is_written_as_viser_writes_it(change, of_viser):
+    node, queued = moving()
+    change(node)
+    (ours,) = queued
+    of_viser.owner = "7"
+    assert on_the_wire(ours) == on_the_wire(of_viser)
+    assert ours.redundancy_key() == of_viser.redundancy_key(), "each replaces the other while it waits"
+
+
+def test_a_handle_of_viser_queues_the_same_kinds_of_messages(running):
+    """Were it otherwise, what moves would no longer be what viser's program in the browser follows."""
+    server = running.host._server
+    sent: list[Any] = []
+    frame = server.scene.add_frame("/moving", show_axes=False)
+    lines = server.scene.add_line_segments("/moving/lines", POINTS, (1, 2, 3))
+    api = frame._impl.api
+    queue, api._websock_interface = api._websock_interface, SimpleNamespace(queue_message=sent.append)
+    try:
+        frame.position, frame.wxyz = (1.0, 2.0, 3.0), Q
+        lines.scale, lines.points = (1.0, 1.0, 4.5), POINTS + 1
+    finally:
+        api._websock_interface = queue
+        frame.remove()
+    kinds = [type(of_viser) for _, of_viser in CHANGES.values()]
+    assert [type(message) for message in sent] == kinds
+    assert [list(m.updates) for m in sent if isinstance(m, _messages.SceneNodeUpdateMessage)] == [
+        ["scale"],
+        ["points"],
+    ]
+    assert sent[-1].updates["points"].dtype == POINTS.dtype
+
+
+def test_a_browser_is_sent_where_a_vehicle_comes_to_rest(running, monkeypatch):
+    vehicle = running.fleet.vehicles[0]
+    client_ids: set[str] = set()
+
+    async def rests_at(stream, height_m: float) -> None:
+        async for data in stream:
+            for message in messages_in(data):
+                if message["type"] == "SetPositionMessage" and message["name"].endswith("/place"):
+                    client_ids.add(message["owner"])
+                    if message["position"][2] == pytest.approx(height_m, abs=0.01):
+                        return
+
+    async def look():
+        async with asyncio.timeout(20), open_stream(running, f"?vehicle={vehicle.id}") as stream:
+            await stream.send(msgspec.msgpack.encode(CAMERA))
+            for height_m in (12.0, 9.0):
+                monkeypatch.setitem(vehicle.values, "local_position", local(0.0, 0.0, -height_m))
+                await rests_at(stream, height_m)
+            assert client_ids == set(map(str, running.host.clients())), "viser shows a node to its owner only"
+
+    asyncio.run(look())
+
+
+def test_what_has_not_moved_is_not_sent():
+    node, queued = moving()
+    node.place((0.0, 0.0, 0.0))
+    node.turn((1.0, 0.0, 0.0, 0.0))
+    assert queued == []
+    for step in range(1, 11):
+        node.place((step * MOVED_M * 0.3, 0.0, 0.0))
+    assert len(queued) == 2, "a slow drift is sent once it can be seen"
+
+
+def test_numbers_of_numpy_do_not_end_the_connection():
+    node, queued = moving()
+    node.place(tuple(np.array([1.0, 2.0, 3.0])))
+    node.scale(*np.array([1.0, 1.0, 3.0]))
+    assert [on_the_wire(message)[0]["name"] for message in queued] == ["/a/b", "/a/b"]
