@@ -88,6 +88,7 @@ def fly(jump, story):
     jump(run)
 
 
+@pytest.mark.story
 def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
     async def story(flight):
         await flight.offboard.operator.set(OperatorLimits(obstacle_brake=False), by="test")
@@ -98,6 +99,7 @@ def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
     fly(jump, story)
 
 
+@pytest.mark.story
 def test_the_brake_holds_it_before_the_box_and_avoidance_switched_on_in_flight_leads_it_over(jump):
     async def story(flight):
         offboard = flight.offboard

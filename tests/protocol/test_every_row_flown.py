@@ -71,6 +71,7 @@ def off_m(vehicle, place):
     return math.dist(local(vehicle).position_ned_m, place)
 
 
+@pytest.mark.story
 def test_position_velocity_and_acceleration_rows(jump):
     async def story(world, vehicle):
         started = await vehicle.offboard.start(order(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
@@ -123,6 +124,7 @@ def test_position_velocity_and_acceleration_rows(jump):
     flown(jump, story)
 
 
+@pytest.mark.story
 def test_attitude_and_rates_rows_and_how_they_expire(jump):
     async def story(world, vehicle):
         thrust = 0.49

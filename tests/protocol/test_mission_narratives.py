@@ -65,7 +65,8 @@ def test_an_operators_hold_suspends_all_and_each_goes_on_from_there(jump, tmp_pa
     fly(jump, tmp_path, story)
 
 
-@pytest.mark.parametrize("how", [pytest.param("stick", marks=pytest.mark.broad), "switch"])
+@pytest.mark.broad
+@pytest.mark.parametrize("how", ["stick", "switch"])
 def test_a_pilot_takes_every_vehicle_and_is_never_fought(jump, tmp_path, how):
     async def story(air):
         for row in range(len(STEPS)):

@@ -10,7 +10,7 @@ from vehicle_sim.script import script_of
 from vehicle_sim.world.files import load_world
 from vehicle_sim.yaml_fields import parse_yaml
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 FAULTS = """
 events:
