@@ -71,6 +71,8 @@ class SensorState:
     """(N,)."""
     baro_stale: BoolArray
     """(N,) whose barometer has repeated one value for so long that its samples are not used any more."""
+    mag_stale: BoolArray
+    """(N,) whose magnetometer has."""
     baro_count: int
     gps_lat_deg: FloatArray
     """(N,)."""

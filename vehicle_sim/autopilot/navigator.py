@@ -217,6 +217,7 @@ class Navigator:
 
     def run(self, mode: NavState) -> None:
         """One tick of the active mode; writes the set points."""
+        self.path.follow_resets()
         if mode in LANDING_MODES:
             self._descent.run()
         elif mode is NavState.TAKEOFF:

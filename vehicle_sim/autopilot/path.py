@@ -6,6 +6,7 @@ Lengths in metres, NED; `run` methods of the flight tasks call it once a tick of
 from __future__ import annotations
 
 import math
+import operator
 
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
@@ -40,6 +41,25 @@ class Path:
         """NaN, here and below: as the parameters say."""
         self.climb_m_s = math.nan
         self.descent_m_s = math.nan
+        self._resets = self._reset_counters()
+
+    def _reset_counters(self) -> list[int]:
+        """How often the estimate was reset: level velocity, vertical velocity, level position, height."""
+        return self._view.simulation.fusion.resets[:, self._view.row].tolist()
+
+    def follow_resets(self) -> None:
+        """Where the estimate was reset the trajectory goes on from there, instead of chasing the step."""
+        now = self._reset_counters()
+        if now == self._resets:
+            return
+        level_velocity, climb, level, height = map(operator.ne, now, self._resets)
+        self._resets = now
+        position, velocity = self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s
+        for k, axis in enumerate((self.x, self.y, self.z)):
+            if (level, level, height)[k]:
+                axis.position_m = position[k]
+            if (level_velocity, level_velocity, climb)[k]:
+                axis.velocity_m_s = velocity[k]
 
     def restart(self, *, in_air: bool, goes_on: bool = False) -> None:
         """Begin where the vehicle is, as fast as it moves.
@@ -50,6 +70,7 @@ class Path:
         """
         estimate = self._view.estimate
         self._smoothing.begin()
+        self._resets = self._reset_counters()
         self._way = None
         asked = self._row.asked() if goes_on and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):

@@ -25,11 +25,13 @@ class SensorWatch:
         """Look once, each tick; of GNSS only an armed vehicle tells."""
         view, i = self._view, self._view.row
         now_s, sensors = view.time_s, view.simulation.sensors
-        for name, fresh in (("baro", sensors.baro_fresh), ("mag", sensors.mag_fresh)):
-            stale = name == "baro" and sensors.baro_stale[i]
-            if fresh[i] or stale:
+        for name, fresh, stale in (
+            ("baro", sensors.baro_fresh[i], sensors.baro_stale[i]),
+            ("mag", sensors.mag_fresh[i], sensors.mag_stale[i]),
+        ):
+            if fresh or stale:
                 self._heard_at_s[name] = now_s
-            if fresh[i]:
+            if fresh:
                 self._failed[name] = False
             elif not self._failed[name] and (stale or now_s - self._heard_at_s[name] >= FAILED_AFTER_S):
                 self._failed[name] = True

@@ -228,13 +228,13 @@ class Gnss:
         yaw.fuse(velocity_ne, variance, moves, fusion.in_air)
         taken_at_s = np.maximum(self.velocity_at_s, self._steady_since_s)
         refused = moves & fusion.gnss_vel & fusion.in_air & (now_s - taken_at_s > YAW_RESET_AFTER_S)
-        refused &= yaw.variance_rad2 < SURE_RAD**2
         if not refused.any():
             return refused
-        off = wrap_pi(yaw.heading_rad - yaw_of(kalman.q_ned_frd))
-        turned = refused & (np.abs(off) > YAW_OFF_RAD)
+        heading, sureness = yaw.headings()
+        off = wrap_pi(heading - yaw_of(kalman.q_ned_frd))
+        turned = refused & (sureness < SURE_RAD**2) & (np.abs(off) > YAW_OFF_RAD)
         if turned.any():
-            kalman.reset_heading(turned, off, yaw.variance_rad2)
+            kalman.reset_heading(turned, off, sureness)
             fusion.heading_reset_counter += turned
         return turned
 

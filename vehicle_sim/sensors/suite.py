@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vehicle_sim.frames import GRAVITY_M_S2, quaternion_of, rotate, rotate_back, rotation_matrix
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.magnetic_field import field_ned_gauss
+from vehicle_sim.masks import any_nonzero, any_of
 from vehicle_sim.noise import NoiseOf, WhiteNoise
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver, SensorFaults
@@ -44,8 +45,9 @@ GPS_SPEED_ACCURACY_M_S = 0.4
 GPS_HDOP = 0.7
 GPS_VDOP = 1.1
 SATELLITES_FOR_A_FIX = 4
-BARO_STALE_SAMPLES = 34
-"""A barometer that repeats one value so often is stale; recorded, 1.67 s after it got stuck."""
+STALE_SAMPLES = {Driver.BARO: 34, Driver.MAG: 334}
+"""A sensor that repeats one value so often is stale: PX4 allows a barometer a hundred equal numbers (1.7 s,
+as recorded) and a magnetometer a thousand (6.7 s), and counts three a sample."""
 BARO_TEMPERATURE_DEG_C = 11.82
 """What SCALED_PRESSURE says at home: 15 degrees at sea level, 6.5 degrees a kilometre less."""
 
@@ -95,8 +97,7 @@ class SensorSuite:
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
         self._baro_offset_deg_c = np.zeros(count)
-        self._baro_before_hpa = np.zeros(count)
-        self._baro_repeats = np.zeros(count, dtype=np.int64)
+        self._repeats = {driver: np.zeros(count, dtype=np.int64) for driver in STALE_SAMPLES}
         self._speaks = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
         """Whose driver runs; a stopped one leaves its sensor's last sample standing."""
         self._gyro_offset, self._accel_offset = np.zeros((count, 3)), np.zeros((count, 3))
@@ -130,6 +131,7 @@ class SensorSuite:
             baro_temperature_deg_c=np.full(count, BARO_TEMPERATURE_DEG_C),
             baro_fresh=np.ones(count, dtype=np.bool_),
             baro_stale=np.zeros(count, dtype=np.bool_),
+            mag_stale=np.zeros(count, dtype=np.bool_),
             baro_count=0,
             gps_lat_deg=np.zeros(count),
             gps_lon_deg=np.zeros(count),
@@ -243,6 +245,7 @@ class SensorSuite:
                 field = rotate(self._board, field)
             measured = state.mag_fresh & ~self.faults.stuck[Driver.MAG]
             np.copyto(state.mag_frd_gauss, field, where=measured[:, None])
+            self._drop_stale(Driver.MAG, state.mag_fresh, state.mag_stale)
             state.mag_count += 1
         if steps % BARO_EVERY_STEPS == 0:
             self._sample_baro(truth)
@@ -262,13 +265,18 @@ class SensorSuite:
         state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
         temperature = 15.0 - _LAPSE_K_M * alt + self._baro_offset_deg_c
         np.copyto(state.baro_temperature_deg_c, temperature, where=measured)
-        # Sensors without noise repeat themselves and are whole.
-        same = (state.baro_pressure_hpa == self._baro_before_hpa) & (self._strength[:, 0] > 0.0)
-        self._baro_repeats = np.where(same & state.baro_fresh, self._baro_repeats + 1, 0)
-        self._baro_before_hpa[:] = state.baro_pressure_hpa
-        np.greater_equal(self._baro_repeats, BARO_STALE_SAMPLES, out=state.baro_stale)
-        state.baro_fresh &= ~state.baro_stale
+        self._drop_stale(Driver.BARO, state.baro_fresh, state.baro_stale)
         state.baro_count += 1
+
+    def _drop_stale(self, driver: Driver, fresh: BoolArray, stale: BoolArray) -> None:
+        """Use a stuck sensor no more after too many samples; without noise every sensor repeats itself."""
+        stuck, repeats = self.faults.stuck[driver], self._repeats[driver]
+        if not (any_of(stuck) or any_nonzero(repeats)):
+            return
+        repeats += 1
+        repeats[~(stuck & fresh & (self._strength[:, 0] > 0.0))] = 0
+        np.greater_equal(repeats, STALE_SAMPLES[driver], out=stale)
+        fresh &= ~stale
 
     def _sample_gps(self, truth: TruthState) -> None:
         state = self.state

@@ -1,11 +1,14 @@
 """The estimator under faults: drifts by its own IMU and says so, refuses by its gates, resets as PX4."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.bench import fault_recordings, faults
+from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.sensor_watch import SensorWatch
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
@@ -95,19 +98,57 @@ def test_gates_take_small_steps_and_refuse_great_ones():
     assert turned.max() < math.radians(15.0), "a compass that is dropped does not turn the vehicle"
 
 
-def test_a_displaced_gps_is_refused_for_fourteen_seconds_a_shifted_accelerometer_resets_the_height():
-    sim = hovering(2)
+def test_displaced_gps_is_refused_for_14_s_shifted_accelerometer_resets_height_stuck_compass_is_dropped():
+    sim = hovering(3)
     sim.set_gps_offset(0, np.array([30.0, 0.0, 0.0]))
     sim.sensor_faults.set_imu_offset(1, np.zeros(3), np.array([0.0, 0.0, 4.0]))
+    sim.sensor_faults.stuck[Driver.MAG][2] = True
     before = sim.fusion.resets.copy()
     run(sim, 6.0)
     assert sim.fusion.z_reset_counter[1] > before[3, 1]
-    run(sim, 7.0)
+    assert not sim.sensors.mag_stale.any(), "a thousand equal numbers, three a sample, take 6.7 s"
+    run(sim, 1.0)
+    assert sim.sensors.mag_stale.tolist() == [False, False, True]
+    assert sim.fusion.mag[2]
+    run(sim, 6.0)
+    assert not sim.fusion.mag[2]
     assert sim.fusion.xy_reset_counter[0] == before[2, 0]
     assert abs(sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]) < 2.0
     assert sim.estimate.horizontal_accuracy_m[0] > 0.5
     run(sim, 2.0)
     assert sim.fusion.xy_reset_counter[0] == before[2, 0] + 1
+
+
+@pytest.mark.parametrize("name", ["baro", "mag"])
+def test_a_stale_sensor_is_named_once_and_again_after_it_was_whole(name):
+    told = []
+    announcer = SimpleNamespace(text=lambda _, text: told.append(text), event=lambda *_: None)
+    fresh = {f"{each}_fresh": np.array([True]) for each in ("baro", "mag")}
+    sensors = SimpleNamespace(**fresh, baro_stale=np.array([False]), mag_stale=np.array([False]))
+    fusion = SimpleNamespace(gnss_pos=np.array([False]))
+    view = SimpleNamespace(time_s=0.0, row=0, simulation=SimpleNamespace(sensors=sensors, fusion=fusion))
+    watch = SensorWatch(view, announcer)
+    for stale in (True, True, False, True):
+        view.time_s += 1.0
+        getattr(sensors, f"{name}_fresh")[0], getattr(sensors, f"{name}_stale")[0] = not stale, stale
+        watch.update(armed=True)
+        assert not watch.silent(name), "it speaks, if always the same"
+    assert told == [f"{name.upper()} #0 failed:  STALE!\t"] * 2
+
+
+@pytest.mark.parametrize(("counter", "moved"), [(0, "v"), (1, "w"), (2, "p"), (3, "z")])
+def test_a_trajectory_goes_on_from_where_the_estimate_was_reset_to(counter, moved):
+    resets = np.zeros((4, 1), dtype=np.int64)
+    estimate = SimpleNamespace(position_ned_m=(30.0, 31.0, 32.0), velocity_ned_m_s=(1.0, 2.0, 3.0))
+    simulation = SimpleNamespace(fusion=SimpleNamespace(resets=resets))
+    path = Path(SimpleNamespace(simulation=simulation, row=0, estimate=estimate), SimpleNamespace())
+    path.follow_resets()
+    assert path.position_ned_m == (0.0, 0.0, 0.0)
+    resets[counter] += 1
+    path.follow_resets()
+    velocity = path.x.velocity_m_s, path.y.velocity_m_s, path.z.velocity_m_s
+    assert path.position_ned_m == {"p": (30.0, 31.0, 0.0), "z": (0.0, 0.0, 32.0)}.get(moved, (0.0, 0.0, 0.0))
+    assert velocity == {"v": (1.0, 2.0, 0.0), "w": (0.0, 0.0, 3.0)}.get(moved, (0.0, 0.0, 0.0))
 
 
 def test_the_same_seed_gives_the_same_estimate_under_a_fault():
