@@ -182,13 +182,15 @@ class VehicleSim:
         self.simulation.step()
         for collision in self.simulation.take_collisions():
             self._end_flight(collision)
-        if self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0:
+        ticks = self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0
+        if ticks:
             for autopilot in self._deciding:
                 autopilot.update()
             if self._script is not None:
                 self._script.step()
         for node in self._speaking:
-            node.step()
+            if ticks or node.attends:
+                node.step()
         if self._logbook is not None:
             self._logbook.step(self.simulation.steps * STEP_US)
 

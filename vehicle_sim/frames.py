@@ -89,7 +89,8 @@ def _times(rows: FloatArray, table: FloatArray) -> FloatArray:
     """rows · table, each row by itself.
 
     In one product BLAS adds up in an order that depends on how many rows there are: a vehicle's last bit
-    would depend on the size of its fleet.
+    would depend on the size of its fleet. A table with two entries a column needs none of this: the sum of
+    two products and of zeros is the same in any order.
     """
     return rows @ table if len(rows) == 1 else (rows[:, None, :] @ table)[:, 0, :]
 
@@ -126,7 +127,7 @@ def rotate_back(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """a × b, (N, 3) each."""
-    return _times(_outer(a, b), _CROSS)
+    return _outer(a, b) @ _CROSS
 
 
 def row_norm(vector: FloatArray) -> FloatArray:
@@ -161,7 +162,7 @@ def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
     """
     flat = matrix.reshape(-1, 9)
     magnitude = np.sqrt(np.maximum(_times(flat, _SQUARES) + 0.25, 0.0))
-    magnitude[:, 1:] = np.copysign(magnitude[:, 1:], _times(flat, _SIGNS))
+    magnitude[:, 1:] = np.copysign(magnitude[:, 1:], flat @ _SIGNS)
     return normalized(magnitude)
 
 

@@ -14,7 +14,7 @@ from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.row import SetpointRow, numbers
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
@@ -50,6 +50,9 @@ class Autopilot:
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self._down_m = 0.0
+        # Of all vehicles; read past NumPy, which takes three times as long.
+        self._thrusts = numbers(view.simulation.target.thrust)
+        self._hover_thrusts = numbers(view.simulation.target.hover_thrust)
         self._asked_down_m_s = math.nan
         """Vertical velocity of the last trajectory set point that was not just a push against the ground."""
         self.offboard.on_setpoint = self._take_at_once
@@ -85,9 +88,8 @@ class Autopilot:
 
     def _detect_landing(self) -> None:
         estimate = self.view.estimate
-        target, i = self.view.simulation.target, self.view.row
-        direct = int(self.view.simulation.setpoints.level[i]) < ControlLevel.TRAJECTORY
-        thrust = float(target.thrust[i]) if self.takeoff.may_thrust or direct else 0.0
+        i, direct = self.view.row, self._row.below_trajectory
+        thrust = self._thrusts[i] if self.takeoff.may_thrust or direct else 0.0
         estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
         # A horizontal velocity that is not known keeps nobody from having landed.
         vn, ve, vd = estimate.velocity_ned_m_s
@@ -95,7 +97,7 @@ class Autopilot:
         motion = Motion(
             self.commander.armed,
             thrust,
-            float(target.hover_thrust[i]),
+            self._hover_thrusts[i],
             estimates_hover,
             (vn, ve, vd) if estimate.valid_velocity else (0.0, 0.0, vd),
             (self._down_m - down_m) / TICK_S,

@@ -65,15 +65,20 @@ class Allocation:
             return motors
         self._fell_short = True
         # Who has enough is not fitted with the others: its last bit must not depend on them.
-        motors = np.where(within.all(axis=1, keepdims=True), motors, self._fit(demand))
-        given = (motors[:, None, :] @ self._unmix)[:, 0, :]
-        np.subtract(self._torque, given, out=self.short_of)
-        self.short_of[np.abs(self.short_of) < _SMALL] = 0.0
+        short = np.flatnonzero(~within.all(axis=1))
+        motors[short] = fitted = self._fit(demand[short], self._mix[short])
+        given = (fitted[:, None, :] @ self._unmix[short])[:, 0, :]
+        missing = self._torque[short] - given
+        missing[np.abs(missing) < _SMALL] = 0.0
+        self.short_of.fill(0.0)
+        self.short_of[short] = missing
         return motors
 
-    def _fit(self, demand: FloatArray) -> FloatArray:
-        roll, pitch, yaw, lift = (self._mix[:, k, :] for k in range(4))
-        part = demand[:, 0, :, None] * self._mix
+    @staticmethod
+    def _fit(demand: FloatArray, mix: FloatArray) -> FloatArray:
+        """Signals (M, 4) within 0..1 as near as can be to (M, 1, 4) demanded, by mixers (M, 4, 4)."""
+        roll, pitch, yaw, lift = (mix[:, k, :] for k in range(4))
+        part = demand[:, 0, :, None] * mix
         motors = part[:, 0] + part[:, 1] + part[:, 3]
         motors = _desaturate(motors, -lift, 1.0, one_way=True)
         motors = _desaturate(motors, roll, 1.0)

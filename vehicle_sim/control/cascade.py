@@ -116,12 +116,15 @@ class Cascade:
             )
             if split.any_below_rates:
                 np.copyto(torque, np.nan_to_num(setpoints.torque_frd), where=split.below_rates[:, None])
-            motors = self._allocation.update(torque, self._thrust)
             if split.all_powered:
                 self.torque_frd[:] = torque
+            else:
+                # Else the mixer would look in vain for signals that give a vehicle on the ground a torque.
+                np.multiply(torque, split.powered[:, None], out=self.torque_frd)
+            motors = self._allocation.update(self.torque_frd, self._thrust)
+            if split.all_powered:
                 self.motor_signal[:] = motors
             else:
-                np.multiply(torque, split.powered[:, None], out=self.torque_frd)
                 np.multiply(motors, split.powered[:, None], out=self.motor_signal)
         np.multiply(self.motor_signal, _SPAN_US, out=self.motors_us)
         self.motors_us += _MIN_US

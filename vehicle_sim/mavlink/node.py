@@ -125,6 +125,13 @@ class Node:
                     continue
             self._forward(link, message)
 
+    @property
+    def attends(self) -> bool:
+        """Whether it must be stepped after each simulation step; nobody hears one without links, which is
+        stepped after each tick of the autopilot."""
+        context = self.context
+        return bool(context.links) or context.waits or self._camera is not None
+
     def step(self) -> None:
         """After each simulation step: answers put off, then whatever streams are due."""
         context = self.context
