@@ -25,9 +25,10 @@ router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
 async def start(body: models.StartGroup, station: StationDep, principal: PrincipalDep) -> Response:
     """Switches all flying members to Offboard at their positions, then starts them together.
 
-    Answers once all have confirmed and the start (`start_unix_s`) is set. If one refuses, does not confirm,
-    or would come too near to another, none moves and all are put into Hold (409 `not_together` with their
-    ids). `limits` has each member's limits, and whether the operator's limits were restored after a restart.
+    Answers when all have confirmed, with the common start time (`start_unix_s`). If a member refuses, does
+    not confirm, or would come too close to another, none moves and all are put into Hold (409
+    `not_together` with their ids). `limits` has each member's limits, and whether the operator's limits were
+    restored after a restart.
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
@@ -45,7 +46,7 @@ async def show_all(station: StationDep) -> Response:
 
 @router.get("/{g}", response_model=models.GroupModel)
 async def show(g: str, station: StationDep) -> Response:
-    """State of a group: its members, the two nearest to each other, and its findings."""
+    """State of a group: its members, the closest pair, and its findings."""
     return answer(station.groups.get(g))
 
 
@@ -53,7 +54,7 @@ async def show(g: str, station: StationDep) -> Response:
 async def setpoints(
     g: str, body: models.GroupSetpoints, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """New setpoints for some or all members, sent together; refused if two would come too near."""
+    """New setpoints for some or all members, sent together; refused if two would come too close."""
     members = station.groups.members(g)
     for index, member in enumerate(body.setpoints):
         if member.vehicle not in members:
@@ -65,9 +66,9 @@ async def setpoints(
         for vehicle in members
     }
     with together(station, principal, "offboard/setpoint", arguments):
-        orders = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
+        setpoints_by_vehicle = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
         status = await station.groups.setpoints(
-            g, orders, body.valid_for_s, body.expiry(), principal.name, principal.key
+            g, setpoints_by_vehicle, body.valid_for_s, body.expiry(), principal.name, principal.key
         )
         return answer(status)
 
@@ -84,8 +85,8 @@ async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response
 def together(
     station: Station, principal: Principal, command: str, arguments: dict[str, dict[str, Any]]
 ) -> Generator[None]:
-    """Wraps a command to several vehicles: a journal line for each, and no control is taken if one is
-    refused.
+    """Wraps a command to several vehicles: writes a journal line for each. If one is refused, all are, and
+    control of no vehicle is taken.
 
     Raises:
         NotInControl: another client holds control of a member; names which.

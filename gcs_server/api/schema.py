@@ -63,7 +63,7 @@ def api_router() -> APIRouter:
     return router
 
 
-class _Described(FastAPI):
+class _DocumentedApp(FastAPI):
     """Adds to each operation who may call it, and the answers of access control and limits."""
 
     def openapi(self) -> dict[str, Any]:
@@ -88,7 +88,7 @@ class _Described(FastAPI):
 
 
 PERMITTED = [Depends(permitted)]
-"""Asked before every route."""
+"""Checks the permission before every route."""
 
 
 @functools.cache
@@ -104,8 +104,8 @@ def _routes() -> tuple[BaseRoute, ...]:
 
 
 def bare_app() -> FastAPI:
-    """The application's description and routes, without a station behind them."""
-    app = _Described(
+    """The application's description and routes, without a running server behind them."""
+    app = _DocumentedApp(
         dependencies=PERMITTED,
         title="Offboard GCS",
         version=__version__,

@@ -15,7 +15,7 @@ from typing import Literal
 
 from gcs_server.clock import Clock
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MAX_REQUESTS, REQUEST_LIVES_S, Asking, make_room
+from gcs_server.control.requests import MAX_REQUESTS, REQUEST_LIFETIME_S, PendingRequest, make_room
 from gcs_server.errors import NotInControl, Refused
 
 OnControlLost = Literal["nothing", "hold", "land", "rtl"]
@@ -91,7 +91,7 @@ class Lease:
     reachable: Callable[[Principal], bool]
     on_change: Callable[[ControlChange], None]
     _holding: _Holding | None = None
-    _asking: dict[str, Asking] = field(default_factory=dict[str, Asking])
+    _asking: dict[str, PendingRequest] = field(default_factory=dict[str, PendingRequest])
 
     # --- state ----------------------------------------------------------------------------------
 
@@ -225,7 +225,7 @@ class Lease:
         """Denies a request; the requesting client may then take control by force. Raises as `grant`."""
         holding = self._own(client)
         asking = self._who_asks(to)
-        asking.denied, asking.first_s = True, self.clock.monotonic_s()
+        asking.denied, asking.lifetime_start_s = True, self.clock.monotonic_s()
         why = f": {reason}" if reason else ""
         text = (
             f"{holding.client} keeps control of vehicle {self.vehicle_id}; {asking.client} requested it{why}."
@@ -263,7 +263,7 @@ class Lease:
             known.reason = reason or known.reason
             return
         make_room(self._asking, client, self.vehicle_id)
-        self._asking[client.key] = Asking(client, reason, self.clock.unix_s(), now_s, now_s)
+        self._asking[client.key] = PendingRequest(client, reason, self.clock.unix_s(), now_s, now_s)
         why = f": {reason}" if reason else ""
         text = f"{client} requests control from {holding.client} of vehicle {self.vehicle_id}{why}."
         self.on_change(ControlChange("requested", client, text, holding.client, reason=reason))
@@ -281,7 +281,7 @@ class Lease:
         """Ends what has expired. Called before each step and periodically."""
         now_s = self.clock.monotonic_s()
         for key, asking in list(self._asking.items()):
-            if now_s - asking.first_s > REQUEST_LIVES_S:
+            if now_s - asking.lifetime_start_s > REQUEST_LIFETIME_S:
                 del self._asking[key]
         holding = self._holding
         if holding is None:
@@ -333,7 +333,7 @@ class Lease:
         self.heard(client)
         return self._holding
 
-    def _who_asks(self, to: str) -> Asking:
+    def _who_asks(self, to: str) -> PendingRequest:
         asking = [a for a in self._asking.values() if not a.denied]
         found = [a for a in asking if a.client.key == to] or [a for a in asking if str(a.client) == to]
         if len(found) == 1:
@@ -348,7 +348,7 @@ class Lease:
             f"{to!r} has not requested control of vehicle {self.vehicle_id}.", remedy=f"Requests: {names}."
         )
 
-    def _answer_left_s(self, asking: Asking) -> float:
+    def _answer_left_s(self, asking: PendingRequest) -> float:
         if not self.can_be_asked:
             return 0.0
         return max(0.0, asking.asked_s + self.terms.answer_s - self.clock.monotonic_s())

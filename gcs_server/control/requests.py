@@ -10,41 +10,42 @@ from gcs_server.errors import Refused
 MAX_REQUESTS = 20
 """Clients that may request control of one vehicle at a time."""
 MAX_REQUESTS_PER_ADDRESS = 10
-REQUEST_LIVES_S = 120.0
+REQUEST_LIFETIME_S = 120.0
 """Lifetime of a request, and of the right to force after a denial [s]."""
 
 
 @dataclass(slots=True)
-class Asking:
-    """A client that requests control."""
+class PendingRequest:
+    """A client's request for control of a vehicle."""
 
     client: Principal
     reason: str | None
     since_unix_s: float
     asked_s: float
     """When the current holder was asked."""
-    first_s: float
+    lifetime_start_s: float
+    """Start of the request's lifetime: its arrival, or its denial."""
     denied: bool = False
 
 
-def make_room(asking: dict[str, Asking], client: Principal, vehicle_id: str) -> None:
-    """Drops the oldest denied request if there is no room for one more.
+def make_room(asking: dict[str, PendingRequest], client: Principal, vehicle_id: str) -> None:
+    """Removes the oldest denied request if the limit is reached.
 
     Raises:
-        Refused: the limit of waiting requests is reached.
+        Refused: the limit is reached, and no request is denied.
     """
     same = [a for a in asking.values() if a.client.address == client.address]
     if client.address and len(same) >= MAX_REQUESTS_PER_ADDRESS:
-        crowd, where = same, " at your address"
+        limited, where = same, " at your address"
     elif len(asking) >= MAX_REQUESTS:
-        crowd, where = list(asking.values()), ""
+        limited, where = list(asking.values()), ""
     else:
         return
-    denied = next((a for a in crowd if a.denied), None)
+    denied = next((a for a in limited if a.denied), None)
     if denied is None:
         raise Refused(
-            f"{len(crowd)} clients{where} already request control of vehicle {vehicle_id}.",
+            f"{len(limited)} clients{where} already request control of vehicle {vehicle_id}.",
             remedy="Wait until the holder has answered some (control/grant, control/deny); a request is "
-            f"forgotten after {REQUEST_LIVES_S:g} s. Hold, Land now and Kill need no control.",
+            f"forgotten after {REQUEST_LIFETIME_S:g} s. Hold, Land now and Kill need no control.",
         )
     del asking[denied.client.key]

@@ -63,8 +63,8 @@ class HttpServer(uvicorn.Server):
             acceptor = Acceptor(listener, self._protocol, self._connections, self._clock)
             acceptor.start()
             self.servers.append(cast(Any, acceptor))
-        # All that was imported stays for ever. Looking through it again at each full garbage collection would
-        # halt the process, the offboard stream included, and cost as much as decoding a fleet's telemetry.
+        # Imported objects are never freed. If they are not frozen, each full garbage collection scans them
+        # again, pauses the process and costs as much as decoding a fleet's telemetry.
         gc.collect()
         gc.freeze()
         if self.started:

@@ -13,7 +13,7 @@ import re
 log = logging.getLogger(__name__)
 
 MAX_UNDECIDED_BYTES = 24
-"""Longer than every HTTP method, so the protocol is decided by then."""
+"""Longer than every HTTP method, so this many bytes decide the protocol."""
 LOG_INTERVAL_S = 10.0
 SHOWN_FOR_S = 600.0
 """How long a link's detail shows the last closed connection [s]."""
@@ -42,7 +42,7 @@ class FirstBytes:
         self._held = b""
         self._decided = False
 
-    def pass_on(self, data: bytes) -> bytes:
+    def accept(self, data: bytes) -> bytes:
         """The bytes that may be read as MAVLink; empty until the protocol is known.
 
         Raises:

@@ -76,7 +76,7 @@ class TcpLink(Link):
 
     def _screened(self, data: bytes) -> None:
         try:
-            data = self._first_bytes.pass_on(data)
+            data = self._first_bytes.accept(data)
         except ForeignProtocol as error:
             self._retry_s = MAX_RETRY_S  # it is unlikely to speak MAVLink later
             who = f"{self._peer.name} speaks {error.protocol}, not MAVLink."
@@ -207,7 +207,7 @@ class TcpServerLink(Link):
 
     def _screened(self, data: bytes, peer: Peer, first_bytes: FirstBytes) -> None:
         try:
-            data = first_bytes.pass_on(data)
+            data = first_bytes.accept(data)
         except ForeignProtocol as error:
             self._closed_connections.add(peer.name.rpartition(":")[0], error.protocol, self._loop.time())
             self._drop(peer)

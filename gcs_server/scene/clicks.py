@@ -27,7 +27,9 @@ class ClickRequest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     eye_enu_m: tuple[Finite, Finite, Finite]
-    ray_enu: tuple[Finite, Finite, Finite] = Field(description="From the eye to what was clicked.")
+    ray_enu: tuple[Finite, Finite, Finite] = Field(
+        description="Direction from the camera to the clicked point."
+    )
     view_x: Share = Field(description="Position in the view from its left edge, 0 to 1.")
     view_y: Share = Field(description="Position in the view from its upper edge, 0 to 1.")
 

@@ -20,10 +20,10 @@ ROOT = "/world/dry_run"
 
 
 class DryRunNode:
-    """Everything in the colour of what is planned: nothing of it looks like a vehicle that is there.
+    """All parts have the colour of plans, so that the ghost is not mistaken for a real vehicle.
 
     Args:
-        origin_enu_m: where the flight starts, in the world's ENU.
+        origin_enu_m: start of the flight, in the world's ENU frame.
     """
 
     def __init__(
@@ -59,10 +59,10 @@ class DryRunNode:
         self._root.remove()
 
     def update(self, pose: VehiclePose, *, hidden: bool) -> None:
-        """Puts its vehicle where it is.
+        """Moves the ghost vehicle.
 
         Args:
-            hidden: without its vehicle: one looks through its camera.
+            hidden: hides the vehicle, because the view looks through its camera.
         """
         self._ghost.visible = self.label.shown = not hidden
         if pose == self._drawn:

@@ -30,9 +30,13 @@ class DryRunRequest(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    id: str = Field(max_length=20, description="As `GET /dry_runs/{d}` has it.")
-    t_s: float = Field(ge=0, le=1e6, allow_inf_nan=False, description="The moment, since its start [s].")
-    follow: bool = Field(default=False, description="The camera follows its vehicle instead of the real one.")
+    id: str = Field(max_length=20, description="Id of the dry run, as in `GET /dry_runs/{d}`.")
+    t_s: float = Field(
+        ge=0, le=1e6, allow_inf_nan=False, description="Time to show, since the start of the flight [s]."
+    )
+    follow: bool = Field(
+        default=False, description="Whether the camera follows the simulated vehicle instead of the real one."
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,10 +106,10 @@ def tube(path: DryRunPath) -> Mesh | None:
 
 
 def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
-    """The vehicle of the dry run at a moment, drawn as a vehicle; before and after the flight at its ends.
+    """The vehicle of the dry run at a time; before and after the flight at its first and last position.
 
     Args:
-        origin_enu_m: where the flight starts, in the world's ENU.
+        origin_enu_m: start of the flight, in the world's ENU frame.
     """
     last = len(path.t_s) - 1
     after = int(np.clip(np.searchsorted(path.t_s, t_s, side="right"), 1, max(1, last)))
@@ -144,7 +148,7 @@ def _corners(corridor: Mapping[str, Any]) -> NDArray[np.float64]:
     ahead = np.gradient(middle[:, :2], axis=0) if len(middle) > 1 else np.zeros((len(middle), 2))
     length_m = np.hypot(ahead[:, 0], ahead[:, 1])
     level = length_m > LEVEL_M
-    # Where the flight climbs on the spot the corridor lies as on the way before.
+    # During a vertical climb the corridor keeps the direction of the leg before.
     index = np.maximum.accumulate(np.where(level, np.arange(len(middle)), 0))
     ahead = np.where(level[:, None], ahead / np.maximum(length_m, LEVEL_M)[:, None], 0.0)[index]
     ahead[np.hypot(ahead[:, 0], ahead[:, 1]) < 0.5] = (0.0, 1.0)

@@ -46,7 +46,7 @@ def q_ned_camera(q: Quaternion, *, yaw_in_earth_frame: bool, vehicle_yaw_ned_rad
 def enu_from_geodetic(
     lat_deg: float, lon_deg: float, alt_m: float, *, origin_deg_m: tuple[float, float, float]
 ) -> Vector3:
-    """A place in the tangent plane of `origin_deg_m` (lat_deg, lon_deg, alt_m).
+    """A position in the tangent plane of `origin_deg_m` (lat_deg, lon_deg, alt_m).
 
     By the two radii of curvature of WGS84 at the origin: within 5 km it is off by less than 2 m, which
     no picture shows.

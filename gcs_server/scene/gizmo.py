@@ -1,4 +1,4 @@
-"""What is about to be asked for, drawn before it is sent, and the two handles by which a hand moves it.
+"""The preview of a setpoint before it is sent, and the two handles to drag it.
 
 The handles are viser's transform controls: one along the ground and about the vertical, one up and down, so
 that nobody tilts a place. What a browser says of them is read and judged here and never reaches viser; it
@@ -40,9 +40,13 @@ class PreviewRequest(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    position_ned_m: tuple[Finite, Finite, Finite] = Field(description="In the vehicle's local frame.")
+    position_ned_m: tuple[Finite, Finite, Finite] = Field(
+        description="Position in the vehicle's local frame."
+    )
     yaw_ned_rad: Angle | None = None
-    handles: bool = Field(default=False, description="With handles to drag it by; they show in `free`.")
+    handles: bool = Field(
+        default=False, description="Whether it has handles to drag; they are shown in mode `free`."
+    )
 
 
 class MovedMessage(
@@ -110,11 +114,11 @@ def drag_of(message: MovedMessage | ReleasedMessage) -> Drag | None:
 
 
 def dragged(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: Vector3) -> Preview | None:
-    """The preview after a drag; None where it was dragged out of reach.
+    """The preview after a drag; None if it was dragged too far.
 
     Args:
-        origin_enu_m: where the vehicle's local frame starts.
-        vehicle_enu_m: where the vehicle is.
+        origin_enu_m: origin of the vehicle's local frame.
+        vehicle_enu_m: position of the vehicle.
     """
     if drag.position_enu_m is None or drag.q_enu is None:
         return preview
@@ -167,10 +171,10 @@ class PreviewNode:
         *,
         handles: bool,
     ) -> None:
-        """Puts it where it is meant; the handles only where the page, and not this browser, put it.
+        """Moves the preview; moves the handles only if the page, not this browser, set the position.
 
         Args:
-            handles: whether this view has a world that stands still to drag it in.
+            handles: whether this view's world does not move, so that handles can be dragged.
         """
         east, north, up = enu_from_ned(preview.position_ned_m)
         at = (origin_enu_m[0] + east, origin_enu_m[1] + north, origin_enu_m[2] + up)

@@ -83,7 +83,7 @@ class ViserHost:
         """Starts viser; raises SceneError with the reason."""
         try:
             self._folder = await asyncio.to_thread(_own_folder)
-            # Bound here, so that a failure is an exception: viser would retry forever.
+            # Bound here so that a failure raises an exception; viser would retry forever.
             listener = _bound(self.socket_path)
             async with asyncio.timeout(START_DEADLINE_S):
                 self._server = await asyncio.to_thread(self._build, listener)
@@ -187,7 +187,7 @@ def _sweep(ours: Path) -> None:
         if folder == ours:
             continue
         try:
-            # A server that is just starting has bound its socket, but listens a moment later.
+            # A starting server has bound its socket, but listens a moment later.
             if ours.stat().st_mtime - folder.stat().st_mtime < STARTING_S:
                 continue
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:

@@ -1,4 +1,4 @@
-"""Name tags in the page's own type and colours.
+"""Name tags in the page's font and colours.
 
 viser's own labels are black on white in every theme, and its HTML panels in the scene do not work in
 1.1. So a tag is an empty node, and its text goes in one HTML element of viser's hidden panel; the script
@@ -77,8 +77,8 @@ class Board:
         """Sends the texts if one has changed.
 
         Args:
-            mode: of the view; looking through the camera has a mark at its middle.
-            scale: what the grid's squares measure.
+            mode: mode of the view; `gimbal` has a mark at the centre.
+            scale: size of the grid's squares.
         """
         view = f'<i data-gcs-mode="{html.escape(mode)}">{html.escape(scale)}</i>'
         text = view + "".join(label.html() for label in labels)

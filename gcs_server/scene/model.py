@@ -1,4 +1,4 @@
-"""The shapes of the scene as plain arrays: made once, sent once to each view.
+"""The shapes of the scene as plain arrays: computed once, sent once to each view.
 
 Body frame FLU [m]: x forward, y left, z up. The vehicle is drawn about twice the size of a 500 mm
 quadrotor, so that it can still be read from a chase camera in a small inset.
@@ -84,7 +84,7 @@ def tube(
     angle = np.linspace(0, 2 * math.pi, sides, endpoint=False)[:, None]
     circle = np.cos(angle) * side + np.sin(angle) * up
     ring_a, ring_b = a + circle * radius_start_m, b + circle * radius_end_m
-    # The caps have vertices of their own, so that shading does not smear over the edge.
+    # The caps have separate vertices so that the edge is shaded sharply.
     vertices = np.concatenate([ring_a, ring_b, [a], ring_a, [b], ring_b]).astype(np.float32)
     faces: list[tuple[int, int, int]] = []
     cap_a, cap_b = 2 * sides, 3 * sides + 1

@@ -1,4 +1,4 @@
-"""viser's own browser program, dressed for our page: no panel, no branding, our ground and our labels.
+"""viser's browser program, adapted to this page: no panel, no branding, this page's ground and labels.
 
 The program is one file with everything inside; it is served from the installed package with a few lines
 put before it. Its content policy lets it reach this server and nothing else.
@@ -198,7 +198,7 @@ def page() -> Page:
     html = build.read_text(encoding="utf-8")
     style = _STYLE + "".join(_theme_style(p) for p in PALETTES.values())
     inserted = f"<style>{style}</style><script>{_BOOT}</script>"
-    # Before the first of viser's own scripts, after the character set is declared.
+    # Before viser's first script, after the declaration of the character set.
     head, mark, rest = html.partition("<title>Viser</title>")
     if not mark:
         raise ValueError("viser's page has no title where it is expected: is this viser 1.1?")
@@ -208,7 +208,7 @@ def page() -> Page:
 
 def content_policy(host: str, *, secure: bool) -> str:
     """Everything from the document itself; the stream from this server; nothing from anywhere else."""
-    # Named besides 'self' because not every browser counts a WebSocket as that.
+    # Named in addition to 'self', because not every browser applies 'self' to WebSockets.
     stream = f"{'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
     return (
         "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "

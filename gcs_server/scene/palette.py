@@ -1,4 +1,4 @@
-"""The design's colours as the 3D view uses them, for both themes.
+"""The colours of the 3D view, for both themes.
 
 The values are those of the page's tokens; one colour means one thing: cyan (and the other identity
 colours) what is, violet what we ask for, everything else grey.
@@ -91,7 +91,7 @@ PALETTES: dict[Theme, Palette] = {
 
 
 def lit(colour: str, palette: Palette) -> Rgb:
-    """A colour such that viser's filmic tone curve shows the one that is meant.
+    """The colour to send so that viser's filmic tone curve displays the given one.
 
     The curve washes bright colours out; taking most of the grey out beforehand makes up for it. Dark
     ones it leaves nearly alone.

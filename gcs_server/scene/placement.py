@@ -77,7 +77,7 @@ class Placement:
             position = _add(origin, local_enu_m)
         else:
             position = global_enu_m
-        # Without a home the local frame starts where the vehicle was switched on: its ground.
+        # Without a home, the origin of the local frame is where the vehicle was switched on: its ground.
         ground = home_enu_m or origin or (0.0, 0.0, 0.0)
         height_m = position[2] - ground[2] if position is not None else 0.0
         status = value_of(vehicle, "status", Status)
@@ -99,7 +99,7 @@ class Placement:
         """Earlier positions in the current frame; oldest first.
 
         Args:
-            place: where it is now.
+            place: its current position.
         """
         origin = place.local_origin_enu_m
         topic = "local_position" if origin is not None else "global_position"
@@ -119,7 +119,7 @@ class Placement:
         return None if origin is None else geodetic_from_enu(point_enu_m, origin_deg_m=origin)
 
     def enu(self, place_deg_m: tuple[float, float, float]) -> Vector3 | None:
-        """Where (lat_deg, lon_deg, alt_amsl_m) is in the world; None if the world's origin has no global
+        """Position of (lat_deg, lon_deg, alt_amsl_m) in the world; None if the world's origin has no global
         position."""
         origin = self._world_origin_deg_m
         return None if origin is None else enu_from_geodetic(*place_deg_m, origin_deg_m=origin)
@@ -145,7 +145,7 @@ class Placement:
         latched = self._local_origins_enu_m.get(vehicle_id)
         for origin in (by_home, latched):
             # Both frames of the home are given at one moment, so height above home comes out as the
-            # vehicle's own; but after a reset of the estimator an old home says something else.
+            # vehicle's own; after a reset of the estimator an old home would give another height.
             if origin is not None and (
                 global_enu_m is None or math.dist(_add(origin, local_enu_m), global_enu_m) < RELATCH_M
             ):

@@ -147,7 +147,7 @@ def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
         (lost, "lost"),
         (not place.known, "no position"),
         (vehicle.identity.simulated is True, "simulated"),
-        # What has not said so may well be real: then nothing here may call it one or the other.
+        # A vehicle that has not reported it may be real: the label must not call it simulated or real.
         (vehicle.identity.simulated is None, "simulated?"),
         (vehicle.identity.replayed, "replayed"),
     )

@@ -1,4 +1,4 @@
-"""The way to the 3D view through the server's own port, and the only one.
+"""The proxy to the 3D view on the server's port; there is no other access.
 
 `GET /scene/` is the program, `WS /scene/` its stream, `POST /scene/view/{token}` says what one view shows,
 `POST /scene/view/{token}/click` where somebody clicked into it. A browser may say through the stream where
@@ -52,13 +52,15 @@ class ViewRequest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     mode: Literal["chase", "free", "gimbal", "top"] | None = None
-    vehicle: str | None = Field(default=None, max_length=32, description="A vehicle's id.")
+    vehicle: str | None = Field(default=None, max_length=32, description="Id of the vehicle to show.")
     theme: Literal["dark", "light"] | None = None
     preview: PreviewRequest | None = Field(
-        default=None, description="What is not sent yet; null takes it away, as does another vehicle."
+        default=None,
+        description="Preview of a setpoint that is not sent; null removes it, as does another vehicle.",
     )
     dry_run: DryRunRequest | None = Field(
-        default=None, description="Drawn with its corridor and its vehicle at one moment; null takes it away."
+        default=None,
+        description="Dry run to draw: its path, corridor and vehicle at one time; null removes it.",
     )
 
 
@@ -144,10 +146,10 @@ def scene_router(
     """The routes below `/scene`.
 
     Args:
-        set_view: keeps what a token's view shall show; raises UnknownVehicle.
-        drag: is told by which bridge a handle was dragged, and how.
-        bridges: is told how the sending goes.
-        click: tells the page of a view's token where the ground was clicked; None: it was not the ground.
+        set_view: stores what a token's view shows; raises UnknownVehicle.
+        drag: called when a handle was dragged, with its bridge.
+        bridges: called with the state of sending.
+        click: sends the clicked ground position to the page with the view's token; None: not on the ground.
     """
     router = APIRouter(prefix="/scene", include_in_schema=False)
 
@@ -198,10 +200,10 @@ def scene_router(
 
 def _require_own(token: str, request: Request) -> None:
     if not is_same_origin(request.headers):
-        raise Refused("A page of another origin may not steer the 3D view.")
+        raise Refused("A page of another origin may not control the 3D view.")
     if not TOKEN.fullmatch(token):
         raise Refused(
-            "The token of a view has 1 to 64 letters, figures, - or _.",
+            "The token of a view has 1 to 64 letters, digits, - or _.",
             remedy="Use the one of the frame's own address, ?view=….",
         )
 
@@ -242,7 +244,7 @@ async def _to_browser(
     sending: Callable[[], AbstractContextManager[None]],
 ) -> None:
     try:
-        # One message at a time: while the browser is slow viser waits too, and keeps only the newest.
+        # One message at a time: if the browser is slow, viser waits too and keeps only the newest message.
         async for data in upstream:
             if isinstance(data, bytes):
                 with sending():

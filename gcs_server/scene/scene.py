@@ -1,4 +1,4 @@
-"""The 3D view of the fleet: looks at the topics 30 times a second, and only while somebody looks on.
+"""The 3D view of the fleet: reads the topics 30 times a second, only while a view is open.
 
 It reads and never commands. A vehicle that cannot be drawn is left out. Whatever else goes wrong in here ends
 `run()`, which its supervisor reports and starts again; nothing else of the server waits for it.
@@ -36,15 +36,15 @@ MAX_VIEWS = 64
 
 
 class Scene:
-    """Everything of the 3D view behind one name.
+    """The 3D view.
 
     Args:
-        fleet: what to draw; read only.
+        fleet: the vehicles to draw; read only.
         clock: measures the steps.
-        offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
-        on_click: is told which point of the ground was clicked in which view.
-        on_gizmo: is told where a view's preview has been dragged to.
-        dry_runs: what came of a dry run that a page shows; None: there are none.
+        offboard: target of this server's stream; None: draw the target that the vehicle reports.
+        on_click: called with the clicked ground position and the view.
+        on_gizmo: called with the position to which a view's preview was dragged.
+        dry_runs: result of a dry run that a page shows; None: no dry runs.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Scene:
     async def run(self) -> None:
         """Draws until cancelled; to be supervised."""
         await self.start()
-        # After a failure every browser's scene is built anew: nothing half-done stays.
+        # After a failure every browser's scene is rebuilt, so that no partial scene remains.
         for _, stage in self._stages.values():
             stage.close()
         self._stages.clear()
@@ -120,7 +120,7 @@ class Scene:
             return
         followed = (self._tracks.shown(self._views[token].vehicle) for token, _ in self._stages.values())
         wanted = {shown[0] for shown in followed if shown is not None}
-        drawn = self._tracks.look(now_s, dt_s, wanted)
+        drawn = self._tracks.update(now_s, dt_s, wanted)
         for client_id, client in reading.items():
             known = self._stages.get(client_id)
             token = known[0] if known is not None else self._token(client_id)

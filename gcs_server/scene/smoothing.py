@@ -62,7 +62,7 @@ class Smoother:
 
 
 def _visible_effort(effort: float) -> float:
-    # Idling rotors turn visibly; the root spreads the low efforts, where a hover is.
+    # Idling rotors turn visibly; the square root spreads low throttle values, where hover is.
     return math.sqrt(effort) if effort > 0.0 else 0.0
 
 

@@ -1,4 +1,4 @@
-"""One browser's scene: viser nodes made once, then only what has changed is sent.
+"""One browser's scene: viser nodes are created once, then only changes are sent.
 
 Each browser has its own, because each has its own theme and looks from its own place. Nodes below
 `/world` are in the world's ENU; `/world` itself is moved by the view (`views.py`).
@@ -42,13 +42,13 @@ FAR_M = 20_000.0
 
 
 class Stage:
-    """What one connected browser sees.
+    """The scene of one connected browser.
 
     Args:
         client: viser's handle of it.
-        view: what it asked for.
-        isolation: draws each vehicle by itself.
-        before: the stage it had until now (in another theme): the camera stays where the user has it.
+        view: the requested view.
+        isolation: keeps a fault in drawing one vehicle from the others.
+        before: the browser's previous stage (in another theme), whose camera pose is kept.
     """
 
     def __init__(
@@ -108,11 +108,11 @@ class Stage:
         now_s: float,
         dry_run_start_m: Vector3 | None = None,
     ) -> None:
-        """Sends what is new.
+        """Sends changes.
 
         Args:
             fleet: by id, in the order that gives the colours.
-            dry_run_start_m: where the dry run starts that the view shows, in the world's ENU.
+            dry_run_start_m: start of the dry run that the view shows, in the world's ENU frame.
         """
         seen = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
         with self._client.atomic():
@@ -150,7 +150,7 @@ class Stage:
         ]
 
     def _make_one(self, fleet: Mapping[str, Track], seen: str | None) -> None:
-        """Nodes of a vehicle that has none yet, first of the one that is looked at.
+        """Creates the nodes of one vehicle that has none, first of the vehicle that the view follows.
 
         One vehicle's took 24 ms on a slow machine. A fleet's all at once held up the event loop for seconds,
         and a loop so silent loses every setpoint stream.
@@ -186,7 +186,7 @@ class Stage:
         self._preview.update(view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=still)
 
     def _show_dry_run(self, view: View, start_m: Vector3 | None) -> VehiclePose | None:
-        """Its path and its vehicle, while the page shows one.
+        """Draws path and vehicle of the dry run, while the page shows one.
 
         Returns:
             The vehicle, where the camera is to follow it instead of the real one.
@@ -244,7 +244,7 @@ class Stage:
         wanted, camera = CAMERAS[mode], self._client.camera
         position, look_at = wanted.position_m, wanted.look_at_m
         if mode == "free" and self._mode is not None:
-            # Stay where one is: only the world comes back to its place.
+            # Keep the camera pose; only the world moves back.
             position = in_world(self._world_pose, _triple(camera.position))
             look_at = in_world(self._world_pose, _triple(camera.look_at))
         elif mode == "free" and pose is not None:

@@ -56,7 +56,7 @@ def scale_marks(step_m: float) -> Points:
         distance_m = count * step_m
         label = f"{distance_m:.0f} m" if distance_m < 1000 else f"{distance_m / 1000:.0f} km"
         for x, y in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-            # Beside the grid line, not on it.
+            # Beside the grid line.
             at = (x * distance_m + size * 2.2, y * distance_m + size * 0.9, 0.0)
             parts.append(text_segments(label, height_m=size, at_m=at))
     return np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""What is kept of each vehicle between two looks, for as long as somebody looks.
+"""State of each vehicle between two updates, kept while a view is open.
 
 With nobody looking on nothing is done at all. What was missed meanwhile is made up for from the vehicles'
 own history when somebody looks again: one vehicle a look, so that opening a view of many holds up nothing.
@@ -25,41 +25,41 @@ from missions.frames import Vector3
 log = logging.getLogger(__name__)
 
 REMEMBERED_S = 290.0
-"""How far back a trail is made up; a vehicle's history reaches five minutes."""
-AWAY_AFTER_S = 1.0
-"""Not looked for this long: the trail has a gap."""
-FEW = 3
-"""So many vehicles are looked at each time, all of them."""
-TURNS = 3
-"""Of more, those that no view follows are looked at once in so many times: most of what a view of a fleet
-costs is the vehicles that nobody follows."""
+"""Length of a trail built from the history, which keeps five minutes."""
+PAUSE_S = 1.0
+"""Without an update for this long, the trail has a gap."""
+MAX_ALL_UPDATED = 3
+"""Up to this many vehicles are all updated each time."""
+UPDATE_DIVISOR = 3
+"""With more vehicles, those that no view follows are updated only one time in this many, because they are most
+of the cost of drawing a fleet."""
 
 
 @dataclass(slots=True)
 class Track:
-    """Of one vehicle."""
+    """Position and trail of one vehicle."""
 
     vehicle: weakref.ref[SceneVehicle]
-    looked_s: float
-    """When it was looked at, by the clock of its samples."""
-    owed_since_s: float | None
-    """Since then, by the same clock, its trail is yet to be made up; None: it is whole."""
+    updated_s: float
+    """Time of the last update, on the clock of its samples."""
+    incomplete_since_s: float | None
+    """Time (same clock) from which its trail must still be built from the history; None: it is complete."""
     place: VehiclePlace | None = None
-    """Where it was when last looked at; None where it could not be placed."""
-    waits_s: float = 0.0
-    """Since it was last looked at."""
+    """Position at the last update; None if it was not known."""
+    since_update_s: float = 0.0
+    """Time since the last update [s]."""
     local_origin_enu_m: Vector3 | None = None
-    """Where its own local frame starts; None while it has none."""
+    """Origin of its local frame; None while it has none."""
     smoother: Smoother = field(default_factory=Smoother)
     trail: Trail = field(default_factory=Trail)
 
 
 class Tracks:
-    """Of the fleet, in its order.
+    """Tracks of all vehicles, in the order of the fleet.
 
     Args:
         clock: limits the log.
-        offboard: what our own stream asks of a vehicle; None: the vehicle's own report is drawn.
+        offboard: target of this server's stream; None: draw the target that the vehicle reports.
     """
 
     def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None, clock: Clock) -> None:
@@ -67,47 +67,51 @@ class Tracks:
         self.isolation = Isolation(clock, log, "The 3D view")
         self._placement = Placement()
         self._tracks: dict[str, Track] = {}
-        self._looked_s = float("-inf")
+        self._updated_s = float("-inf")
         self._turn = 0
 
-    def look(self, now_s: float, dt_s: float, wanted: Set[str] = frozenset()) -> dict[str, Track]:
+    def update(self, now_s: float, dt_s: float, wanted: Set[str] = frozenset()) -> dict[str, Track]:
         """Reads the newest samples; by id, in the order that gives the identity colours.
 
         A vehicle that cannot be placed is not there; the others are.
 
         Args:
-            wanted: vehicles that views follow: always looked at, and their trails made up first.
+            wanted: vehicles that views follow: always updated, their trails are built first.
         """
         vehicles = self._fleet.all()
         self._forget_gone(vehicles)
-        away, self._looked_s = now_s - self._looked_s > AWAY_AFTER_S, now_s
-        self._turn = (self._turn + 1) % TURNS
+        away, self._updated_s = now_s - self._updated_s > PAUSE_S, now_s
+        self._turn = (self._turn + 1) % UPDATE_DIVISOR
         places: dict[str, VehiclePlace] = {}
         for index, vehicle in enumerate(vehicles):
             track = self._track(vehicle, away=away)
-            track.waits_s += dt_s
-            its_turn = len(vehicles) <= FEW or vehicle.id in wanted or index % TURNS == self._turn
+            track.since_update_s += dt_s
+            its_turn = (
+                len(vehicles) <= MAX_ALL_UPDATED
+                or vehicle.id in wanted
+                or index % UPDATE_DIVISOR == self._turn
+            )
             if its_turn or away or track.place is None:
                 name = f"vehicle {vehicle.id}"
-                track.place = self.isolation.run(name, self._look_at, vehicle, track, track.waits_s)
-                track.waits_s = 0.0
+                track.place = self.isolation.run(name, self._update_one, vehicle, track, track.since_update_s)
+                track.since_update_s = 0.0
             if track.place is not None:
                 places[vehicle.id] = track.place
-        owing = [v for v in vehicles if v.id in places and self._tracks[v.id].owed_since_s is not None]
+        owing = [v for v in vehicles if v.id in places and self._tracks[v.id].incomplete_since_s is not None]
         if owing:
             vehicle = next((v for v in owing if v.id in wanted), owing[0])
             what = f"the trail of vehicle {vehicle.id}"
             self.isolation.run(what, self._make_up, vehicle, places[vehicle.id])
         return {vehicle_id: self._tracks[vehicle_id] for vehicle_id in places}
 
-    def _look_at(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> VehiclePlace:
+    def _update_one(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> VehiclePlace:
         place = self._placement.place(vehicle)
         track.local_origin_enu_m = place.local_origin_enu_m
-        if place.known and track.owed_since_s is None:
+        if place.known and track.incomplete_since_s is None:
             track.trail.add(place.position_enu_m)
         asked = self._offboard(vehicle.id) if self._offboard is not None else None
         target = OffboardTarget(*asked) if asked is not None else None
-        track.smoother.step(pose_of(vehicle, place, target, track.looked_s), dt_s)
+        track.smoother.step(pose_of(vehicle, place, target, track.updated_s), dt_s)
         return place
 
     def shown(self, vehicle_id: str | None) -> tuple[str, Track] | None:
@@ -122,7 +126,7 @@ class Tracks:
     def on_ground(
         self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3
     ) -> tuple[str, float, float, float] | None:
-        """(vehicle, lat_deg, lon_deg, alt_amsl_m) where a look meets the ground of a vehicle's home.
+        """(vehicle, lat_deg, lon_deg, alt_amsl_m) where a ray meets the ground of a vehicle's home.
 
         Args:
             vehicle_id: None, or one that has gone: the first there is.
@@ -148,7 +152,7 @@ class Tracks:
     def _forget_gone(self, vehicles: Sequence[SceneVehicle]) -> None:
         present = {vehicle.id: vehicle for vehicle in vehicles}
         for vehicle_id, track in list(self._tracks.items()):
-            # Another one may have come under the same id while nobody looked.
+            # Another vehicle may have got the same id while no view was open.
             if (there := track.vehicle()) is None or present.get(vehicle_id) is not there:
                 del self._tracks[vehicle_id]
                 self._placement.forget(vehicle_id)
@@ -158,18 +162,18 @@ class Tracks:
     def _track(self, vehicle: SceneVehicle, *, away: bool) -> Track:
         now_s = vehicle.clock.monotonic_s()
         track = self._tracks.get(vehicle.id)
-        if track is None or now_s - track.looked_s > REMEMBERED_S:
+        if track is None or now_s - track.updated_s > REMEMBERED_S:
             track = Track(weakref.ref(vehicle), now_s, now_s - REMEMBERED_S)
             self._tracks[vehicle.id] = track
-        elif away and track.owed_since_s is None:
-            track.owed_since_s = track.looked_s
-        track.looked_s = now_s
+        elif away and track.incomplete_since_s is None:
+            track.incomplete_since_s = track.updated_s
+        track.updated_s = now_s
         return track
 
     def _make_up(self, vehicle: SceneVehicle, place: VehiclePlace) -> None:
         track = self._tracks[vehicle.id]
-        since_s, track.owed_since_s = track.owed_since_s, None
+        since_s, track.incomplete_since_s = track.incomplete_since_s, None
         if since_s is not None and place.known:
-            since_unix_s = vehicle.clock.unix_s() - (track.looked_s - since_s)
+            since_unix_s = vehicle.clock.unix_s() - (track.updated_s - since_s)
             for point in self._placement.past(vehicle, place, since_unix_s):
                 track.trail.add(point)

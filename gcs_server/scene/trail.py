@@ -52,7 +52,7 @@ class Trail:
         self.version += 1
 
     def _seal(self) -> None:
-        # The last point stays: it is where the recent part goes on.
+        # The last point is kept: the recent part starts there.
         self.sealed += self.recent if not self.sealed else self.recent[1:]
         self.recent = self.recent[-1:]
         if len(self.sealed) > MAX_POINTS:

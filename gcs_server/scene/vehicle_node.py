@@ -34,7 +34,7 @@ class VehicleNode:
     """The nodes of one vehicle.
 
     Args:
-        index: place in the fleet; gives the identity colour.
+        index: index in the fleet, which selects the identity colour.
     """
 
     _count = 0
@@ -78,7 +78,7 @@ class VehicleNode:
         """Sends what has changed since the last time.
 
         Args:
-            hidden: without airframe, label and frustum: one looks through its camera.
+            hidden: hides airframe, label and frustum, because the view looks through its camera.
         """
         pose = smoother.pose
         if pose is None:

@@ -1,4 +1,4 @@
-"""Where one looks from: four modes as a pose of the world, so that the browser's camera stays the user's.
+"""The four camera modes as poses of the world, so that the user keeps control of the browser's camera.
 
 Chase and top do not move the camera: they move the world under it, such that the vehicle stays at the
 middle. Dragging and zooming are then the browser's own, at any latency, and never fought over.
@@ -80,10 +80,10 @@ CAMERAS: dict[Mode, Camera] = {
 
 
 def world_pose(mode: Mode, pose: VehiclePose | None, heading_enu_rad: float) -> WorldPose:
-    """How the world has to lie for this mode; without a vehicle as it is.
+    """Pose of the world for this mode; without a vehicle it is unchanged.
 
     Args:
-        heading_enu_rad: where `chase` looks.
+        heading_enu_rad: viewing direction of `chase`.
     """
     if mode == "free" or pose is None:
         return WorldPose()
@@ -109,7 +109,7 @@ def in_world(world: WorldPose, point_m: Vector3) -> Vector3:
 def framed(
     eye_m: Vector3, look_at_m: Vector3, handles_m: Vector3, vehicle_m: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """Where to look from so that a hand gets hold of handles: as now if it does, else at them.
+    """A camera pose from which handles can be dragged: the current one if possible, else towards them.
 
     Args:
         eye_m, look_at_m, handles_m, vehicle_m: all in the world's ENU.

@@ -20,29 +20,27 @@ log = logging.getLogger(__name__)
 
 LINK_LOST_AFTER_S = 3.5
 """Connection lost after this silence of the autopilot. QGroundControl counts only heartbeats; but on a link
-with 20 % loss three in a row are lost every two minutes, and the setpoint stream of a lost vehicle is
-ended."""
+with 20 % loss three in a row are lost every two minutes, and a lost connection ends the setpoint stream."""
 HEARTBEAT_OVERDUE_AFTER_S = 10.0
 """Connection lost after this time without a heartbeat, because only heartbeats report whether it is armed."""
 
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
-MADE_OF: dict[str, tuple[int, ...]] = {
+TOPIC_MESSAGES: dict[str, tuple[int, ...]] = {
     "attitude": ATTITUDE_IDS,
     **{topic: ids for topic, (ids, _) in decoders.DECODERS.items()},
 }
-ALSO_READS: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
-READS: dict[str, tuple[int, ...]] = {
-    topic: (*ids, *ALSO_READS.get(topic, ())) for topic, ids in MADE_OF.items()
+EXTRA_MESSAGES: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
+INPUT_MESSAGES: dict[str, tuple[int, ...]] = {
+    topic: (*ids, *EXTRA_MESSAGES.get(topic, ())) for topic, ids in TOPIC_MESSAGES.items()
 }
-READ_BY: dict[int, tuple[str, ...]] = {
-    msg_id: tuple(topic for topic, ids in READS.items() if msg_id in ids)
-    for msg_id in {msg_id for ids in READS.values() for msg_id in ids}
+TOPICS_OF_MESSAGE: dict[int, tuple[str, ...]] = {
+    msg_id: tuple(topic for topic, ids in INPUT_MESSAGES.items() if msg_id in ids)
+    for msg_id in {msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids}
 }
-"""Topics that a message changes."""
+"""Topics that depend on a message."""
 PAIR_WITHIN_S = 1.0
 KEEPS_LAST = frozenset({"home"})
-"""Topics of which the last valid value is kept: limits count from home, and one bad message must not lift
-them."""
+"""Topics whose last valid value is kept: limits refer to home, and one bad message must not remove them."""
 Frames = tuple[Frame | None, ...]
 
 
@@ -64,8 +62,8 @@ class VehicleState:
         self._clock = clock
         self._cache: dict[str, Sample | None] = {}
         self._decoded: set[str] = set()
-        """Topics of which no message has arrived since they were decoded."""
-        self._history = History({msg_id for ids in READS.values() for msg_id in ids})
+        """Topics without a new message since they were decoded."""
+        self._history = History({msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids})
         self._heard_s = float("-inf")
         """Time of the last heartbeat, or of later messages without a gap."""
         self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
@@ -87,7 +85,7 @@ class VehicleState:
         key = self._instances.key_of(frame)
         if key is not None:
             self.latest[key] = frame
-            self._decoded.difference_update(READ_BY.get(frame.msg_id, ()))
+            self._decoded.difference_update(TOPICS_OF_MESSAGE.get(frame.msg_id, ()))
         reducer = REDUCERS.get(frame.msg_id)
         if reducer is not None:
             self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
@@ -148,7 +146,7 @@ class VehicleState:
             return self._cache[name]
         if name == "status":
             return self._sample(name, self.status(), None, self._status_since_s())
-        keys = self._instances.keys(READS[name])
+        keys = self._instances.keys(INPUT_MESSAGES[name])
         frames = tuple(map(self.latest.get, keys))
         self.unusable.pop(name, None)
         try:
@@ -186,7 +184,7 @@ class VehicleState:
             if name == "status":
                 made = [sample for *_, sample in self._statuses]
             else:
-                keys = self._instances.keys(READS[name])
+                keys = self._instances.keys(INPUT_MESSAGES[name])
                 past = self._history.frames(keys)
                 made = [self._past(name, keys, frames) for kept_s, frames in past if kept_s >= since_s]
             samples += [s for s in made if s is not None and s.received_monotonic_s >= since_s]
@@ -207,9 +205,9 @@ class VehicleState:
 
     def _decode(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
         read = {key: frame for key, frame in zip(keys, frames, strict=True) if frame is not None}
-        if len(keys) > len(READS[name]):
+        if len(keys) > len(INPUT_MESSAGES[name]):
             read = heard(read.items())
-        made_of = MADE_OF[name]
+        made_of = TOPIC_MESSAGES[name]
         present = [frame for frame in read.values() if frame.msg_id in made_of]
         if not present:
             return None

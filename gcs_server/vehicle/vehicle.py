@@ -33,7 +33,7 @@ from gcs_server.vehicle.services.health import HealthService
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.mission import MissionService
 from gcs_server.vehicle.services.params import ParamService
-from gcs_server.vehicle.state import MADE_OF, VehicleState
+from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
 
 log = logging.getLogger(__name__)
 
@@ -166,7 +166,7 @@ class Vehicle:
 
     def unusable(self) -> dict[str, str]:
         """Topics whose newest message cannot be used, and why; decodes all topics."""
-        for name in MADE_OF:
+        for name in TOPIC_MESSAGES:
             self._state.topic(name)
         return dict(self._state.unusable)
 

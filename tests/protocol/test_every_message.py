@@ -130,7 +130,7 @@ class Look:
         streams.step()
         assert streams.state("2").phase == "streaming", streams.state("2").last_end
         now_s = world.loop.time()
-        drawn = self.tracks.look(now_s, 0.03)
+        drawn = self.tracks.update(now_s, 0.03)
         assert list(drawn) == ["1", "2"]
         for mode, track in itertools.product(("chase", "top", "gimbal"), drawn.values()):
             at = world_pose(mode, track.smoother.pose, track.smoother.heading_enu_rad)

@@ -257,7 +257,7 @@ def test_a_mission_whose_link_was_lost_and_is_back_does_what_its_document_says(j
 
 def test_a_mission_that_nobody_looks_after_any_more_holds_and_then_hovers_in_hold(jump, tmp_path):
     async def story(missions, vehicle, pilot):
-        missions.all.look = lambda: None
+        missions.all.update = lambda: None
         await seconds(4)
         assert vehicle.offboard.status().state == "holding"
         await until(lambda: pilot.mode == HOLD, 10)
@@ -269,10 +269,10 @@ def test_a_mission_that_nobody_looks_after_any_more_holds_and_then_hovers_in_hol
 def test_a_silent_server_leaves_the_vehicle_to_its_failsafe_which_was_told_before(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         assert "Position" in missions.flight.status().if_stream_stops
-        streamer, look = missions.world.streamer, missions.all.look
-        beat, streamer.beat_once, missions.all.look = streamer.beat_once, lambda: None, lambda: None
+        streamer, update = missions.world.streamer, missions.all.update
+        beat, streamer.beat_once, missions.all.update = streamer.beat_once, lambda: None, lambda: None
         await until(lambda: pilot.mode == POSITION, 6)
-        streamer.beat_once, missions.all.look = beat, look
+        streamer.beat_once, missions.all.update = beat, update
         await missions.reach("suspended", within_s=3)
         await silent(pilot, None, settle_s=0.5)
         assert pilot.failsafes == 1

@@ -1,1 +1,1 @@
-"""Offboard missions: the runner of `missions/runner` on the server's vehicles and setpoint streams."""
+"""Offboard missions: connects the runner of `missions/runner` to vehicles and their setpoint streams."""

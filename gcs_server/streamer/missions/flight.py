@@ -1,4 +1,4 @@
-"""One offboard mission on one vehicle: looks at the vehicle for the runner, carries out what it asks for."""
+"""One offboard mission on one vehicle: passes the vehicle's state to the runner and executes its requests."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from missions.runner.status import CannotDo
 from missions.trajectory.limits import MotionLimits
 
 RENEWAL_TIMEOUT_S = 3.0
-"""A mission that nothing has looked after for so long holds its place, then PX4's Hold."""
+"""If the server does not update a mission for this long, the stream holds position, then PX4's Hold mode."""
 HOLD_FOR_S = 5.0
 RATE_HZ = 50.0
 MAX_PICTURES_WAITING = 5
@@ -50,10 +50,10 @@ WARNING, NOTICE = 4, 5
 
 
 class Task(Protocol):
-    """What can be cancelled."""
+    """A background task that can be cancelled."""
 
     def cancel(self) -> object:
-        """Ends it."""
+        """Cancels the task."""
         ...
 
     def done(self) -> bool:
@@ -66,7 +66,7 @@ Spawn = Callable[[str, Coroutine[Any, Any, None]], Task]
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """What is flown, and for whom."""
+    """A mission to fly, and the client that starts it."""
 
     mission: MissionName
     timeline: Timeline
@@ -74,18 +74,18 @@ class Start:
     client: str
     low_battery_share: float
     corridor: Corridor | None = None
-    """Of a dry run."""
+    """Corridor of the dry run named at the start; None: not watched."""
 
 
 class MissionFlight:
-    """From its start to its end.
+    """A mission from its start to its end.
 
     Args:
         clock: the server's.
         control: the vehicle's setpoint stream.
-        streams: what sends.
-        spawn: runs what takes time.
-        start: what is flown.
+        streams: the streams of all vehicles.
+        spawn: starts a background task.
+        start: the mission.
     """
 
     def __init__(
@@ -102,49 +102,49 @@ class MissionFlight:
         )
         self._track = FlownTrack()
         self._task: Task | None = None
-        """The command that is being carried out: a newer one ends it."""
+        """The running command; a newer command cancels it."""
         self._pictures = 0
-        self._gimbal_asked = False
-        self._gimbal_ours = False
+        self._gimbal_requested = False
+        self._has_gimbal = False
 
-    # --- what people ask for ----------------------------------------------------------------------
+    # --- requests of clients ------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Raises Refused where it cannot."""
+        """Raises Refused if this is not possible now."""
         reading = self.reading()
         if reading.estimates is None:
             raise Refused(
                 f"Vehicle {self._vehicle.id} does not report its attitude now.",
                 remedy="Check its link, then try again.",
             )
-        requests = _asked(self._runner.start, self._now_s, reading)
+        requests = _allowed(self._runner.start, self._now_s, reading)
         self._control.avoidance.mission_way = "over" if self._start.timeline.avoids else None
         self._do(requests)
 
     def pause(self, by: str) -> None:
-        """Raises Refused where it cannot."""
-        self._do(_asked(self._runner.pause, self._now_s, self.reading(), by))
+        """Raises Refused if this is not possible now."""
+        self._do(_allowed(self._runner.pause, self._now_s, self.reading(), by))
 
     def resume(self, by: str) -> None:
-        """Raises Refused where it cannot."""
-        self._do(_asked(self._runner.resume, self._now_s, self.reading(), by))
+        """Raises Refused if this is not possible now."""
+        self._do(_allowed(self._runner.resume, self._now_s, self.reading(), by))
 
     def skip(self, by: str) -> None:
-        """Raises Refused where it cannot."""
-        self._do(_asked(self._runner.skip, self._now_s, self.reading(), by))
+        """Raises Refused if this is not possible now."""
+        self._do(_allowed(self._runner.skip, self._now_s, self.reading(), by))
 
     def go_on(self, by: str) -> None:
-        """Raises Refused where nobody is asked."""
-        self._do(_asked(self._runner.go_on, by))
+        """Raises Refused if the mission is not waiting for the operator."""
+        self._do(_allowed(self._runner.go_on, by))
 
     def abort(self, by: str, then: str) -> None:
-        """Raises Refused where it is over."""
-        self._do(_asked(self._runner.abort, self.reading(), by, then))
+        """Raises Refused if the mission has ended."""
+        self._do(_allowed(self._runner.abort, self.reading(), by, then))
 
     # --- time -------------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """About ten times a second."""
+        """Updates the runner; called about ten times a second."""
         if not self._runner.over:
             reading = self.reading()
             self._do(self._runner.tick(self._now_s, reading))
@@ -152,15 +152,15 @@ class MissionFlight:
 
     @property
     def over(self) -> bool:
-        """Whether it is done, aborted or stopped."""
+        """Whether the mission is done, aborted or stopped."""
         return self._runner.over
 
     def reading(self) -> Reading:
-        """The vehicle now."""
+        """The current state of the vehicle, for the runner."""
         return reading_of(self._control, self._streams.state(self._vehicle.id))
 
     def status(self) -> OffboardMissionStatus:
-        """How it stands."""
+        """Status of the mission."""
         found = self._runner.status(self.reading())
         mission, failsafe = self._start.mission, self._control.failsafe()
         return OffboardMissionStatus(
@@ -182,7 +182,7 @@ class MissionFlight:
         )
 
     def flown(self) -> FlownMission:
-        """What was flown so far, beside what was sent."""
+        """Flown positions so far, with the positions that were sent."""
         samples = tuple(self._track.samples)
         off_m = [each.deviation_m for each in samples if each.deviation_m is not None]
         mean_m = sum(off_m) / len(off_m) if off_m else None
@@ -215,9 +215,9 @@ class MissionFlight:
                 case PointGimbal():
                     self._point(request)
                 case ReleaseGimbal():
-                    self._gimbal_asked = self._gimbal_ours = False
+                    self._gimbal_requested = self._has_gimbal = False
                     self._spawn(
-                        "mission gimbal", self._quietly(request, self._vehicle.gimbal.release_control)
+                        "mission gimbal", self._report_failure(request, self._vehicle.gimbal.release_control)
                     )
         if self._runner.over:
             self._control.avoidance.mission_way = None
@@ -229,7 +229,7 @@ class MissionFlight:
         self._vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)
 
     def _stop_stream(self) -> None:
-        """Somebody else has the vehicle: what is being asked of it is asked no longer."""
+        """Cancels the running command and ends the stream, because another party controls the vehicle."""
         if self._task is not None:
             self._task.cancel()
         state = self._streams.state(self._vehicle.id)
@@ -239,10 +239,14 @@ class MissionFlight:
     def _command(self, request: TakeOff | Play | SetMode) -> None:
         if self._task is not None:
             self._task.cancel()
-        self._task = self._spawn("mission command", self._quietly(request, lambda: self._carry_out(request)))
+        self._task = self._spawn(
+            "mission command", self._report_failure(request, lambda: self._carry_out(request))
+        )
 
-    async def _quietly(self, request: Request, work: Callable[[], Coroutine[Any, Any, object]]) -> None:
-        """What fails is the runner's to judge."""
+    async def _report_failure(
+        self, request: Request, work: Callable[[], Coroutine[Any, Any, object]]
+    ) -> None:
+        """Runs a command; reports a failure to the runner."""
         try:
             await work()
         except GcsError as error:
@@ -263,7 +267,7 @@ class MissionFlight:
             await (command.land if request.mode == "land" else command.rtl)(by=self._by)
 
     async def _play(self, request: Play) -> None:
-        self._check_way(request.script.approach)
+        self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
         order = Order(request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission")
@@ -273,8 +277,8 @@ class MissionFlight:
         else:
             await self._control.start(order, RATE_HZ)
 
-    def _check_way(self, approach: CurveSegment | None) -> None:
-        """Raises Refused where the straight way to the path is blocked by what the sensors measure now."""
+    def _check_approach(self, approach: CurveSegment | None) -> None:
+        """Raises Refused if the sensors measure an obstacle on the straight line to the path."""
         avoidance = self._control.avoidance
         here = None if approach is None else self.reading().position_ned_m
         if (
@@ -312,27 +316,27 @@ class MissionFlight:
             finally:
                 self._pictures -= 1
 
-        self._spawn("mission picture", self._quietly(request, take))
+        self._spawn("mission picture", self._report_failure(request, take))
 
     def _point(self, request: PointGimbal) -> None:
-        if self._gimbal_ours:
+        if self._has_gimbal:
             self._vehicle.gimbal.point(request.pitch_rad, request.yaw_ned_rad)
-        elif not self._gimbal_asked:
-            self._gimbal_asked = True
+        elif not self._gimbal_requested:
+            self._gimbal_requested = True
 
             async def take() -> None:
                 await self._vehicle.gimbal.take_control()
-                self._gimbal_ours = True
+                self._has_gimbal = True
 
-            self._spawn("mission gimbal", self._quietly(request, take))
+            self._spawn("mission gimbal", self._report_failure(request, take))
 
 
 def _centimetres(value: float | None) -> float | None:
     return None if value is None else round(value, 2)
 
 
-def _asked(what: Callable[..., list[Request]], *arguments: object) -> list[Request]:
+def _allowed(action: Callable[..., list[Request]], *arguments: object) -> list[Request]:
     try:
-        return what(*arguments)
+        return action(*arguments)
     except CannotDo as error:
         raise Refused(f"The mission cannot do that: {error}.", remedy=error.remedy) from error

@@ -1,4 +1,4 @@
-"""All vehicles' offboard missions: who flies one, and the look at each ten times a second."""
+"""The offboard missions of all vehicles; updates each of them ten times a second."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ class OffboardMissions:
 
     Args:
         clock: the server's.
-        streamer: gives each vehicle's setpoint stream.
-        streams: what sends.
-        supervisor: owns what is done in the background.
+        streamer: has the setpoint stream of each vehicle.
+        streams: the streams of all vehicles.
+        supervisor: runs background tasks.
     """
 
     def __init__(self, clock: Clock, streamer: Streamer, streams: Streams, supervisor: Supervisor) -> None:
         self._clock, self._streamer, self._streams = clock, streamer, streams
         self._supervisor = supervisor
         self._flights: dict[str, MissionFlight] = {}
-        """By the vehicle's id."""
+        """By vehicle id."""
 
     def attach(self, vehicle: Vehicle) -> None:
-        """Gives a vehicle its topic."""
+        """Sets the vehicle's attribute `offboard_mission`."""
         vehicle.offboard_mission = VehicleMission(self, vehicle.id)
 
     def detach(self, vehicle: Vehicle) -> None:
-        """It is not known any more; its mission is over."""
+        """Drops the mission of a removed vehicle."""
         self._flights.pop(vehicle.id, None)
 
     def start(self) -> None:
-        """Begins to look."""
-        self._supervisor.start("offboard-missions", self._look_for_ever)
+        """Starts the periodic update."""
+        self._supervisor.start("offboard-missions", self._update_periodically)
 
     def begin(self, vehicle_id: str, start: Start) -> MissionFlight:
-        """Flies a mission.
+        """Starts a mission.
 
         Raises:
-            Refused: the vehicle flies one, something else streams to it, the path leaves the limits, or an
-                estimate is missing.
+            Refused: the vehicle already flies a mission or has a setpoint stream, the path leaves the limits,
+                or an estimate is missing.
         """
         control = self._streamer.offboard(vehicle_id)
         vehicle = control.vehicle
@@ -76,10 +76,10 @@ class OffboardMissions:
         return flight
 
     def flight(self, vehicle_id: str) -> MissionFlight:
-        """The mission of a vehicle that is known.
+        """The newest mission of a known vehicle.
 
         Raises:
-            Refused: it has none.
+            Refused: there is none.
         """
         flight = self._flights.get(vehicle_id)
         if flight is None:
@@ -90,19 +90,19 @@ class OffboardMissions:
         return flight
 
     def status(self, vehicle_id: str) -> OffboardMissionStatus | None:
-        """How the newest mission of a vehicle stands; None: there has been none."""
+        """Status of the newest mission of a vehicle; None: there has been none."""
         flight = self._flights.get(vehicle_id)
         return None if flight is None else flight.status()
 
-    def look(self) -> None:
-        """At each mission; the fault of one costs that one only: nothing renews its stream any more."""
+    def update(self) -> None:
+        """Updates each mission. A fault of one affects only that one: its stream is no longer renewed."""
         for vehicle_id, flight in list(self._flights.items()):
             vehicle = self._streamer.offboard(vehicle_id).vehicle
-            vehicle.isolation.run("the look at its offboard mission", flight.tick)
+            vehicle.isolation.run("the update of its offboard mission", flight.tick)
 
-    async def _look_for_ever(self) -> None:
+    async def _update_periodically(self) -> None:
         while True:
-            self.look()
+            self.update()
             await self._clock.sleep(CHECK_PERIOD_S)
 
 
@@ -114,5 +114,5 @@ class VehicleMission:
     vehicle_id: str
 
     def status(self) -> OffboardMissionStatus | None:
-        """Now; None before its first mission."""
+        """Current status; None before the first mission."""
         return self.missions.status(self.vehicle_id)

@@ -1,4 +1,4 @@
-"""What the mission runner is told of a vehicle, from the vehicle's newest samples and its stream."""
+"""The state of a vehicle for the mission runner, from its newest samples and its stream."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from missions.runner.reading import Reading, StreamPhase
 from missions.setpoints import Estimate
 
 DISTANCE_FRESH_S, WIND_FRESH_S = 3.0, 10.0
-"""PX4 sends DISTANCE_SENSOR every two seconds by itself, and WIND_COV as seldom."""
+"""PX4 by default sends DISTANCE_SENSOR every two seconds, and WIND_COV as rarely."""
 PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
 
 
 def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
-    """Those that are valid and fresh."""
+    """The estimates that are valid and fresh."""
     found: dict[Estimate, bool] = {
         "position": estimates.has_position(),
         "velocity": estimates.has_velocity(),
@@ -29,7 +29,7 @@ def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
 
 
 def distance_m(vehicle: Vehicle) -> float | None:
-    """Of the sensor that looks down; where none does, the shortest of all. None: nothing within its range."""
+    """Distance of the sensor that points down; without one, the shortest distance. None: nothing in range."""
     sample = vehicle.topic("distance_sensors")
     if sample is None or not isinstance(sample.value, DistanceSensors):
         return None
@@ -45,7 +45,7 @@ def distance_m(vehicle: Vehicle) -> float | None:
 
 
 def wind_speed_m_s(vehicle: Vehicle) -> float | None:
-    """Over the ground, where the vehicle estimates it."""
+    """Estimated wind speed; None if the vehicle does not estimate it."""
     sample = vehicle.topic("wind")
     if sample is None or not isinstance(sample.value, Wind):
         return None
@@ -54,7 +54,7 @@ def wind_speed_m_s(vehicle: Vehicle) -> float | None:
 
 
 def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
-    """The values of conditions that the vehicle has ever sent: a condition on another stays false."""
+    """The condition values that the vehicle has sent; a condition on any other value stays false."""
     battery, gps, sensors = (vehicle.topic(name) for name in ("battery", "gps", "distance_sensors"))
     known = {
         "battery_share": battery is not None
@@ -66,15 +66,15 @@ def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
         "satellites": gps is not None and isinstance(gps.value, Gps) and gps.value.satellites is not None,
         "horizontal_error_m": vehicle.topic("estimator") is not None,
     }
-    return tuple(name for name, heard in known.items() if heard)
+    return tuple(name for name, reported in known.items() if reported)
 
 
 def reading_of(control: OffboardControl, state: StreamState) -> Reading:
-    """One moment of a vehicle.
+    """The current state of a vehicle.
 
     Args:
-        control: of the vehicle.
-        state: of its stream; one that is not the mission's counts as none.
+        control: the vehicle's setpoint stream.
+        state: of its stream; a stream that does not belong to the mission counts as idle.
     """
     vehicle = control.vehicle
     estimates, status, cause = VehicleEstimates(vehicle), vehicle.status, vehicle.mode_cause

@@ -1,4 +1,4 @@
-"""How a vehicle's offboard mission stands, as the topic `offboard_mission` has it."""
+"""Status of a vehicle's offboard mission, as in the topic `offboard_mission`."""
 
 from __future__ import annotations
 
@@ -15,57 +15,57 @@ MissionState = Literal[
 
 @dataclass(frozen=True, slots=True)
 class MissionName:
-    """Which mission it is."""
+    """Name and origin of a mission."""
 
     name: str
     plan_id: str | None
-    """Of the plan that the server keeps; None: it was sent with the start."""
+    """Id of the stored plan; None: the mission was sent with the start."""
     version: int | None
 
 
 @dataclass(frozen=True, slots=True)
 class OffboardMissionStatus:
-    """The topic `offboard_mission`, and what the calls below `…/offboard_mission` answer."""
+    """The topic `offboard_mission`, and the answer of the calls below `…/offboard_mission`."""
 
     state: MissionState
-    """waiting: for a person or a condition; paused: in Offboard, on its path; suspended: the vehicle is not
-    flown by the mission, which a person can resume; done, aborted, stopped: it is over."""
+    """waiting: for the operator or a condition; paused: in Offboard, on its path; suspended: the mission does
+    not fly the vehicle, the operator can resume it; done, aborted, stopped: the mission has ended."""
     name: str
     plan_id: str | None
-    """Of the plan that the server keeps; None: it was sent with the start."""
+    """Id of the stored plan; None: the mission was sent with the start."""
     version: int | None
     client: str
-    """Who started it."""
+    """Client that started the mission."""
     started_unix_s: float
     place: str | None
-    """Which step: "step 3", "step 4.2"; None when it is over."""
+    """Current step: "step 3", "step 4.2"; None when the mission has ended."""
     title: str | None
-    """The step's name, or what it is."""
+    """Name of the step, or its kind."""
     duration_s: float
-    """Of the whole mission by plan, on the longest way."""
+    """Planned duration of the whole mission, with the longest branch."""
     remaining_s: float | None
-    """By plan, on the longest way; None when it is over."""
+    """Planned time left, with the longest branch; None when the mission has ended."""
     deviation_m: float | None
-    """From the position that is sent."""
+    """Distance from the streamed position."""
     outside_corridor_m: float | None
-    """How far it is outside the dry run's corridor, 0 inside; None: none was given at the start."""
+    """Distance outside the dry run's corridor, 0 inside; None: no corridor is watched."""
     question: str | None
-    """What a person is asked; answered by `go_on`."""
+    """Question to the operator; answered by `go_on`."""
     reason: str | None
-    """Why it is suspended, or over."""
+    """Why the mission is suspended or has ended."""
     if_stream_stops: str | None
-    """What the vehicle will do by itself should the server or its link die, in words."""
+    """What the vehicle will do by itself if the server or its link fails, as text."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlownMission:
-    """What was flown of a vehicle's newest mission, beside what was planned."""
+    """The flown path of a vehicle's newest mission, with the planned one."""
 
     name: str
     started_unix_s: float
     samples: tuple[FlownSample, ...]
-    """Two a second; of a flight longer than half an hour fewer."""
+    """Two a second; fewer for a flight longer than half an hour."""
     deviation_mean_m: float | None
-    """From the places that were sent; null: none was."""
+    """Mean distance from the streamed positions; null: no position was streamed."""
     deviation_max_m: float | None
-    """The greatest of it; null: no place was sent."""
+    """Largest distance from the streamed positions; null: no position was streamed."""

@@ -9,7 +9,7 @@ from missions.avoidance.scans import Scan
 from missions.frames import Quaternion, Vector3, rotate
 
 KEPT_S = 3.0
-"""Older measurements are dropped."""
+"""Older measurements are dropped [s]."""
 
 
 def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: float) -> tuple[Scan, ...]:

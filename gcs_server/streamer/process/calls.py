@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 ANSWER_TIMEOUT_S = 2.0
-"""A process that reads nothing for this long counts as dead: the vehicles' failsafes take over."""
+"""A process that reads nothing for this long is killed; the vehicles' failsafes take over."""
 LOOP_STALLED_S = 0.5
 """If the event loop itself stalled for this long between two beats, it cannot judge the process."""
 RESTART_PERIOD_S = 1.0
@@ -41,7 +41,7 @@ class _PendingRequest:
 
 
 class WorkerCalls:
-    """Starts the process, and sends it messages over all its restarts.
+    """Starts the process, restarts it, and sends it messages.
 
     Args:
         clock: the machine's.
@@ -65,7 +65,7 @@ class WorkerCalls:
         self._own_ids = own_ids
         self._silent_limit_s = silent_limit_s
         self._on_update, self._on_gone, self._relay = on_update, on_gone, relay
-        self._asked: dict[int, _PendingRequest] = {}
+        self._pending: dict[int, _PendingRequest] = {}
         self._started_s = self._beat_s = self._silent_since_s = float("-inf")
         self.worker: WorkerHandle | None = None
         """The current run; None if there is none."""
@@ -90,7 +90,7 @@ class WorkerCalls:
             worker.end()
         self._fail_all()
 
-    def judge(self) -> None:
+    def check_alive(self) -> None:
         """Called with each beat: kills a process that reads nothing, unless the event loop itself stalled."""
         now_s = self._clock.monotonic_s()
         stalled, self._beat_s = now_s - self._beat_s > LOOP_STALLED_S, now_s
@@ -126,7 +126,7 @@ class WorkerCalls:
         future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
         number = self.post(message)
         if number:
-            self._asked[number] = _PendingRequest(future, then)
+            self._pending[number] = _PendingRequest(future, then)
         else:
             future.set_exception(WorkerDied())
         return future
@@ -161,7 +161,7 @@ class WorkerCalls:
                 log.info("setpoint streams run without real-time priority: see docs/performance.md")
 
     def _answered(self, answer: Answer) -> None:
-        asked = self._asked.pop(answer.number, None)
+        asked = self._pending.pop(answer.number, None)
         if asked is None:
             return
         if answer.error is None and asked.then is not None:
@@ -184,7 +184,7 @@ class WorkerCalls:
         self._fail_all()
 
     def _fail_all(self) -> None:
-        asked, self._asked = self._asked, {}
+        asked, self._pending = self._pending, {}
         for each in asked.values():
             if not each.future.done():
                 each.future.set_exception(WorkerDied())

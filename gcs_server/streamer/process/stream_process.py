@@ -109,7 +109,7 @@ class StreamProcess(Streams):
         self._forget()
 
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
-        self._calls.judge()
+        self._calls.check_alive()
         self._spawn()
         if self._begun or self._beginning:
             self._post_routes()

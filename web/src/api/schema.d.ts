@@ -798,9 +798,10 @@ export interface paths {
          * Start
          * @description Switches all flying members to Offboard at their positions, then starts them together.
          *
-         *     Answers once all have confirmed and the start (`start_unix_s`) is set. If one refuses, does not confirm,
-         *     or would come too near to another, none moves and all are put into Hold (409 `not_together` with their
-         *     ids). `limits` has each member's limits, and whether the operator's limits were restored after a restart.
+         *     Answers when all have confirmed, with the common start time (`start_unix_s`). If a member refuses, does
+         *     not confirm, or would come too close to another, none moves and all are put into Hold (409
+         *     `not_together` with their ids). `limits` has each member's limits, and whether the operator's limits were
+         *     restored after a restart.
          */
         post: operations["start_api_v1_groups_post"];
         delete?: never;
@@ -818,7 +819,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description State of a group: its members, the two nearest to each other, and its findings.
+         * @description State of a group: its members, the closest pair, and its findings.
          */
         get: operations["show_api_v1_groups__g__get"];
         put?: never;
@@ -840,7 +841,7 @@ export interface paths {
         put?: never;
         /**
          * Setpoints
-         * @description New setpoints for some or all members, sent together; refused if two would come too near.
+         * @description New setpoints for some or all members, sent together; refused if two would come too close.
          */
         post: operations["setpoints_api_v1_groups__g__setpoints_post"];
         delete?: never;
@@ -4598,7 +4599,7 @@ export interface components {
         };
         /**
          * FlownMission
-         * @description What was flown of a vehicle's newest mission, beside what was planned.
+         * @description The flown path of a vehicle's newest mission, with the planned one.
          */
         FlownMission: {
             /**
@@ -4613,17 +4614,17 @@ export interface components {
             started_unix_s: number;
             /**
              * Samples
-             * @description Two a second; of a flight longer than half an hour fewer.
+             * @description Two a second; fewer for a flight longer than half an hour.
              */
             samples: components["schemas"]["FlownSample"][];
             /**
              * Deviation Mean M
-             * @description From the places that were sent; null: none was.
+             * @description Mean distance from the streamed positions; null: no position was streamed.
              */
             deviation_mean_m: number | null;
             /**
              * Deviation Max M
-             * @description The greatest of it; null: no place was sent.
+             * @description Largest distance from the streamed positions; null: no position was streamed.
              */
             deviation_max_m: number | null;
         };
@@ -7982,13 +7983,13 @@ export interface components {
         };
         /**
          * OffboardMissionStatus
-         * @description The topic `offboard_mission`, and what the calls below `…/offboard_mission` answer.
+         * @description The topic `offboard_mission`, and the answer of the calls below `…/offboard_mission`.
          */
         OffboardMissionStatus: {
             /**
              * State
-             * @description waiting: for a person or a condition; paused: in Offboard, on its path; suspended: the vehicle is not
-             *     flown by the mission, which a person can resume; done, aborted, stopped: it is over.
+             * @description waiting: for the operator or a condition; paused: in Offboard, on its path; suspended: the mission does
+             *     not fly the vehicle, the operator can resume it; done, aborted, stopped: the mission has ended.
              * @enum {string}
              */
             state: "ready" | "taking_off" | "starting" | "flying" | "waiting" | "pausing" | "paused" | "landing" | "suspended" | "done" | "aborted" | "stopped";
@@ -7999,7 +8000,7 @@ export interface components {
             name: string;
             /**
              * Plan Id
-             * @description Of the plan that the server keeps; None: it was sent with the start.
+             * @description Id of the stored plan; None: the mission was sent with the start.
              */
             plan_id: string | null;
             /**
@@ -8009,7 +8010,7 @@ export interface components {
             version: number | null;
             /**
              * Client
-             * @description Who started it.
+             * @description Client that started the mission.
              */
             client: string;
             /**
@@ -8019,47 +8020,47 @@ export interface components {
             started_unix_s: number;
             /**
              * Place
-             * @description Which step: "step 3", "step 4.2"; None when it is over.
+             * @description Current step: "step 3", "step 4.2"; None when the mission has ended.
              */
             place: string | null;
             /**
              * Title
-             * @description The step's name, or what it is.
+             * @description Name of the step, or its kind.
              */
             title: string | null;
             /**
              * Duration S
-             * @description Of the whole mission by plan, on the longest way.
+             * @description Planned duration of the whole mission, with the longest branch.
              */
             duration_s: number;
             /**
              * Remaining S
-             * @description By plan, on the longest way; None when it is over.
+             * @description Planned time left, with the longest branch; None when the mission has ended.
              */
             remaining_s: number | null;
             /**
              * Deviation M
-             * @description From the position that is sent.
+             * @description Distance from the streamed position.
              */
             deviation_m: number | null;
             /**
              * Outside Corridor M
-             * @description How far it is outside the dry run's corridor, 0 inside; None: none was given at the start.
+             * @description Distance outside the dry run's corridor, 0 inside; None: no corridor is watched.
              */
             outside_corridor_m: number | null;
             /**
              * Question
-             * @description What a person is asked; answered by `go_on`.
+             * @description Question to the operator; answered by `go_on`.
              */
             question: string | null;
             /**
              * Reason
-             * @description Why it is suspended, or over.
+             * @description Why the mission is suspended or has ended.
              */
             reason: string | null;
             /**
              * If Stream Stops
-             * @description What the vehicle will do by itself should the server or its link die, in words.
+             * @description What the vehicle will do by itself if the server or its link fails, as text.
              */
             if_stream_stops: string | null;
         };

@@ -103,7 +103,7 @@ def test_what_is_mavlink_passes_whole_and_in_order_however_it_is_cut(data, cuts)
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
     first = FirstBytes()
     pieces = [data[a:b] for a, b in pairwise(edges)]
-    assert b"".join(first.pass_on(piece) for piece in pieces) == data
+    assert b"".join(first.accept(piece) for piece in pieces) == data
 
 
 @given(st.from_regex(rb"[A-Z]{3,20} .{0,40}", fullmatch=True), st.lists(st.integers(1, 30), max_size=6))
@@ -112,7 +112,7 @@ def test_a_request_line_is_known_however_it_is_cut_and_nothing_of_it_passes(data
     first, passed = FirstBytes(), b""
     with pytest.raises(ForeignProtocol, match="HTTP"):
         for a, b in pairwise(edges):
-            passed += first.pass_on(data[a:b])
+            passed += first.accept(data[a:b])
     assert passed == b""
 
 

@@ -37,7 +37,7 @@ def test_what_is_no_ground_is_none(eye_z_m, ray):
 
 def test_the_ground_is_that_of_the_chosen_vehicles_home():
     tracks = Tracks(FakeFleet([flying("1"), flying("2")]), None, SystemClock())
-    tracks.look(1000.0, 0.03)
+    tracks.update(1000.0, 0.03)
     vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.on_ground("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
     assert vehicle == "2"
     assert (lat_deg, lon_deg) == pytest.approx((47.397742 + 100.0 / 111177.0, 8.545594), abs=1e-6)
@@ -49,7 +49,7 @@ def test_without_a_place_on_earth_it_is_refused_in_words():
     with pytest.raises(Refused, match="no vehicle yet"):
         Tracks(FakeFleet(), None, SystemClock()).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
     tracks = Tracks(FakeFleet([FakeVehicle()]), None, SystemClock())
-    tracks.look(1000.0, 0.03)
+    tracks.update(1000.0, 0.03)
     with pytest.raises(Refused, match="reported its position"):
         tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
 

@@ -4,7 +4,7 @@ import pytest
 
 from gcs_server.control.lease import Lease, LeaseTimes
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MAX_REQUESTS, MAX_REQUESTS_PER_ADDRESS, REQUEST_LIVES_S
+from gcs_server.control.requests import MAX_REQUESTS, MAX_REQUESTS_PER_ADDRESS, REQUEST_LIFETIME_S
 from gcs_server.errors import NotInControl, Refused
 
 ANNA, BOB, CARL = (Principal.of(name, name * 3) for name in ("anna", "bob", "carl"))
@@ -285,7 +285,7 @@ def test_so_many_clients_may_ask_and_no_more_until_some_were_answered(desk):
     desk.lease.deny(ANNA, crowd[0].key)
     desk.lease.request(crowd[MAX_REQUESTS])
     assert len(desk.lease.requests()) == MAX_REQUESTS
-    desk.after(REQUEST_LIVES_S + 1)
+    desk.after(REQUEST_LIFETIME_S + 1)
     assert desk.lease.requests() == ()
     assert not desk.lease.has_most_requests
 

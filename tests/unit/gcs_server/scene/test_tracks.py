@@ -38,9 +38,9 @@ def test_the_trail_is_there_at_the_first_look():
     vehicle.clock = clock
     flew_north(vehicle, clock, 100)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
-    (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
+    (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     assert points(track) == [pytest.approx((0.0, -float(ago), 10.0)) for ago in range(100, 0, -1)]
-    tracks.look(clock.monotonic_s() + 0.03, 0.03)
+    tracks.update(clock.monotonic_s() + 0.03, 0.03)
     assert points(track)[-1] == pytest.approx((0.0, 0.0, 10.0))
     assert vehicle.asked == 1
 
@@ -53,12 +53,12 @@ def test_a_gap_is_filled_and_nothing_drawn_twice():
     vehicle.values["local_position"] = local(-60.0, 0.0, -10.0)
     vehicle.values["global_position"] = None
     for _ in range(2):
-        (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
+        (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     clock.now_s += 30.0
     flew_north(vehicle, clock, 29)
     vehicle.values["local_position"] = local(0.0, 0.0, -10.0)
     for _ in range(2):
-        (again,) = tracks.look(clock.monotonic_s(), 0.03).values()
+        (again,) = tracks.update(clock.monotonic_s(), 0.03).values()
     assert again is track
     assert [p[1] for p in points(track)] == pytest.approx([-60.0, *range(-29, 1)])
 
@@ -69,9 +69,9 @@ def test_after_a_long_time_the_trail_begins_anew():
     vehicle.clock = clock
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     for _ in range(2):
-        (first,) = tracks.look(clock.monotonic_s(), 0.03).values()
+        (first,) = tracks.update(clock.monotonic_s(), 0.03).values()
     clock.now_s += 1000.0
-    (track,) = tracks.look(clock.monotonic_s(), 0.03).values()
+    (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     assert first.trail.recent
     assert points(track) == []
 
@@ -80,23 +80,23 @@ def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
     clock = StillClock()
     vehicles = [flying(str(i)) for i in range(1, 6)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
-    tracks.look(clock.monotonic_s(), 0.03, {"4"})
+    tracks.update(clock.monotonic_s(), 0.03, {"4"})
     assert [v.asked for v in vehicles] == [0, 0, 0, 1, 0]
     for _ in range(6):
-        tracks.look(clock.monotonic_s(), 0.03, {"4"})
+        tracks.update(clock.monotonic_s(), 0.03, {"4"})
     assert [v.asked for v in vehicles] == [1, 1, 1, 1, 1]
 
 
 def test_of_many_vehicles_those_that_nobody_follows_are_looked_at_a_third_as_often_and_lose_no_time():
     vehicles = [flying(str(i)) for i in range(1, 8)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
-    tracks.look(0.0, 0.03, {"4"})  # the first look is at all
-    poses = {v: track.smoother.pose for v, track in tracks.look(0.03, 0.03, {"4"}).items()}
+    tracks.update(0.0, 0.03, {"4"})  # the first look is at all
+    poses = {v: track.smoother.pose for v, track in tracks.update(0.03, 0.03, {"4"}).items()}
     for vehicle in vehicles:
         vehicle.values["local_position"] = local(1.0, 0.0, -10.0)
     changed = []
     for index in range(2, 5):
-        now = {v: track.smoother.pose for v, track in tracks.look(index * 0.03, 0.03, {"4"}).items()}
+        now = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03, {"4"}).items()}
         changed.append({v for v in now if now[v] is not poses[v]})
         poses = now
     assert [len(each) for each in changed] == [3, 3, 3]
@@ -111,10 +111,10 @@ def test_a_few_vehicles_are_looked_at_each_time():
     vehicles = [flying(str(i)) for i in range(1, 4)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     for index in range(3):
-        before = {v: track.smoother.pose for v, track in tracks.look(index * 0.03, 0.03).items()}
+        before = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03).items()}
         for vehicle in vehicles:
             vehicle.values["local_position"] = local(float(index), 0.0, -10.0)
-    after = {v: track.smoother.pose for v, track in tracks.look(0.2, 0.03).items()}
+    after = {v: track.smoother.pose for v, track in tracks.update(0.2, 0.03).items()}
     assert all(after[v] is not before[v] for v in ("1", "2", "3"))
 
 
@@ -122,11 +122,11 @@ def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first
     clock, fleet = StillClock(), FakeFleet([flying("1")])
     tracks = Tracks(fleet, None, SystemClock())
     for _ in range(2):
-        tracks.look(clock.monotonic_s(), 0.03)
+        tracks.update(clock.monotonic_s(), 0.03)
     far = flying("1")
     far.values = {"global_position": glob(-33.0, 151.0, 50.0)}
     fleet.vehicles = [far]
-    (track,) = tracks.look(clock.monotonic_s() + 5, 0.03).values()
+    (track,) = tracks.update(clock.monotonic_s() + 5, 0.03).values()
     assert points(track) == []
     # It is the only one: the world begins where it is.
     assert track.smoother.pose.position_enu_m == pytest.approx((0.0, 0.0, 0.0))
@@ -139,7 +139,7 @@ def test_global_positions_make_a_trail_where_there_are_no_local_ones():
         Sample("global_position", None, clock.unix_s() - ago, 0.0, glob(47.0 - ago * 1e-5, 8.0, 500.0))
         for ago in (3, 2, 1)
     ]
-    (track,) = Tracks(FakeFleet([vehicle]), None, SystemClock()).look(clock.monotonic_s(), 0.03).values()
+    (track,) = Tracks(FakeFleet([vehicle]), None, SystemClock()).update(clock.monotonic_s(), 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
 
 
@@ -148,13 +148,13 @@ def test_a_replayed_vehicles_trail_is_made_up_in_its_recordings_time():
     vehicle.clock = long_ago
     flew_north(vehicle, long_ago, 4)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
-    (track,) = tracks.look(9e5, 0.03).values()
+    (track,) = tracks.update(9e5, 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])
     long_ago.now_s += 2.0  # half speed, while nobody looked
     vehicle.past.append(
         Sample("local_position", None, long_ago.unix_s() - 1, long_ago.now_s - 1, local(1.0, 0.0, -10.0))
     )
-    tracks.look(9e5 + 4.0, 0.03)
+    tracks.update(9e5 + 4.0, 0.03)
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1, 1])
 
 
@@ -162,10 +162,10 @@ def test_a_vehicle_that_cannot_be_placed_is_left_out_and_the_others_are_drawn() 
     bad, good = flying("1"), flying("2")
     tracks = Tracks(FakeFleet([bad, good]), None, SystemClock())
     bad.values["local_position"] = local("north", 0.0, -10.0)  # what no maths can be done with
-    assert list(tracks.look(1.0, 0.03)) == ["2"]
+    assert list(tracks.update(1.0, 0.03)) == ["2"]
     assert good.asked == 1, "its trail is made up, too"
     (fault,) = tracks.isolation.faults
     assert "vehicle 1" in fault
     bad.values["local_position"] = local(0.0, 0.0, -10.0)
-    assert list(tracks.look(1.1, 0.03)) == ["1", "2"]
+    assert list(tracks.update(1.1, 0.03)) == ["1", "2"]
     assert tracks.isolation.faults == []
