@@ -31,8 +31,8 @@ PAUSE_S = 1.0
 MAX_ALL_UPDATED = 3
 """Up to this many vehicles are all updated each time."""
 UPDATE_DIVISOR = 3
-"""With more vehicles, those that no view follows are updated only one time in this many, because they are most
-of the cost of drawing a fleet."""
+"""With more vehicles, those that no view follows are updated only one time in this many, because drawing them
+costs the most."""
 
 
 @dataclass(slots=True)

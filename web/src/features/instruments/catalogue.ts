@@ -69,6 +69,9 @@ const GROUPS: Readonly<Record<string, string>> = {
   hud: 'Speeds',
   health: 'Health',
   estimator: 'Estimator',
+  mission: 'Mission',
+  obstacle_distance: 'Obstacle sensor',
+  wind: 'Wind',
 };
 /** Labels of fields whose own name is not clear enough. */
 const LABELS: Readonly<Record<string, string>> = {
@@ -107,6 +110,15 @@ const LABELS: Readonly<Record<string, string>> = {
   'health.ready_to_arm': 'Ready to arm',
   'estimator.horizontal_accuracy_m': 'Position accuracy',
   'estimator.vertical_accuracy_m': 'Altitude accuracy',
+  'mission.current': 'Mission item',
+  'mission.count': 'Mission items',
+  'mission.reached': 'Mission item reached',
+  'obstacle_distance.frame': 'Obstacle sensor frame',
+  'obstacle_distance.first_deg': 'Obstacle sensor first direction',
+  'obstacle_distance.step_deg': 'Obstacle sensor step',
+  'obstacle_distance.range_min_m': 'Obstacle sensor range min',
+  'obstacle_distance.range_max_m': 'Obstacle sensor range max',
+  'wind.speed_m_s': 'Wind speed',
 };
 /** Fields that are not offered: masks, ids and quaternions. */
 const LEFT_OUT = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;

@@ -54,7 +54,7 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'wind_m_s', label: 'Wind', unit: 'm/s', min: 0, max: 30 },
   { name: 'from_deg', label: 'Wind from', unit: '°', min: 0, max: 360, step: 10 },
   { name: 'gusts_m_s', label: 'Gusts (one sigma)', unit: 'm/s', min: 0, max: 20, step: 0.5 },
-  { name: 'mass_percent', label: 'Mass, of the simulated one', unit: '%', min: 30, max: 300, step: 5 },
+  { name: 'mass_percent', label: 'Mass scale', unit: '%', min: 30, max: 300, step: 5 },
   { name: 'battery_percent', label: 'Battery capacity scale', unit: '%', min: 5, max: 300, step: 5 },
   { name: 'flights', label: 'Flights (wind, mass and battery vary)', unit: '', min: 0, max: 200, step: 10 },
   { name: 'hover_power_w', label: 'Hover power', unit: 'W', min: 1, max: 1e6, step: 10, optional: true },

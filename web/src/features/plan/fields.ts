@@ -26,6 +26,9 @@ const UNITS: readonly (readonly [string, string, number])[] = [
 ];
 
 const LABELS: Readonly<Record<string, string>> = {
+  hour_utc: 'Until, hour (UTC)',
+  minute_utc: 'Until, minute (UTC)',
+  second_utc: 'Until, second (UTC)',
   acceptance_radius_m: 'Acceptance radius',
   pass_radius_m: 'Pass radius',
   hold_s: 'Hold for',

@@ -58,14 +58,17 @@ export function detailOf(item: Item): string {
   if (isPlaced(item)) said.push(altitudeText(item.altitude));
   if (item.kind === 'complex') said.push(`${item.items?.length ?? 0} items of another program`);
   if (item.kind === 'jump')
-    said.push(`step ${(number(item, 'target_index') ?? 0) + 1}`, number(item, 'repeat') === -1 ? 'endless' : `${String(item['repeat'])} times`);
+    said.push(
+      `step ${(number(item, 'target_index') ?? 0) + 1}`,
+      number(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
+    );
   if (item.kind === 'takeoff' || item.kind === 'land') return said.join(' · ');
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a time of day' : `${fixed(s, 0)} s`));
   add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
   add('distance_m', (m) => `${fixed(m, 1)} m`);
   add('interval_s', (s) => `every ${fixed(s, 1)} s`);
-  add('count', (n) => `${n} pictures`);
+  add('count', (n) => `${n} ${n === 1 ? 'picture' : 'pictures'}`);
   add('pitch_deg', (deg) => `pitch ${fixed(deg, 0)}°`);
   add('yaw_deg', (deg) => `yaw ${fixed(deg, 0)}°`);
   return said.join(' · ');

@@ -51,8 +51,8 @@ function flown(status: Status, stream: StatusFacts['stream']): Flown {
   if (status.mode === 'offboard') {
     if (stream === null) return { title: 'Offboard', who: 'setpoints from another computer, not this server' };
     const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
-    const client = stream.client === null ? '' : ` for ${stream.client}`;
-    return { title: 'Offboard', who: `server streams ${stream.type}${rate}${client}` };
+    const client = stream.client === null ? '' : `, ${stream.client}`;
+    return { title: 'Offboard', who: `setpoints from this server: ${stream.type}${rate}${client}` };
   }
   return FLOWN[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
 }

@@ -22,7 +22,7 @@ describe('status words', () => {
   it('says who makes it fly', () => {
     expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
       title: 'Offboard',
-      who: 'server streams position, 50 Hz for a',
+      who: 'setpoints from this server: position, 50 Hz, a',
       tone: 'target',
     });
     expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');

@@ -25,7 +25,7 @@ registry.addKeys([
   {
     order: 220,
     keys: '1 … 9',
-    what: 'Choose a vehicle; 0 is the tenth',
+    what: 'Select a vehicle (0: the tenth)',
     inScene: true,
     on: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => choose(digit)])),
   },

@@ -100,7 +100,9 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
       const end = nodes.findIndex((one, i) => i > index && one.depth <= node.depth);
       const time_s = seconds(node, nodes.slice(index + 1, end < 0 ? nodes.length : end));
       const photos = taken.get(node.place)?.photos ?? 0;
-      const side = [time_s === null || time_s < 0.5 ? '' : duration(time_s), photos > 0 ? `${photos} photos` : ''].filter(Boolean).join('\n');
+      const side = [time_s === null || time_s < 0.5 ? '' : duration(time_s), photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '']
+        .filter(Boolean)
+        .join('\n');
       return {
         ids: [stepId(node.place)],
         row: null,
