@@ -99,6 +99,11 @@ class Kalman:
         self._biases = self.vector[:, GYRO_BIAS - VELOCITY : FIELD - VELOCITY]
         self._correction = np.zeros((count, SIZE))
         self._delta = np.ones((count, 4))
+        # Room for changes of the covariance: a large fleet's are so large that to make them costs more than
+        # to fill them.
+        self._change, self._other = np.zeros((2, count, SIZE, SIZE))
+        self._moved = np.zeros((count, _MOVING, SIZE))
+        self._moved_back = np.zeros((count, SIZE, _MOVING))
 
     def _view(self, first: int) -> FloatArray:
         return self.vector[:, first - VELOCITY : first - VELOCITY + 3]
@@ -198,8 +203,9 @@ class Kalman:
         self.level_accel_m_s2 += self._impulse[:, :2] - dt_s / ACCEL_SMOOTHING_S * self.level_accel_m_s2
         self._impulse.fill(0.0)
         covariance = self.covariance
-        covariance[:, :_MOVING, :] = advance @ covariance
-        covariance[:, :, :_MOVING] = covariance @ advance.transpose(0, 2, 1)
+        covariance[:, :_MOVING, :] = np.matmul(advance, covariance, out=self._moved)
+        back = np.matmul(covariance, advance.transpose(0, 2, 1), out=self._moved_back)
+        covariance[:, :, :_MOVING] = back
         diagonal = self._variances
         diagonal += self._noise * dt_s
         if any_of(self.bad_accel):
@@ -221,7 +227,7 @@ class Kalman:
         """
         column = self.covariance[:, index, :].copy()
         gain = column / (column[:, index] + variance)[:, None]
-        self.covariance -= gain[:, :, None] * column[:, None, :]
+        self.covariance -= np.multiply(gain[:, :, None], column[:, None, :], out=self._change)
         self._correct(gain * innovation[:, None])
 
     def fuse_states(self, first: int, innovation: FloatArray, variance: FloatArray) -> None:
@@ -238,7 +244,7 @@ class Kalman:
         diagonal = _diagonal(total)
         diagonal += variance
         gain = seen @ np.linalg.inv(total)
-        self.covariance -= gain @ seen.transpose(0, 2, 1)
+        self.covariance -= np.matmul(gain, seen.transpose(0, 2, 1), out=self._change)
         self._correct((gain @ innovation[:, :, None])[:, :, 0])
 
     def sight(self, sensitivity: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -270,15 +276,17 @@ class Kalman:
         """
         gain = (seen @ np.linalg.inv(total)) * learns[:, :, None]
         # Joseph's form: right for any gain.
-        change = gain @ seen.transpose(0, 2, 1)
-        self.covariance -= change + change.transpose(0, 2, 1)
-        self.covariance += gain @ total @ gain.transpose(0, 2, 1)
+        change, both = self._change, self._other
+        np.matmul(gain, seen.transpose(0, 2, 1), out=change)
+        self.covariance -= np.add(change, change.transpose(0, 2, 1), out=both)
+        self.covariance += np.matmul(gain @ total, gain.transpose(0, 2, 1), out=change)
         self._correct((gain @ innovation[:, :, None])[:, :, 0])
 
     def straighten(self) -> None:
         """Undo what rounding does to a covariance in a long flight; a few times a second."""
         covariance = self.covariance
-        covariance += covariance.transpose(0, 2, 1).copy()
+        np.copyto(self._change, covariance.transpose(0, 2, 1))
+        covariance += self._change
         covariance *= 0.5
         np.maximum(self._variances, _LEAST_VARIANCE, out=self._variances)
 
