@@ -17,7 +17,7 @@ from gcs_server.scene.returns import strokes
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import Trail
-from missions.frames import IDENTITY, Quaternion, Vector3, q_from_yaw, rotate
+from missions.frames import IDENTITY, Quaternion, Vector3, multiply, q_from_yaw
 
 FRUSTUM_MIN_M = 0.9
 FRUSTUM_MAX_M = 2.6
@@ -51,6 +51,9 @@ class VehicleNode:
         self._trail_version = -1
         self._next_trail_s = 0.0
         self._tail_end: Vector3 | None = None
+        self._tail_lines: Points | None = None
+        self._tail_from: Vector3 | None = None
+        """The newest of the trail's points in `_tail_lines`."""
         self._frustum_m = 0.0
         self._add_airframe()
         self._add_gimbal()
@@ -197,7 +200,15 @@ class VehicleNode:
             self._tail_end = None
         if trail.recent and head != self._tail_end:
             self._tail_end = head
-            self._tail.change("points", _chain([*trail.recent, head]))
+            self._tail.change("points", self._tail_to(trail.recent, head))
+
+    def _tail_to(self, recent: list[Vector3], head: Vector3) -> Points:
+        """The newest points and where the vehicle is; only its last line changes at most calls."""
+        if self._tail_lines is None or len(self._tail_lines) != len(recent) or self._tail_from != recent[-1]:
+            self._tail_lines, self._tail_from = _chain([*recent, head]), recent[-1]
+        lines = self._tail_lines.copy()
+        lines[-1, 1] = head
+        return lines
 
     def _add_airframe(self) -> None:
         s, p = self._shapes, self._palette
@@ -300,11 +311,12 @@ class VehicleNode:
 
 def frustum_depth_m(pose: VehiclePose, q_body_camera: Quaternion) -> float:
     """Down to the ground where it is near, so that the far face lies on it [m]."""
-    forward = rotate(pose.q_enu_flu, rotate(q_body_camera, (1.0, 0.0, 0.0)))
+    w, x, y, z = multiply(pose.q_enu_flu, q_body_camera)
+    forward_up = 2.0 * (x * z - w * y)
     height_m = pose.position_enu_m[2] - pose.ground_z_m
-    if forward[2] > -0.05:
+    if forward_up > -0.05:
         return FRUSTUM_MAX_M
-    return min(FRUSTUM_MAX_M, max(FRUSTUM_MIN_M, height_m / -forward[2]))
+    return min(FRUSTUM_MAX_M, max(FRUSTUM_MIN_M, height_m / -forward_up))
 
 
 def _chain(points: list[Vector3]) -> Points:

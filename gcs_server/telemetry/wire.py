@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -18,8 +17,7 @@ MAX_ERROR_LENGTH = 500
 _encoder = msgspec.json.Encoder(enc_hook=lambda value: str(value))
 
 
-@dataclass(frozen=True, slots=True)
-class WireSample:
+class WireSample(msgspec.Struct, frozen=True):
     """One element of a `samples` frame."""
 
     vehicle: str

@@ -64,7 +64,7 @@ class Instances:
 
     def keys(self, msg_ids: Iterable[int]) -> tuple[int, ...]:
         """All keys of these messages, the lowest instance of each first."""
-        return tuple(k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,)))
+        return tuple([k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,))])
 
     def is_shown(self, frame: Frame) -> bool:
         """Whether a frame is from the shown gimbal: the lowest component and device that is heard."""

@@ -41,15 +41,14 @@ def required(what: str, *values: float) -> None:
 def vector(values: Sequence[float]) -> Vector3 | None:
     """Three values; None if one of them is not usable."""
     x, y, z = values
-    return (x, y, z) if all(-MAX_MAGNITUDE <= v <= MAX_MAGNITUDE for v in (x, y, z)) else None
+    low, high = -MAX_MAGNITUDE, MAX_MAGNITUDE
+    return (x, y, z) if low <= x <= high and low <= y <= high and low <= z <= high else None
 
 
 def rotation(values: Sequence[float]) -> Quaternion | None:
     """A unit quaternion (w, x, y, z); None if the values are not a rotation, such as four zeros."""
     w, x, y, z = values
-    if not all(-2.0 <= v <= 2.0 for v in (w, x, y, z)):
-        return None
-    length = math.sqrt(w * w + x * x + y * y + z * z)
+    length = math.hypot(w, x, y, z)
     return (w, x, y, z) if abs(length - 1.0) <= ROTATION_WITHIN else None
 
 

@@ -205,6 +205,8 @@ class VehicleState:
 
     def _decode(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
         read = {key: frame for key, frame in zip(keys, frames, strict=True) if frame is not None}
+        if not read:
+            return None
         if len(keys) > len(INPUT_MESSAGES[name]):
             read = heard(read.items())
         made_of = TOPIC_MESSAGES[name]
@@ -218,14 +220,14 @@ class VehicleState:
             decoded = decoders.DECODERS[name][1](payloads)
         if decoded is None:
             return None
-        received_s = max(f.received_monotonic_s for f in present)
+        received_s = max([f.received_monotonic_s for f in present])
         return self._sample(name, decoded[0], decoded[1], received_s)
 
     @staticmethod
     def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:
         """Of two messages that arrive in pairs: the quaternion, unless it has stopped or is invalid."""
         heard_s = {f.msg_id: f.received_monotonic_s for f in present}
-        quaternion_s, angles_s = (heard_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS)
+        quaternion_s, angles_s = [heard_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS]
         if angles_s - quaternion_s > PAIR_WITHIN_S:
             return decoders.attitude(payloads)
         try:
