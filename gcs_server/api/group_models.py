@@ -88,7 +88,7 @@ class StartGroup(_Together):
 
     @model_validator(mode="after")
     def _each_once(self) -> StartGroup:
-        _once([member.vehicle for member in self.members], "members")
+        once([member.vehicle for member in self.members], "members")
         return self
 
     def to_order(self, principal: Principal) -> GroupOrder:
@@ -120,11 +120,12 @@ class GroupSetpoints(_Together):
 
     @model_validator(mode="after")
     def _each_once(self) -> GroupSetpoints:
-        _once([member.vehicle for member in self.setpoints], "setpoints")
+        once([member.vehicle for member in self.setpoints], "setpoints")
         return self
 
 
-def _once(vehicles: list[str], where: str) -> None:
+def once(vehicles: list[str], where: str) -> None:
+    """Raises ValueError if a vehicle is named twice."""
     twice = [vehicle for vehicle, count in Counter(vehicles).items() if count > 1]
     if twice:
         raise ValueError(f"{where}: vehicle {twice[0]} is named twice")

@@ -2,40 +2,60 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from gcs_server.api.group_models import VehicleId, once
 from gcs_server.api.plan_models import MissionBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer.missions.status import FlownMission, OffboardMissionStatus
+from missions.offboard.document import MAX_ROLES
 from missions.runner.flown import FlownSample
 
+Role = Annotated[str, Field(min_length=1, max_length=100)]
 
-class StartMission(StrictBody):
-    """The mission to fly, and which findings the caller accepts."""
+
+class WhichMission(StrictBody):
+    """A mission, and which of its findings the caller accepts."""
 
     plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored offboard mission.")
     version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
     mission: MissionBody | None = Field(default=None, description="A mission that is not stored here.")
-    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
-    mission: MissionBody | None = Field(default=None, description="A mission that is not stored here.")
-    dry_run: str | None = Field(
-        default=None,
-        max_length=20,
-        description="Id of a dry run of this mission with several flights: leaving its corridor is reported.",
-    )
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[], description="Codes of the mission's error findings that the caller accepts."
     )
 
     @model_validator(mode="after")
-    def _one(self) -> StartMission:
+    def _one(self) -> Self:
         if (self.plan_id is None) == (self.mission is None):
             raise ValueError("give exactly one of plan_id and mission")
         if self.version is not None and self.plan_id is None:
             raise ValueError("version belongs to plan_id")
+        return self
+
+
+class StartMission(WhichMission):
+    """The mission to fly, and which findings the caller accepts."""
+
+    dry_run: str | None = Field(
+        default=None,
+        max_length=20,
+        description="Id of a dry run of this mission with several flights: leaving its corridor is reported.",
+    )
+
+
+class StartJointMission(WhichMission):
+    """A mission with roles, and the vehicle that flies each."""
+
+    vehicles: Annotated[dict[Role, VehicleId], Field(min_length=2, max_length=MAX_ROLES)] = Field(
+        description="A vehicle's id for each role; each vehicle once.", examples=[{"lead": "1", "left": "2"}]
+    )
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Self:
+        once(list(self.vehicles.values()), "vehicles")
         return self
 
 
@@ -60,6 +80,16 @@ class OffboardMissionView(BaseModel):
 
 
 FlownMissionModel = model_of(FlownMission, samples=tuple[model_of(FlownSample), ...])
+
+
+class JointMissionView(BaseModel):
+    """A mission of several vehicles."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vehicles: list[OffboardMissionView] = Field(
+        description="Each vehicle with its part, in the order of roles."
+    )
 
 
 class FlownMissionView(BaseModel):

@@ -13,6 +13,7 @@ from fastapi import APIRouter, Body, Response
 
 from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.group_routes import together
 from gcs_server.api.plan_checks import known_of, text_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -22,11 +23,11 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, PlanFindings, Refused
 from gcs_server.plans.dry_run_corridor import corridor_of
 from gcs_server.streamer.missions.flight import MissionFlight, Start
+from gcs_server.streamer.missions.missions import low_battery_share
 from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.corridor import Corridor
-from missions.runner.runner import LOW_BATTERY_SHARE
 
 router = APIRouter(prefix="/vehicles/{v}/offboard_mission", tags=["offboard mission"], responses=RESPONSES)
 
@@ -54,7 +55,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
     with authorized_command(station, principal, "offboard_mission/start", v, arguments):
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
-        name, text = await _chosen(station, body)
+        name, text = await chosen_mission(station, body)
         await station.offboard(v).ensure_parameters()
         known = known_of(vehicle)
         found = await station.plan_work.run(
@@ -63,17 +64,16 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
                 "plan": text,
                 "parameters": known.parameters,
                 "reported": known.reported,
-                "start": _start_of(vehicle),
+                "start": start_of(vehicle),
             },
             small=False,
             field="mission",
         )
-        _check(name.name, found["findings"], body.despite)
+        check_findings(name.name, found["findings"], body.despite)
         timeline, motion = pickle.loads(base64.b64decode(found["flown"]))
         if timeline.avoids:
             await station.offboard(v).avoidance.hear()
-        low = vehicle.params.known("BAT_LOW_THR")
-        share = LOW_BATTERY_SHARE if low is None else float(low.value)
+        share = low_battery_share(vehicle)
         corridor = None if body.dry_run is None else _corridor(station, vehicle, body.dry_run)
         station.missions.begin(v, Start(name, timeline, motion, principal.name, share, corridor))
         return _view(station, v)
@@ -81,7 +81,10 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
 
 @router.post("/pause", response_model=m.OffboardMissionView)
 async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Pauses on the path, in Offboard; during take-off and landing in Hold."""
+    """Pauses on the path, in Offboard; during take-off and landing in Hold.
+
+    Of a mission of several vehicles this pauses all of them, as `resume` and `abort` act on all.
+    """
     return steer(station, principal, "offboard_mission/pause", v, lambda flight: flight.pause(principal.name))
 
 
@@ -136,7 +139,9 @@ def steer(
     do: Callable[[MissionFlight], None],
     arguments: dict[str, object] | None = None,
 ) -> Response:
-    with authorized_command(station, principal, command, vehicle_id, arguments or {}):
+    """Commands a vehicle's mission, and with it all vehicles that fly it together: needs their control."""
+    vehicles = (vehicle_id, *station.missions.flown_with(vehicle_id))
+    with together(station, principal, command, {v: arguments or {} for v in vehicles}):
         station.fleet.get(vehicle_id).require_commandable()
         do(station.missions.flight(vehicle_id))
         return _view(station, vehicle_id)
@@ -146,7 +151,7 @@ def _view(station: Station, vehicle_id: str) -> Response:
     return answer({"vehicle": vehicle_id, "mission": station.missions.status(vehicle_id)})
 
 
-async def _chosen(station: Station, body: m.StartMission) -> tuple[MissionName, str]:
+async def chosen_mission(station: Station, body: m.WhichMission) -> tuple[MissionName, str]:
     """The chosen mission: its name, and its JSON text."""
     if body.mission is not None:
         return MissionName(body.mission.name, None, None), text_of(body.mission)
@@ -161,7 +166,7 @@ async def _chosen(station: Station, body: m.StartMission) -> tuple[MissionName, 
     return MissionName(head.name, head.id, head.version), document.decode()
 
 
-def _start_of(vehicle: Vehicle) -> dict[str, Any]:
+def start_of(vehicle: Vehicle) -> dict[str, Any]:
     """The vehicle's position.
 
     Raises:
@@ -191,7 +196,7 @@ def _corridor(station: Station, vehicle: Vehicle, dry_run_id: str) -> Corridor:
     return corridor_of(station.dry_runs.get(dry_run_id), here, estimates.origin())
 
 
-def _check(name: str, findings: list[dict[str, Any]], despite: list[str]) -> None:
+def check_findings(name: str, findings: list[dict[str, Any]], despite: list[str]) -> None:
     wrong = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
     if wrong:
         raise PlanFindings(

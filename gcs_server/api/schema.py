@@ -17,6 +17,7 @@ from gcs_server.api import (
     gimbal_routes,
     group_routes,
     hold_routes,
+    joint_mission_routes,
     map_routes,
     mission_routes,
     offboard_mission_routes,
@@ -58,6 +59,7 @@ def api_router() -> APIRouter:
         dry_run_routes,
         mission_routes,
         offboard_mission_routes,
+        joint_mission_routes,
     ):
         router.include_router(part.router)
     return router

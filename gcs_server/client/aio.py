@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 from uuid import uuid4
@@ -21,8 +21,9 @@ from gcs_server.client.address import address_and_token
 from gcs_server.client.dry_runs import DryRuns
 from gcs_server.client.errors import ApiError, Unreachable, raise_for
 from gcs_server.client.group import Group, Setpoints, members_of
+from gcs_server.client.offboard_mission import start_body
 from gcs_server.client.operations import Operations
-from gcs_server.client.plans import Plans
+from gcs_server.client.plans import Plan, Plans
 from gcs_server.client.setpoints import Body, Expiry, lifetime
 from gcs_server.client.vehicle import Vehicle, until_found
 
@@ -202,6 +203,35 @@ class Gcs:
                 error.add_note(f"Group {group.id} could not be put into Hold: {problem}")
             raise
         await group.hold()
+
+    async def start_together(
+        self,
+        vehicles: Mapping[str, str],
+        mission: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        despite: Sequence[str] = (),
+    ) -> list[dict[str, Any]]:
+        """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of the
+        `offboard_mission` of any of them act on all.
+
+        Args:
+            vehicles: the vehicle's id for each role.
+            mission: its document; else `plan_id`, of one that the server keeps.
+            plan_id: of a kept mission.
+            version: of that; the newest unless given.
+            despite: codes of error findings that are accepted.
+
+        Returns:
+            For each `vehicle` its `mission`, as `offboard_mission.state()`.
+
+        Raises:
+            Refused: one cannot start, another has control of one, or the mission has errors that `despite`
+                does not name.
+        """
+        body = start_body(mission, plan_id, version, despite, vehicles=dict(vehicles))
+        return (await self.request("POST", "/offboard_missions/start", body))["vehicles"]
 
     async def telemetry(
         self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0

@@ -6,7 +6,7 @@ Made by tools/build_sync_client.py from the asynchronous client: change that, th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,6 +26,7 @@ from gcs_server.client.blocking_parts import (
 )
 from gcs_server.client.blocking_work import SyncDryRuns, SyncOperations, SyncPlans
 from gcs_server.client.group import Setpoints
+from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
 from gcs_server.client.setpoints import Body, Expiry
 
@@ -156,6 +157,38 @@ class SyncGcs(LoopThread):
             )
         ) as found:
             yield SyncGroup(found, self._portal)
+
+    def start_together(
+        self,
+        vehicles: Mapping[str, str],
+        mission: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        despite: Sequence[str] = (),
+    ) -> list[dict[str, Any]]:
+        """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of the
+        `offboard_mission` of any of them act on all.
+
+        Args:
+            vehicles: the vehicle's id for each role.
+            mission: its document; else `plan_id`, of one that the server keeps.
+            plan_id: of a kept mission.
+            version: of that; the newest unless given.
+            despite: codes of error findings that are accepted.
+
+        Returns:
+            For each `vehicle` its `mission`, as `offboard_mission.state()`.
+
+        Raises:
+            Refused: one cannot start, another has control of one, or the mission has errors that `despite`
+                does not name.
+        """
+        return self._portal.call(
+            lambda: self._inner.start_together(
+                vehicles, mission, plan_id=plan_id, version=version, despite=despite
+            )
+        )
 
     def telemetry(
         self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0

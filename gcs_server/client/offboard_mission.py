@@ -44,16 +44,7 @@ class OffboardMission:
         Raises:
             Refused: it has errors that `despite` does not name, or an estimate is missing.
         """
-        body: dict[str, Any] = {"despite": list(despite)}
-        if mission is not None:
-            body["mission"] = dict(mission)
-        if plan_id is not None:
-            body["plan_id"] = plan_id
-        if version is not None:
-            body["version"] = version
-        if dry_run is not None:
-            body["dry_run"] = dry_run
-        return await self._do("start", body)
+        return await self._do("start", start_body(mission, plan_id, version, despite, dry_run=dry_run))
 
     async def pause(self) -> dict[str, Any]:
         """Stands still on its path."""
@@ -77,3 +68,11 @@ class OffboardMission:
 
     async def _do(self, action: str, body: Body | None = None) -> dict[str, Any]:
         return (await self._vehicle.request("POST", f"/offboard_mission/{action}", body))["mission"]
+
+
+def start_body(
+    mission: Plan | None, plan_id: str | None, version: int | None, despite: Sequence[str], **more: Any
+) -> dict[str, Any]:
+    """As the API takes it; what is None is left out."""
+    given = {"mission": mission, "plan_id": plan_id, "version": version, **more}
+    return {"despite": list(despite), **{name: each for name, each in given.items() if each is not None}}

@@ -92,6 +92,9 @@ class Command:
             )
 
 
+ALL_OF_MISSION = "the vehicle, every vehicle that flies the mission together with it"
+
+
 def _full(call: str) -> str:
     method, path = call.split(" ", 1)
     return f"{method} {path[1:]}" if path.startswith("//") else f"{method} {API}{path}"
@@ -164,12 +167,33 @@ ALL: tuple[Command, ...] = (
     ),
     _flies("offboard/stop", "POST /vehicles/{v}/offboard/stop"),
     _flies("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance"),
-    _flies("offboard_mission/start", "POST /vehicles/{v}/offboard_mission/start", confirmed=True),
-    _flies("offboard_mission/pause", "POST /vehicles/{v}/offboard_mission/pause"),
-    _flies("offboard_mission/resume", "POST /vehicles/{v}/offboard_mission/resume", confirmed=True),
-    _flies("offboard_mission/skip", "POST /vehicles/{v}/offboard_mission/skip", confirmed=True),
-    _flies("offboard_mission/go_on", "POST /vehicles/{v}/offboard_mission/go_on"),
-    _flies("offboard_mission/abort", "POST /vehicles/{v}/offboard_mission/abort", confirmed=True),
+    _flies(
+        "offboard_mission/start",
+        "POST /vehicles/{v}/offboard_mission/start",
+        "POST /offboard_missions/start",
+        vehicles=ALL_OF_MISSION,
+        confirmed=True,
+    ),
+    _flies("offboard_mission/pause", "POST /vehicles/{v}/offboard_mission/pause", vehicles=ALL_OF_MISSION),
+    _flies(
+        "offboard_mission/resume",
+        "POST /vehicles/{v}/offboard_mission/resume",
+        vehicles=ALL_OF_MISSION,
+        confirmed=True,
+    ),
+    _flies(
+        "offboard_mission/skip",
+        "POST /vehicles/{v}/offboard_mission/skip",
+        vehicles=ALL_OF_MISSION,
+        confirmed=True,
+    ),
+    _flies("offboard_mission/go_on", "POST /vehicles/{v}/offboard_mission/go_on", vehicles=ALL_OF_MISSION),
+    _flies(
+        "offboard_mission/abort",
+        "POST /vehicles/{v}/offboard_mission/abort",
+        vehicles=ALL_OF_MISSION,
+        confirmed=True,
+    ),
     _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # open to all: anybody who sees danger may stop a vehicle
     _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),

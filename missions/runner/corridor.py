@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.frames import Vector3
+from missions.runner.requests import Tell
 
 SPARE_M = 0.5
 """What the vehicle's own estimate may err by without being outside."""
@@ -59,6 +60,13 @@ class CorridorWatch:
         since_s = self._outside_since_s
         before, self.left = self.left, since_s is not None and now_s - since_s >= OUTSIDE_FOR_S
         return self.left != before
+
+    def told(self) -> Tell:
+        """That it has left, or is back."""
+        if self.left:
+            text = f"The vehicle is {self.outside_m:.1f} m outside the corridor of the dry run."
+            return Tell("corridor_left", text, warning=True)
+        return Tell("corridor_back", "The vehicle is inside the corridor of the dry run again.")
 
     def _outside_m(self, here: Vector3) -> float:
         """To the nearest part of the corridor."""

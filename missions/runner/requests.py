@@ -7,6 +7,11 @@ from typing import Literal
 
 from missions.runner.script import Script, Steering
 
+Mode = Literal["hold", "land", "rtl"]
+MODE_OF: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
+"""By action of a mission."""
+NAME_OF = {"hold": "holding here", "return": "returning", "land": "landing"}
+
 
 @dataclass(frozen=True, slots=True)
 class TakeOff:
@@ -34,7 +39,7 @@ class Steer:
 class SetMode:
     """A mode that PX4 flies by itself; it ends the stream."""
 
-    mode: Literal["hold", "land", "rtl"]
+    mode: Mode
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,30 +7,34 @@ vehicle (its pilot, an operator's command, PX4's failsafe) it asks for nothing, 
 
 from __future__ import annotations
 
-from typing import Literal
-
 from missions.offboard.segments import WaitSegment
 from missions.offboard.timeline import Timeline
 from missions.runner.corridor import Corridor, CorridorWatch
+from missions.runner.ending import Ending
 from missions.runner.flight import Flight
 from missions.runner.parts import LandPart, Part, TakeOffPart
 from missions.runner.payload import release_gimbal
 from missions.runner.reading import Reading
-from missions.runner.requests import Photo, Play, Request, SetMode, StopStream, TakeOff, Tell
+from missions.runner.requests import (
+    MODE_OF,
+    NAME_OF,
+    Photo,
+    Play,
+    Request,
+    SetMode,
+    StopStream,
+    TakeOff,
+)
 from missions.runner.status import CannotDo, RunnerStatus
 from missions.runner.stretch import StretchPart
-from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate
+from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate, who_took_over
 from missions.trajectory.limits import MotionLimits
 
 LOW_BATTERY_SHARE = 0.15
 """BAT_LOW_THR."""
 
-Mode = Literal["hold", "land", "rtl"]
-MODE_OF: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
-NAME_OF = {"hold": "holding here", "return": "returning", "land": "landing"}
 
-
-class Runner:
+class Runner(Ending):
     """One flight of a mission.
 
     Args:
@@ -49,17 +53,14 @@ class Runner:
         low_battery_share: float = LOW_BATTERY_SHARE,
         corridor: Corridor | None = None,
     ) -> None:
+        super().__init__()
         self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0))
         self._watch = FlightWatch(self.flight, low_battery_share)
         self._corridor = None if corridor is None else CorridorWatch(corridor)
-        self._over: str | None = None
-        self._reason: str | None = None
-        self._suspended = False
         self._part: Part | None = None
         self._had_link = True
         self._was_in_air = False
         self._payload_told: set[str] = set()
-        self._out: list[Request] = []
 
     # --- what people ask for ----------------------------------------------------------------------
 
@@ -69,12 +70,16 @@ class Runner:
         Raises:
             CannotDo: An estimate is missing that the mission needs.
         """
-        missing = missing_estimate(self.flight, reading, self.flight.needs)
-        if missing is not None:
-            raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
+        self.require_startable(reading)
         self._watch.answered_for(reading)
         self._begin_part(now_s, reading)
         return self._taken()
+
+    def require_startable(self, reading: Reading) -> None:
+        """Raises CannotDo if it cannot begin now."""
+        missing = missing_estimate(self.flight, reading, self.flight.needs)
+        if missing is not None:
+            raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
 
     def pause(self, now_s: float, reading: Reading, by: str) -> list[Request]:
         """Stands still: on its path in Offboard, or in Hold during take-off and landing."""
@@ -84,6 +89,7 @@ class Runner:
             self._tell("paused", f"{by} paused it.")
             return self._taken()
         self._suspend(f"{by} paused it")
+        self._paused_in_hold = True
         if not reading.on_ground or reading.armed:
             self._out.append(SetMode("hold"))
         return self._taken()
@@ -94,22 +100,28 @@ class Runner:
         Raises:
             CannotDo: It is neither paused nor suspended, or an estimate is missing.
         """
-        self._require_not_over("resume")
+        self.require_resumable(reading)
         part = self._part
-        if not self._suspended:
-            if not self.flight.paused or not isinstance(part, StretchPart):
-                raise CannotDo("it is not paused", "Pause it first.")
+        if not self._suspended and isinstance(part, StretchPart):
             part.resume()
         else:
-            missing = missing_estimate(self.flight, reading, IN_FLIGHT)
-            if missing is not None and not reading.on_ground:
-                raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
-            self._suspended, self._reason = False, None
+            self._suspended, self._paused_in_hold, self._reason = False, False, None
             self.flight.paused = False
             self._begin_part(now_s, reading)
         self._watch.answered_for(reading)
         self._tell("resumed", f"{by} resumed it.")
         return self._taken()
+
+    def require_resumable(self, reading: Reading) -> None:
+        """Raises CannotDo if it cannot be resumed now."""
+        self._require_not_over("resume")
+        if not self._suspended:
+            if not self.flight.paused or not isinstance(self._part, StretchPart):
+                raise CannotDo("it is not paused", "Pause it first.")
+            return
+        missing = missing_estimate(self.flight, reading, IN_FLIGHT)
+        if missing is not None and not reading.on_ground:
+            raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
 
     def skip(self, now_s: float, reading: Reading, by: str) -> list[Request]:
         """Goes on with the next step; a suspended mission would be resumed there.
@@ -157,6 +169,29 @@ class Runner:
         self._end("aborted", f"{by} aborted it")
         return self._taken()
 
+    # --- with other roles -------------------------------------------------------------------------
+
+    @property
+    def stretch(self) -> StretchPart | None:
+        """What it flies between take-off and landing; None: it does not now."""
+        return self._part if self.in_charge and isinstance(self._part, StretchPart) else None
+
+    @property
+    def paused(self) -> bool:
+        """Whether a person has paused it, or somebody has taken control."""
+        return self._over is None and (self._paused_in_hold or (self.in_charge and self.flight.paused))
+
+    def stop(self, reading: Reading, reason: str) -> list[Request]:
+        """Ends it because another role has left the mission: the vehicle holds; a landing goes on."""
+        if self._over is not None:
+            return []
+        lands = isinstance(self._part, LandPart) and not self._suspended
+        begun = isinstance(self._part, TakeOffPart) or not reading.on_ground
+        if self.in_charge and begun and not lands:
+            self._out.append(SetMode("hold"))
+        self._end("stopped", reason)
+        return self._taken()
+
     # --- time -------------------------------------------------------------------------------------
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
@@ -192,10 +227,7 @@ class Runner:
         if self._over is not None:
             segment = None
         elif isinstance(part, StretchPart) and state not in ("suspended", "ready"):
-            wanted = part.played.position_ned_m if part.played is not None else None
-            if wanted is not None and reading.position_ned_m is not None:
-                pairs = zip(wanted, reading.position_ned_m, strict=True)
-                deviation_m = sum((a - b) ** 2 for a, b in pairs) ** 0.5
+            deviation_m = part.deviation_m(reading)
         return RunnerStatus(
             state=state,
             place=segment.place if segment else None,
@@ -209,18 +241,9 @@ class Runner:
         )
 
     @property
-    def over(self) -> bool:
-        """Whether it is done, aborted or stopped."""
-        return self._over is not None
-
-    @property
     def in_charge(self) -> bool:
         """Whether it flies the vehicle."""
         return self._part is not None and not self._suspended and self._over is None
-
-    def _taken(self) -> list[Request]:
-        out, self._out = self._out, []
-        return out
 
     # --- inside: one look -------------------------------------------------------------------------
 
@@ -264,11 +287,7 @@ class Runner:
         watch = self._corridor
         if watch is None or not reading.in_air or not watch.look(now_s, reading.position_ned_m):
             return
-        if watch.left:
-            text = f"The vehicle is {watch.outside_m:.1f} m outside the corridor of the dry run."
-            self._tell("corridor_left", text, warning=True)
-        else:
-            self._tell("corridor_back", "The vehicle is inside the corridor of the dry run again.")
+        self._out.append(watch.told())
 
     def _begin_part(self, now_s: float, reading: Reading) -> None:
         """Of the present place, with whatever needs nothing to be done left out."""
@@ -302,16 +321,8 @@ class Runner:
 
     def _taken_over(self, reading: Reading) -> None:
         """Somebody else flies the vehicle: nothing is commanded."""
-        name = (reading.mode or "another mode").capitalize()
-        who = {
-            "command": reading.mode_text or "A command",
-            "pilot": "The pilot",
-            "failsafe": "The vehicle's failsafe",
-            "station": "Another ground station",
-        }.get(reading.mode_source or "", "Somebody else (pilot, another station, or the vehicle itself)")
-        text = who if reading.mode_source == "command" else f"{who} switched to {name}"
         self._out.append(StopStream())
-        self._suspend(text)
+        self._suspend(who_took_over(reading))
 
     def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
         """The vehicle is heard again; True: nothing else is to be done at this look.
@@ -353,14 +364,6 @@ class Runner:
         self._suspend(f"{why}: {NAME_OF[action]}")
         self._out.append(SetMode(MODE_OF[action]))
 
-    def _suspend(self, reason: str) -> None:
-        self._suspended, self._reason = True, reason
-        self._tell("suspended", f"{reason}.", warning=True)
-
-    def _end(self, how: str, reason: str | None) -> None:
-        self._over, self._reason = how, reason
-        self._tell(how, f"{reason}." if reason else "The mission is done.", warning=how == "stopped")
-
     def _payload_failed(self, request: Request, text: str) -> None:
         what = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
         if what not in self._payload_told:
@@ -376,6 +379,3 @@ class Runner:
     def _require_not_over(self, what: str) -> None:
         if self._over is not None:
             raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it anew.")
-
-    def _tell(self, code: str, text: str, *, warning: bool = False) -> None:
-        self._out.append(Tell(code, text, warning))

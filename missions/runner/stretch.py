@@ -57,6 +57,19 @@ class StretchPart(Part):
         self._answered = True
         return True
 
+    @property
+    def meeting(self) -> str | None:
+        """The meeting at which it waits for the other roles; None: it waits at none."""
+        segment, played = self.flight.segment, self._played
+        waits = played is not None and played.waiting and played.index >= self._go_past
+        if not waits or self.flight.paused or self._watched != self.flight.index:
+            return None
+        return segment.message if isinstance(segment, WaitSegment) and segment.kind == "meet" else None
+
+    def leave_meeting(self) -> None:
+        """All have come: it goes on."""
+        self._answered = True
+
     def skip(self) -> None:
         """Stands still, then goes on with the next step."""
         self._stop_for = self.flight.course.next_step(self.flight.index)
@@ -87,6 +100,11 @@ class StretchPart(Part):
     def played(self) -> Played | None:
         """How far the present script has been flown."""
         return self._played
+
+    def deviation_m(self, reading: Reading) -> float | None:
+        """From the position that is sent."""
+        wanted, here = None if self._played is None else self._played.position_ned_m, reading.position_ned_m
+        return None if wanted is None or here is None else math.dist(wanted, here)
 
     def begin(self, now_s: float, reading: Reading) -> list[Request]:
         self._began_s = self._last_s = now_s
@@ -196,8 +214,7 @@ class StretchPart(Part):
         if self._answered or (self._watch is not None and self._watch.fulfilled(now_s, reading)):
             return [*out, *self._past(played)]
         if self._waited_s >= segment.timeout_s:
-            what = "No answer" if segment.kind == "person" else "The condition did not come true"
-            text = f"{what} within {segment.timeout_s:g} s ({segment.place})"
+            text = f"{_missed(segment)} within {segment.timeout_s:g} s ({segment.place})"
             if segment.on_timeout == "continue":
                 return [*out, Tell("timeout", f"{text}: continuing."), *self._past(played)]
             self.failure = Failure(segment.on_timeout, text)
@@ -256,6 +273,12 @@ class StretchPart(Part):
             self._local.steer(steering)
             return []
         return [Steer(steering)]
+
+
+def _missed(segment: WaitSegment) -> str:
+    if segment.kind == "meet":
+        return f"Not all came to the meeting {segment.message!r}"
+    return "No answer" if segment.kind == "person" else "The condition did not come true"
 
 
 def _sentence(text: str | None) -> str:

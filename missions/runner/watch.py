@@ -22,6 +22,18 @@ def missing_estimate(flight: Flight, reading: Reading, wanted: tuple[Estimate, .
     return next((each.replace("_", " ") for each in needed if each not in reading.estimates), None)
 
 
+def who_took_over(reading: Reading) -> str:
+    """Who flies the vehicle instead of the mission, and how."""
+    name = (reading.mode or "another mode").capitalize()
+    who = {
+        "command": reading.mode_text or "A command",
+        "pilot": "The pilot",
+        "failsafe": "The vehicle's failsafe",
+        "station": "Another ground station",
+    }.get(reading.mode_source or "", "Somebody else (pilot, another station, or the vehicle itself)")
+    return who if reading.mode_source == "command" else f"{who} switched to {name}"
+
+
 class FlightWatch:
     """Of one mission.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
+from missions.offboard.timeline import Timeline
 from missions.runner.player import Player
 from missions.runner.reading import Reading
 from missions.runner.requests import Play, Request, SetMode, Steer, StopStream, TakeOff, Tell
@@ -25,11 +26,12 @@ class FlownMission:
 
     Args:
         mission: what is flown.
+        timeline: of one of its roles; None: of the mission.
         options: of the runner.
     """
 
-    def __init__(self, mission: OffboardMission, **options: Any) -> None:
-        self.runner = Runner(compile_mission(mission), mission.name, **options)
+    def __init__(self, mission: OffboardMission, timeline: Timeline | None = None, **options: Any) -> None:
+        self.runner = Runner(timeline or compile_mission(mission), mission.name, **options)
         self.now_s = 100.0
         self.reading = Reading(
             mode="hold", armed=False, landed="on_ground", position_ned_m=(0.0, 0.0, 0.0),

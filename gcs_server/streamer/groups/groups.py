@@ -52,6 +52,7 @@ class Groups:
         self._count = 0
         self.on_change: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
         """Called with a text for each change; set by the application."""
+        self.on_mission_finding: Callable[[str, Finding], None] = lambda _name, _finding: None
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -191,7 +192,7 @@ class Groups:
 
     def look(self) -> None:
         """Called with each beat: announces what the guards found, and ends groups that are over."""
-        self._collect()
+        self.collect()
         for group in self._groups.values():
             guard = self._guard(group)
             if guard is None or group.state == "ended":
@@ -202,7 +203,7 @@ class Groups:
             elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
                 group.state = "flying"
                 self._announce(group, f"Group {group.id} has started: {listed(group.members)} fly together.")
-            elif group.state in ("waiting", "flying") and not phases & {"streaming"}:
+            elif group.state in ("waiting", "flying") and "streaming" not in phases:
                 group.state = "holding"
                 self._announce(group, f"Group {group.id} is being stopped.")
             elif group.state == "holding" and "streaming" in phases:
@@ -319,11 +320,11 @@ class Groups:
 
     # --- events -----------------------------------------------------------------------------------
 
-    def _collect(self) -> None:
+    def collect(self) -> None:
+        """Takes what the guards have found."""
         for name, finding in self._streams.take_findings():
             group = self._groups.get(name)
-            if group is not None:
-                self._add_finding(group, finding)
+            self.on_mission_finding(name, finding) if group is None else self._add_finding(group, finding)
 
     def _add_finding(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
@@ -344,7 +345,7 @@ class Groups:
     def _end(self, group: Group, why: str | None) -> None:
         if group.state == "ended":
             return
-        self._collect()
+        self.collect()
         guard = self._guard(group)
         if why is None and guard is not None:
             expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_WITHIN_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
@@ -41,6 +41,11 @@ from missions.runner.runner import Runner
 from missions.runner.status import CannotDo
 from missions.trajectory.limits import MotionLimits
 
+if TYPE_CHECKING:
+    from gcs_server.streamer.missions.joint import JointMission
+
+P = ParamSpec("P")
+T = TypeVar("T")
 RENEWAL_TIMEOUT_S = 3.0
 """If the server does not update a mission for this long, the stream holds position, then PX4's Hold mode."""
 HOLD_FOR_S = 5.0
@@ -75,6 +80,8 @@ class Start:
     low_battery_share: float
     corridor: Corridor | None = None
     """Corridor of the dry run named at the start; None: not watched."""
+    role: str | None = None
+    """Of a mission of several vehicles."""
 
 
 class MissionFlight:
@@ -97,9 +104,13 @@ class MissionFlight:
         self._start = start
         self._began_unix_s = clock.unix_s()
         self._began_s = clock.monotonic_s()
-        self._runner = Runner(
+        self.runner = Runner(
             start.timeline, start.mission.name, start.motion, start.low_battery_share, start.corridor
         )
+        self.joint: JointMission | None = None
+        """The mission of several vehicles that it is a part of, once that has begun."""
+        self.looked_s = self._began_s
+        """When the runner last looked at its vehicle."""
         self._track = FlownTrack()
         self._task: Task | None = None
         """The running command; a newer command cancels it."""
@@ -111,49 +122,73 @@ class MissionFlight:
 
     def begin(self) -> None:
         """Raises Refused if this is not possible now."""
-        reading = self.reading()
-        if reading.estimates is None:
+        self.require_attitude()
+        self.carry_out(asked(self.runner.start, self._now_s, self.reading()))
+
+    def require_attitude(self) -> None:
+        """Raises Refused where the vehicle says nothing of its estimates."""
+        if self.reading().estimates is None:
             raise Refused(
                 f"Vehicle {self._vehicle.id} does not report its attitude now.",
                 remedy="Check its link, then try again.",
             )
-        requests = _allowed(self._runner.start, self._now_s, reading)
-        self._control.avoidance.mission_way = "over" if self._start.timeline.avoids else None
-        self._do(requests)
 
     def pause(self, by: str) -> None:
-        """Raises Refused if this is not possible now."""
-        self._do(_allowed(self._runner.pause, self._now_s, self.reading(), by))
+        """Pauses it for all of its vehicles. Raises Refused if this is not possible now."""
+        if self.joint is not None:
+            self.joint.pause(by)
+        else:
+            self._do(asked(self.runner.pause, self._now_s, self.reading(), by))
 
     def resume(self, by: str) -> None:
-        """Raises Refused if this is not possible now."""
-        self._do(_allowed(self._runner.resume, self._now_s, self.reading(), by))
+        """Resumes it for all of its vehicles. Raises Refused if this is not possible now."""
+        if self.joint is not None:
+            self.joint.resume(by)
+        else:
+            self._do(asked(self.runner.resume, self._now_s, self.reading(), by))
 
     def skip(self, by: str) -> None:
-        """Raises Refused if this is not possible now."""
-        self._do(_allowed(self._runner.skip, self._now_s, self.reading(), by))
+        """Raises Refused if this is not possible now, or if the mission has several vehicles."""
+        if self.joint is not None:
+            raise Refused(
+                "A vehicle of a mission of several skips no step: they would lose each other.",
+                remedy="Pause or abort the mission, which acts on all of them.",
+            )
+        self._do(asked(self.runner.skip, self._now_s, self.reading(), by))
 
     def go_on(self, by: str) -> None:
         """Raises Refused if the mission is not waiting for the operator."""
-        self._do(_allowed(self._runner.go_on, by))
+        self._do(asked(self.runner.go_on, by))
 
     def abort(self, by: str, then: str) -> None:
-        """Raises Refused if the mission has ended."""
-        self._do(_allowed(self._runner.abort, self.reading(), by, then))
+        """Ends it for all of its vehicles. Raises Refused if the mission has ended."""
+        if self.joint is not None:
+            self.joint.abort(by, then)
+            return
+        self._do(asked(self.runner.abort, self.reading(), by, then))
 
     # --- time -------------------------------------------------------------------------------------
 
     def tick(self) -> None:
         """Updates the runner; called about ten times a second."""
-        if not self._runner.over:
+        if not self.runner.over:
             reading = self.reading()
-            self._do(self._runner.tick(self._now_s, reading))
-            self._track.keep(self._now_s - self._began_s, reading, self._runner.status(reading))
+            self._do(self.runner.tick(self._now_s, reading))
+            self.looked_s = self._now_s
+            self._track.keep(self._now_s - self._began_s, reading, self.runner.status(reading))
+
+        else:
+            self.looked_s = self._now_s
+
+    @property
+    def vehicle_id(self) -> str:
+        """Whose it is."""
+        return self._vehicle.id
 
     @property
     def over(self) -> bool:
         """Whether the mission is done, aborted or stopped."""
-        return self._runner.over
+        return self.runner.over
 
     def reading(self) -> Reading:
         """The current state of the vehicle, for the runner."""
@@ -161,7 +196,7 @@ class MissionFlight:
 
     def status(self) -> OffboardMissionStatus:
         """Status of the mission."""
-        found = self._runner.status(self.reading())
+        found = self.runner.status(self.reading())
         mission, failsafe = self._start.mission, self._control.failsafe()
         return OffboardMissionStatus(
             state=found.state,  # type: ignore[arg-type]
@@ -169,6 +204,8 @@ class MissionFlight:
             plan_id=mission.plan_id,
             version=mission.version,
             client=self._start.client,
+            role=self._start.role,
+            others=() if self.joint is None else self.joint.others(self),
             started_unix_s=self._began_unix_s,
             place=found.place,
             title=found.title,
@@ -188,6 +225,15 @@ class MissionFlight:
         mean_m = sum(off_m) / len(off_m) if off_m else None
         name = self._start.mission.name
         return FlownMission(name, self._began_unix_s, samples, _centimetres(mean_m), max(off_m, default=None))
+
+    def carry_out(self, requests: list[Request]) -> None:
+        """Requests of its runner."""
+        self._control.avoidance.mission_way = "over" if self._start.timeline.avoids else None
+        self._do(requests)
+
+    def isolated(self, work: Callable[[], None]) -> None:
+        """A fault of this costs this vehicle only."""
+        self._vehicle.isolation.run("its offboard mission", work)
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -219,7 +265,7 @@ class MissionFlight:
                     self._spawn(
                         "mission gimbal", self._report_failure(request, self._vehicle.gimbal.release_control)
                     )
-        if self._runner.over:
+        if self.runner.over:
             self._control.avoidance.mission_way = None
 
     def _tell(self, request: Tell) -> None:
@@ -250,7 +296,7 @@ class MissionFlight:
         try:
             await work()
         except GcsError as error:
-            self._do(self._runner.failed(request, self.reading(), str(error)))
+            self._do(self.runner.failed(request, self.reading(), str(error)))
 
     async def _carry_out(self, request: TakeOff | Play | SetMode) -> None:
         command = self._vehicle.command
@@ -306,7 +352,7 @@ class MissionFlight:
 
     def _take_picture(self, request: Photo) -> None:
         if self._pictures >= MAX_PICTURES_WAITING:
-            self._do(self._runner.failed(request, self.reading(), "the camera is too slow"))
+            self._do(self.runner.failed(request, self.reading(), "the camera is too slow"))
             return
         self._pictures += 1
 
@@ -335,8 +381,9 @@ def _centimetres(value: float | None) -> float | None:
     return None if value is None else round(value, 2)
 
 
-def _allowed(action: Callable[..., list[Request]], *arguments: object) -> list[Request]:
+def asked(what: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+    """The answer of a runner to a client. Raises Refused if it is not possible now."""
     try:
-        return action(*arguments)
+        return what(*arguments, **named)
     except CannotDo as error:
         raise Refused(f"The mission cannot do that: {error}.", remedy=error.remedy) from error

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.streamer.missions.flight import MissionFlight, Start
+from gcs_server.streamer.missions.joint import JointMission
 from gcs_server.streamer.missions.status import OffboardMissionStatus
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.separation.guard import Finding
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.runner.runner import LOW_BATTERY_SHARE
 
 CHECK_PERIOD_S = 0.1
 
@@ -31,6 +35,10 @@ class OffboardMissions:
         self._supervisor = supervisor
         self._flights: dict[str, MissionFlight] = {}
         """By vehicle id."""
+        self._joint: dict[str, JointMission] = {}
+        """Those of several vehicles that are being flown, by the name of their guard."""
+        self._count = 0
+        streamer.groups.on_mission_finding = self._found
 
     def attach(self, vehicle: Vehicle) -> None:
         """Sets the vehicle's attribute `offboard_mission`."""
@@ -38,7 +46,9 @@ class OffboardMissions:
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops the mission of a removed vehicle."""
-        self._flights.pop(vehicle.id, None)
+        flight = self._flights.pop(vehicle.id, None)
+        if flight is not None and flight.joint is not None and not flight.over:
+            flight.joint.stop(f"Vehicle {vehicle.id} was removed: all hold")
 
     def start(self) -> None:
         """Starts the periodic update."""
@@ -51,6 +61,34 @@ class OffboardMissions:
             Refused: the vehicle already flies a mission or has a setpoint stream, the path leaves the limits,
                 or an estimate is missing.
         """
+        flight = self._prepared(vehicle_id, start)
+        flight.begin()
+        self._flights[vehicle_id] = flight
+        return flight
+
+    async def ready(self) -> None:
+        """Returns once streams and guards run. Raises Refused if they cannot."""
+        await self._streams.ready()
+
+    def begin_together(self, starts: Mapping[str, tuple[str, Start]], minimum_m: float) -> JointMission:
+        """Flies a mission of several vehicles: all begin, or none.
+
+        Args:
+            starts: by role the vehicle's id, and what it flies.
+            minimum_m: the minimum separation of any two.
+
+        Raises:
+            Refused: as for `begin`, for any of them.
+        """
+        flights = {role: self._prepared(vehicle_id, start) for role, (vehicle_id, start) in starts.items()}
+        self._count += 1
+        joint = JointMission(f"mission {self._count}", flights, self._clock, self._streams, minimum_m)
+        joint.begin()
+        self._joint[joint.name] = joint
+        self._flights |= {flight.vehicle_id: flight for flight in flights.values()}
+        return joint
+
+    def _prepared(self, vehicle_id: str, start: Start) -> MissionFlight:
         control = self._streamer.offboard(vehicle_id)
         vehicle = control.vehicle
         vehicle.require_commandable()
@@ -70,10 +108,7 @@ class OffboardMissions:
         def spawn(name: str, work: object) -> object:
             return self._supervisor.spawn(f"vehicle {vehicle_id}: {name}", work)  # type: ignore[arg-type]
 
-        flight = MissionFlight(self._clock, control, self._streams, spawn, start)  # type: ignore[arg-type]
-        flight.begin()
-        self._flights[vehicle_id] = flight
-        return flight
+        return MissionFlight(self._clock, control, self._streams, spawn, start)  # type: ignore[arg-type]
 
     def flight(self, vehicle_id: str) -> MissionFlight:
         """The newest mission of a known vehicle.
@@ -89,6 +124,12 @@ class OffboardMissions:
             )
         return flight
 
+    def flown_with(self, vehicle_id: str) -> tuple[str, ...]:
+        """The other vehicles that fly a vehicle's mission together with it."""
+        flight = self._flights.get(vehicle_id)
+        joint = None if flight is None else flight.joint
+        return () if flight is None or joint is None or joint.over else joint.others(flight)
+
     def status(self, vehicle_id: str) -> OffboardMissionStatus | None:
         """Status of the newest mission of a vehicle; None: there has been none."""
         flight = self._flights.get(vehicle_id)
@@ -96,14 +137,30 @@ class OffboardMissions:
 
     def update(self) -> None:
         """Updates each mission. A fault of one affects only that one: its stream is no longer renewed."""
+        self._streamer.groups.collect()  # what a guard stops is no failure of a mission
         for vehicle_id, flight in list(self._flights.items()):
             vehicle = self._streamer.offboard(vehicle_id).vehicle
             vehicle.isolation.run("the update of its offboard mission", flight.tick)
+
+        for name, joint in list(self._joint.items()):
+            next(iter(joint.flights.values())).isolated(joint.look)
+            if joint.over:
+                del self._joint[name]
+
+    def _found(self, name: str, finding: Finding) -> None:
+        if name in self._joint:
+            self._joint[name].found(finding)
 
     async def _update_periodically(self) -> None:
         while True:
             self.update()
             await self._clock.sleep(CHECK_PERIOD_S)
+
+
+def low_battery_share(vehicle: Vehicle) -> float:
+    """Below this a mission's action for low battery is taken."""
+    low = vehicle.params.known("BAT_LOW_THR")
+    return LOW_BATTERY_SHARE if low is None else float(low.value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,10 @@ class OffboardMissionStatus:
     version: int | None
     client: str
     """Client that started the mission."""
+    role: str | None
+    """Its role in a mission of several vehicles; None: it flies alone."""
+    others: tuple[str, ...]
+    """Ids of the vehicles that fly it together with this one: pause, resume and abort act on all."""
     started_unix_s: float
     place: str | None
     """Current step: "step 3", "step 4.2"; None when the mission has ended."""

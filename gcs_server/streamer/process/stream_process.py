@@ -111,7 +111,7 @@ class StreamProcess(Streams):
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
         self._calls.check_alive()
         self._spawn()
-        if self._begun or self._beginning:
+        if self._begun or self._beginning or self._groups:
             self._post_routes()
             self._post(to.Beat.of(snapshots))
         else:
@@ -153,10 +153,8 @@ class StreamProcess(Streams):
 
     async def begin(self, vehicle_id: str, order: Order, rate_hz: float, snapshot: Snapshot) -> int:
         await self.ready()
-        worker, known = self._calls.worker, self._vehicles[vehicle_id]
-        if worker is not None and vehicle_id not in worker.attached:
-            self._post(to.Attach(vehicle_id, known.target, known.number))
-            worker.attached.add(vehicle_id)
+        known = self._vehicles[vehicle_id]
+        self._attach_to_worker(vehicle_id)
         self._beginning.append(vehicle_id)
 
         def begun(number: int) -> None:
@@ -225,6 +223,10 @@ class StreamProcess(Streams):
     # --- groups -----------------------------------------------------------------------------------
 
     def watch(self, guard: GroupGuard) -> None:
+        if self._calls.worker is None:
+            return  # `guard` tells that nothing watches
+        for vehicle_id in guard.members:
+            self._attach_to_worker(vehicle_id)
         orders = {vehicle_id: guard.order_to_come(vehicle_id) for vehicle_id in guard.members}
         self._groups[guard.name] = _Group(orders, guard.state())
         self._post(to.WatchGroup(guard))
@@ -269,6 +271,12 @@ class StreamProcess(Streams):
 
     def _post(self, message: to.Post) -> None:
         self._calls.post(message)
+
+    def _attach_to_worker(self, vehicle_id: str) -> None:
+        worker, known = self._calls.worker, self._vehicles[vehicle_id]
+        if worker is not None and vehicle_id not in worker.attached:
+            self._post(to.Attach(vehicle_id, known.target, known.number))
+            worker.attached.add(vehicle_id)
 
     def _post_routes(self) -> None:
         worker = self._calls.worker

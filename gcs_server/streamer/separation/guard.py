@@ -181,7 +181,7 @@ class GroupGuard:
         if now_s < self.due_s:
             return Actions()
         self._next_look_s = now_s + CHECK_PERIOD_S
-        flying = [v for v in self.members if v not in self.held]
+        flying = [v for v in self.members if v not in self.held and self._counts(seen[v])]
         if self._gone_together(now_s, flying, seen):
             return Actions()
         actions = Actions()
@@ -215,6 +215,10 @@ class GroupGuard:
 
     # --- inside -----------------------------------------------------------------------------------
 
+    def _counts(self, seen: MemberView) -> bool:
+        """Whether a member is kept apart from the others now."""
+        return True
+
     def _gone_together(self, now_s: float, flying: list[str], seen: Mapping[str, MemberView]) -> bool:
         """Whether no member follows the group's orders any more, or all expire now: nothing to stop."""
         if self.phase == "over":
@@ -240,6 +244,8 @@ class GroupGuard:
         common: LocalOrigin | None = None
         known: dict[str, MovingVehicle] = {}
         for vehicle in self.members:
+            if not self._counts(seen[vehicle]):
+                continue
             snapshot = seen[vehicle].snapshot
             place, origin = snapshot.position_at(now_s), snapshot.bounds.origin
             if place is None or origin is None or snapshot.lost:

@@ -1843,6 +1843,8 @@ export interface paths {
         /**
          * Pause
          * @description Pauses on the path, in Offboard; during take-off and landing in Hold.
+         *
+         *     Of a mission of several vehicles this pauses all of them, as `resume` and `abort` act on all.
          */
         post: operations["pause_api_v1_vehicles__v__offboard_mission_pause_post"];
         delete?: never;
@@ -1926,6 +1928,30 @@ export interface paths {
          *     commanded.
          */
         post: operations["abort_api_v1_vehicles__v__offboard_mission_abort_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/offboard_missions/start": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Start Joint Mission
+         * @description Starts a mission with roles, a vehicle for each. All vehicles are checked first; all start, or none.
+         *
+         *     409 `plan_findings` if a role or the separation of two has error findings, unless `despite` names their
+         *     codes. They begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and `abort` of any act on
+         *     all.
+         */
+        post: operations["start_joint_mission_api_v1_offboard_missions_start_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -6274,6 +6300,17 @@ export interface components {
             notes: string[];
         };
         /**
+         * JointMissionView
+         * @description A mission of several vehicles.
+         */
+        JointMissionView: {
+            /**
+             * Vehicles
+             * @description Each vehicle with its part, in the order of roles.
+             */
+            vehicles: components["schemas"]["OffboardMissionView"][];
+        };
+        /**
          * Journal
          * @description Commands, newest first.
          */
@@ -8013,6 +8050,16 @@ export interface components {
              * @description Client that started the mission.
              */
             client: string;
+            /**
+             * Role
+             * @description Its role in a mission of several vehicles; None: it flies alone.
+             */
+            role: string | null;
+            /**
+             * Others
+             * @description Ids of the vehicles that fly it together with this one: pause, resume and abort act on all.
+             */
+            others: string[];
             /**
              * Started Unix S
              * @description Started [s since 1970 UTC].
@@ -11156,6 +11203,41 @@ export interface components {
             others_go_on: boolean;
         };
         /**
+         * StartJointMission
+         * @description A mission with roles, and the vehicle that flies each.
+         */
+        StartJointMission: {
+            /**
+             * Plan Id
+             * @description Id of a stored offboard mission.
+             */
+            plan_id?: string | null;
+            /**
+             * Version
+             * @description Version of that plan; default: the newest.
+             */
+            version?: number | null;
+            /** @description A mission that is not stored here. */
+            mission?: components["schemas"]["OffboardMission"] | null;
+            /**
+             * Despite
+             * @description Codes of the mission's error findings that the caller accepts.
+             * @default []
+             */
+            despite: string[];
+            /**
+             * Vehicles
+             * @description A vehicle's id for each role; each vehicle once.
+             * @example {
+             *       "lead": "1",
+             *       "left": "2"
+             *     }
+             */
+            vehicles: {
+                [key: string]: string;
+            };
+        };
+        /**
          * StartMission
          * @description The mission to fly, and which findings the caller accepts.
          */
@@ -11173,16 +11255,16 @@ export interface components {
             /** @description A mission that is not stored here. */
             mission?: components["schemas"]["OffboardMission"] | null;
             /**
-             * Dry Run
-             * @description Id of a dry run of this mission with several flights: leaving its corridor is reported.
-             */
-            dry_run?: string | null;
-            /**
              * Despite
              * @description Codes of the mission's error findings that the caller accepts.
              * @default []
              */
             despite: string[];
+            /**
+             * Dry Run
+             * @description Id of a dry run of this mission with several flights: leaving its corridor is reported.
+             */
+            dry_run?: string | null;
         };
         /**
          * Status
@@ -19378,6 +19460,67 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            400: components["responses"]["Refused400"];
+            401: components["responses"]["Refused401"];
+            403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            413: components["responses"]["Refused413"];
+            414: components["responses"]["Refused414"];
+            422: components["responses"]["Refused422"];
+            429: components["responses"]["Refused429"];
+            431: components["responses"]["Refused431"];
+            503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            504: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_joint_mission_api_v1_offboard_missions_start_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StartJointMission"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JointMissionView"];
                 };
             };
             400: components["responses"]["Refused400"];

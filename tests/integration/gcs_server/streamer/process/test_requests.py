@@ -10,6 +10,7 @@ import pytest
 
 from gcs_server.errors import Refused
 from gcs_server.streamer.separation.guard import GroupGuard
+from gcs_server.streamer.separation.mission_guard import MissionGuard
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.order import OnExpiry, Order
 from missions.geodesy import LocalOrigin
@@ -180,3 +181,20 @@ async def test_a_second_start_is_refused_and_close_ends_everything(streams, vehi
     assert ended(pid)
     with pytest.raises(Refused):
         await streams.ready()
+
+
+@flown
+async def test_the_guard_of_a_mission_watches_vehicles_that_have_no_stream_yet(streams, vehicle):
+    streams.attach("1", vehicle, (7, 1))
+    streams.attach("2", vehicle, (8, 1))
+    await streams.ready()
+
+    def known():
+        here = replace(snapshot(), armed=True, bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
+        return {"1": here, "2": here}
+
+    streams.watch(MissionGuard("mission 1", ("1", "2"), minimum_m=3.0, now_s=time.monotonic()))
+    assert streams.watched() == {"1": None, "2": None}
+    await soon(lambda: streams.beat(known()) or streams.guard("mission 1").held == {"1", "2"})
+    name, finding = streams.take_findings()[0]
+    assert (name, finding.code) == ("mission 1", "separation")

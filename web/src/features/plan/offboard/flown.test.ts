@@ -9,6 +9,8 @@ const FLOWN: Flown = {
   plan_id: null,
   version: null,
   client: 'Anna',
+  role: null,
+  others: [],
   started_unix_s: 100,
   place: 'step 2',
   title: 'Approach',

@@ -1,0 +1,115 @@
+"""The start of an offboard mission of several vehicles; pause, resume and abort are those of any of them."""
+
+from __future__ import annotations
+
+import base64
+import pickle
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from gcs_server.api import offboard_mission_models as m
+from gcs_server.api.group_routes import together
+from gcs_server.api.offboard_mission_routes import check_findings, chosen_mission, start_of
+from gcs_server.api.plan_checks import known_of
+from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import Station, StationDep
+from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.streamer.missions.flight import Start
+from gcs_server.streamer.missions.missions import low_battery_share
+from gcs_server.vehicle.samples import Health
+from gcs_server.vehicle.vehicle import Vehicle
+from missions import documents
+from missions.offboard.document import OffboardMission
+
+router = APIRouter(prefix="/offboard_missions", tags=["offboard mission"], responses=RESPONSES)
+
+
+@router.post("/start", response_model=m.JointMissionView)
+async def start_joint_mission(
+    body: m.StartJointMission, station: StationDep, principal: PrincipalDep
+) -> Response:
+    """Starts a mission with roles, a vehicle for each. All vehicles are checked first; all start, or none.
+
+    409 `plan_findings` if a role or the separation of two has error findings, unless `despite` names their
+    codes. They begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and `abort` of any act on
+    all.
+    """
+    shared = body.model_dump(exclude={"mission"}, exclude_none=True)
+    with together(station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}):
+        name, text = await chosen_mission(station, body)
+        mission = documents.read(text)
+        assert isinstance(mission, OffboardMission)
+        vehicles = _vehicles_of(station, mission, body.vehicles)
+        for vehicle in vehicles.values():
+            await station.offboard(vehicle.id).ensure_parameters()
+        found = await station.plan_work.run(
+            "compile_roles",
+            {"plan": text, "vehicles": {role: _known(vehicle) for role, vehicle in vehicles.items()}},
+            small=False,
+            field="mission",
+        )
+        check_findings(name.name, found["findings"], body.despite)
+        flown = pickle.loads(base64.b64decode(found["flown"]))
+        if any(timeline.avoids for timeline, _ in flown.values()):
+            for role, vehicle in vehicles.items():
+                if flown[role][0].avoids:
+                    await station.offboard(vehicle.id).avoidance.hear()
+        await station.missions.ready()
+        for vehicle in vehicles.values():
+            _require_ready(vehicle)  # seconds have passed
+        starts: dict[str, tuple[str, Start]] = {}
+        for role, vehicle in vehicles.items():
+            timeline, motion = flown[role]
+            share = low_battery_share(vehicle)
+            starts[role] = vehicle.id, Start(name, timeline, motion, principal.name, share, role=role)
+        station.missions.begin_together(starts, mission.separation_m)
+        views = [{"vehicle": v.id, "mission": station.missions.status(v.id)} for v in vehicles.values()]
+        return answer({"vehicles": views})
+
+
+def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, str]) -> dict[str, Vehicle]:
+    """By role, in the order of the document; all of them ready.
+
+    Raises:
+        InvalidRequest: the mission has no roles, or others than are named.
+    """
+    if not mission.roles:
+        raise InvalidRequest(
+            "mission",
+            f"{mission.name!r} has no roles: one vehicle flies it.",
+            remedy="Start it with that vehicle (POST /vehicles/{v}/offboard_mission/start).",
+        )
+    missing = [role for role in mission.roles if role not in named]
+    unknown = [role for role in named if role not in mission.roles]
+    if missing or unknown:
+        what = f"role {missing[0]!r} has no vehicle" if missing else f"there is no role {unknown[0]!r}"
+        raise InvalidRequest(
+            "vehicles",
+            f"vehicles: {what}.",
+            remedy=f"Name a vehicle for each role: {', '.join(mission.roles)}.",
+        )
+    vehicles = {role: station.fleet.get(named[role]) for role in mission.roles}
+    for vehicle in vehicles.values():
+        vehicle.require_commandable()
+        _require_ready(vehicle)
+    return vehicles
+
+
+def _require_ready(vehicle: Vehicle) -> None:
+    """Raises Refused if the vehicle is on the ground and says that it cannot be armed."""
+    status, health = vehicle.status, vehicle.topic("health")
+    if status.armed or health is None or not isinstance(health.value, Health):
+        return
+    if health.value.ready_to_arm is False:
+        raise Refused(
+            f"Vehicle {vehicle.id} cannot be armed now, so none of the vehicles starts.",
+            remedy=f"See what it reports (GET /vehicles/{vehicle.id}/readiness), then start all again.",
+        )
+
+
+def _known(vehicle: Vehicle) -> dict[str, Any]:
+    known = known_of(vehicle)
+    return {"parameters": known.parameters, "reported": known.reported, "start": start_of(vehicle)}

@@ -1,0 +1,123 @@
+"""The runners of one mission of several vehicles: they leave each meeting together, and end together.
+
+Each role's runner flies its own vehicle. This looks at all of them after each has looked at its own: where
+one has left the mission early, all others hold and the mission is over; where one is paused, all are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from missions.runner.reading import Reading
+from missions.runner.requests import Request
+from missions.runner.runner import Runner
+from missions.runner.status import CannotDo
+
+Requests = dict[str, list[Request]]
+"""By role."""
+
+
+class Together:
+    """All roles of one mission.
+
+    Args:
+        runners: by role.
+    """
+
+    def __init__(self, runners: Mapping[str, Runner]) -> None:
+        self.runners = dict(runners)
+
+    @property
+    def over(self) -> bool:
+        """Whether no role flies any more."""
+        return all(runner.over for runner in self.runners.values())
+
+    def start(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
+        """Begins all, which wait for each other at their common start.
+
+        Raises:
+            CannotDo: One cannot; then none begins.
+        """
+        for role, runner in self.runners.items():
+            self._or_say_who(role, runner.require_startable, readings[role])
+        return {role: runner.start(now_s, readings[role]) for role, runner in self.runners.items()}
+
+    def look(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
+        """What is to be done beyond what each runner asks for."""
+        left = {role: why for role, runner in self.runners.items() if (why := runner.left_early) is not None}
+        if left:
+            role, why = next(iter(left.items()))
+            return self.stop(readings, f"{role} has left the mission ({why.rstrip('.')}): all others hold")
+        flying = {role: runner for role, runner in self.runners.items() if not runner.over}
+        if any(runner.paused for runner in flying.values()):
+            return self._pause(now_s, readings, "The pause of another vehicle")
+        stretches = [runner.stretch for runner in self.runners.values()]
+        come = [part for part in stretches if part is not None and part.meeting is not None]
+        if len(come) == len(stretches) and len({part.meeting for part in come}) == 1:
+            for part in come:
+                part.leave_meeting()
+        return {}
+
+    def stop(self, readings: Mapping[str, Reading], reason: str) -> Requests:
+        """All that still fly hold, and the mission is over."""
+        return {role: runner.stop(readings[role], reason) for role, runner in self.runners.items()}
+
+    # --- what people ask for ----------------------------------------------------------------------
+
+    def pause(self, now_s: float, readings: Mapping[str, Reading], by: str) -> Requests:
+        """Pauses all.
+
+        Raises:
+            CannotDo: The mission is over.
+        """
+        self._require_not_over("pause")
+        return self._pause(now_s, readings, by)
+
+    def resume(self, now_s: float, readings: Mapping[str, Reading], by: str) -> Requests:
+        """Resumes all.
+
+        Raises:
+            CannotDo: One cannot; then none is resumed.
+        """
+        self._require_not_over("resume")
+        for role, runner in self.runners.items():
+            if not runner.over:
+                self._or_say_who(role, runner.require_resumable, readings[role])
+        return {
+            role: runner.resume(now_s, readings[role], by)
+            for role, runner in self.runners.items()
+            if not runner.over
+        }
+
+    def abort(self, readings: Mapping[str, Reading], by: str, then: str) -> Requests:
+        """Ends it; the vehicles hold, or land where they are (`then`: hold, land).
+
+        Raises:
+            CannotDo: The mission is over.
+        """
+        self._require_not_over("abort")
+        return {
+            role: runner.abort(readings[role], by, then)
+            for role, runner in self.runners.items()
+            if not runner.over
+        }
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _pause(self, now_s: float, readings: Mapping[str, Reading], by: str) -> Requests:
+        return {
+            role: runner.pause(now_s, readings[role], by)
+            for role, runner in self.runners.items()
+            if runner.in_charge and not runner.paused
+        }
+
+    def _require_not_over(self, what: str) -> None:
+        if self.over:
+            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it anew.")
+
+    @staticmethod
+    def _or_say_who(role: str, check: Callable[[Reading], None], reading: Reading) -> None:
+        try:
+            check(reading)
+        except CannotDo as error:
+            raise CannotDo(f"role {role}: {error}", error.remedy) from error

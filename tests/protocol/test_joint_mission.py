@@ -1,0 +1,229 @@
+"""A mission of several vehicles: the route that starts it, and simulated PX4 vehicles on simulated time."""
+
+import functools
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gcs_server.api import joint_mission_routes, vehicle_routes
+from gcs_server.api import offboard_mission_models as models
+from gcs_server.api import offboard_mission_routes as routes
+from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused
+from gcs_server.plans import tasks
+from gcs_server.plans.work import PlanWork
+from missions.offboard import document
+from missions.offboard.reader import read
+from tests.protocol.api_calls import ANNA, BOB, lines, station_of, view
+from tests.protocol.offboard_world import seconds
+from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.support.snapshot import snapshot
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.fleet import VehicleSim
+
+APART_M = 20.0
+MEET, LAND = "{step: meet, meeting: up}", "{step: land}"
+
+
+def fly(north, east, up):
+    return f"{{step: fly, points: [{{offset_ned_m: [{north}, {east}, {-up}]}}]}}"
+
+
+def show(lead_m=3, left_m=11):
+    """Both fly to where the other one stands, at these heights."""
+    return read(
+        f"name: Show\nroles:\n  lead:\n    steps: {steps(lead_m, APART_M)}\n"
+        f"  left:\n    steps: {steps(left_m, -APART_M)}\n"
+    )
+
+
+def steps(height_m, east_m):
+    return f"[{{step: take_off, height_m: {height_m}}}, {MEET}, {fly(6, east_m, height_m)}, {LAND}]"
+
+
+@functools.cache
+def ready():
+    """Two vehicles that can be armed."""
+    places = np.array([[0.0, 0.0, 0.0], [0.0, APART_M, 0.0]])
+    sim = VehicleSim(2, links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
+    while not all(autopilot.commander.report.armable(NavState.TAKEOFF) for autopilot in sim.autopilots):
+        assert sim.time_s < 40
+        sim.step(0.5)
+    for row in range(2):
+        sim.drain(row, "gcs")
+    return sim
+
+
+class WorkHere:
+    """Work about plans without a process."""
+
+    async def run(self, task, arguments, **_):
+        return tasks.run(task, json.loads(json.dumps(arguments)))
+
+
+def stage(jump, story):
+    """The vehicles, and the station's routes."""
+
+    async def run():
+        world = SimulatedWorld(2, sim=snapshot(ready()))
+        try:
+            vehicles = [await world.ready_to_arm(each) for each in ("1", "2")]
+            station = station_of(world)
+            station.plan_work = WorkHere()
+            for vehicle in vehicles:
+                station.missions.attach(vehicle)
+            station.missions.start()
+            station.authority.start()
+            await story(SimpleNamespace(world=world, station=station, vehicles=vehicles))
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+async def start(at, mission, by=ANNA, **more):
+    wanted = json.loads(document.write(mission))
+    asked = {"mission": wanted, "vehicles": {"lead": "1", "left": "2"}, **more}
+    body = models.StartJointMission.model_validate(asked)
+    return view(await joint_mission_routes.start_joint_mission(body, at.station, by))["vehicles"]
+
+
+def states(at):
+    return [vehicle.offboard_mission.status().state for vehicle in at.vehicles]
+
+
+async def reach(at, *wanted, within_s=60):
+    try:
+        await until(lambda: states(at) == list(wanted), within_s)
+    except AssertionError:
+        raise AssertionError([v.offboard_mission.status() for v in at.vehicles]) from None
+
+
+async def crossing(at, **heights):
+    """Both on their way to where the other one stands."""
+    begun = await start(at, show(**heights), despite=["separation"])
+    assert [each["mission"]["role"] for each in begun] == ["lead", "left"]
+    assert begun[0]["mission"]["others"] == ["2"]
+    await until(lambda: at.vehicles[0].status.armed, 5)
+    assert at.vehicles[1].status.armed  # in the same moment
+    await reach(at, "flying", "flying")
+
+
+def test_two_vehicles_cross_at_their_own_heights_and_land_where_the_other_one_stood(jump):
+    async def story(at):
+        await start(at, show())
+        await reach(at, "done", "done", within_s=120)
+        assert not any(vehicle.status.armed for vehicle in at.vehicles)
+        east = at.world.sim.simulation.truth.position_ned_m[:, 1]
+        assert east == pytest.approx([APART_M, 0.0], abs=4)
+        assert at.station.groups.all() == []
+        assert at.station.missions.flown_with("1") == ()
+
+    stage(jump, story)
+
+
+def test_two_that_come_too_near_are_held_by_the_guard_and_their_mission_is_over(jump):
+    async def story(at):
+        await crossing(at, lead_m=10, left_m=13)
+        least_m = APART_M
+        truth = at.world.sim.simulation.truth.position_ned_m
+        while "flying" in states(at):
+            least_m = min(least_m, float(np.linalg.norm(truth[0] - truth[1])))
+            await seconds(0.1)
+        assert states(at) == ["stopped", "stopped"]
+        await until(lambda: all(v.status.mode == "hold" for v in at.vehicles), 5)
+        await seconds(5)
+        least_m = min(least_m, float(np.linalg.norm(truth[0] - truth[1])))
+        assert least_m >= 5.0
+        reasons = {vehicle.offboard_mission.status().reason for vehicle in at.vehicles}
+        assert len(reasons) == 1
+        assert "at least 5 m are to be kept" in reasons.pop()
+
+    stage(jump, story)
+
+
+def test_the_operators_hold_of_one_holds_the_other_and_ends_the_mission(jump):
+    async def story(at):
+        await crossing(at)
+        await vehicle_routes.hold("2", at.station, BOB)
+        await reach(at, "stopped", "stopped", within_s=3)
+        await seconds(3)
+        assert [vehicle.status.mode for vehicle in at.vehicles] == ["hold", "hold"]
+        assert "left has left the mission" in at.vehicles[0].offboard_mission.status().reason
+
+    stage(jump, story)
+
+
+def test_pause_resume_and_abort_of_one_act_on_all_and_need_the_control_of_all(jump):
+    async def story(at):
+        await crossing(at)
+        await routes.pause("2", at.station, ANNA)
+        await reach(at, "paused", "paused", within_s=10)
+        at.station.authority.control("1").lease.release(ANNA)
+        at.station.authority.control("1").lease.take(BOB)
+        with pytest.raises(NotInControl):
+            await routes.resume("2", at.station, ANNA)
+        at.station.authority.control("1").lease.release(BOB)
+        await routes.resume("2", at.station, ANNA)
+        await reach(at, "flying", "flying", within_s=10)
+        with pytest.raises(Refused, match="skips no step"):
+            await routes.skip("1", at.station, ANNA)
+        with pytest.raises(Refused, match="their ways home may cross"):
+            await routes.abort("1", at.station, ANNA, models.AbortMission(then="return"))
+        await routes.abort("1", at.station, ANNA, models.AbortMission(then="land"))
+        assert states(at) == ["aborted", "aborted"]
+        await until(lambda: not any(vehicle.status.armed for vehicle in at.vehicles), 40)
+        commands = [(command, vehicle) for _, command, vehicle, result in lines(at.station) if result == "ok"]
+        assert (
+            commands.count(("offboard_mission/abort", "1"))
+            == commands.count(("offboard_mission/abort", "2"))
+            == 1
+        )
+
+    stage(jump, story)
+
+
+def test_nothing_starts_unless_all_can(jump):
+    async def story(at):
+        with pytest.raises(PlanFindings) as unsafe:
+            await start(at, show(10, 12))
+        assert unsafe.value.codes == ("separation",)
+        with pytest.raises(InvalidRequest, match="role 'left' has no vehicle"):
+            await start(at, show(), vehicles={"lead": "1", "right": "2"})
+        with pytest.raises(InvalidRequest, match="no roles"):
+            await start(at, read(f"name: One\nsteps: [{LAND}]"))
+        with pytest.raises(ValueError, match="named twice"):
+            await start(at, show(), vehicles={"lead": "1", "left": "1"})
+        at.station.authority.control("2").lease.release(ANNA)
+        at.station.authority.control("2").lease.take(BOB)
+        with pytest.raises(NotInControl):
+            await start(at, show())
+        at.station.authority.control("2").lease.release(BOB)
+        assert [vehicle.offboard_mission.status() for vehicle in at.vehicles] == [None, None]
+        assert not any(vehicle.status.armed for vehicle in at.vehicles)
+
+    stage(jump, story)
+
+
+def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
+    async def story(at):
+        at.world.sim.simulation.set_battery_remaining(1, 0.02)
+        await until(lambda: at.vehicles[1].topic("health").value.ready_to_arm is False, 20)
+        with pytest.raises(Refused, match="Vehicle 2 cannot be armed now, so none of the vehicles starts"):
+            await start(at, show())
+        await seconds(2)
+        assert not any(vehicle.status.armed for vehicle in at.vehicles)
+
+    stage(jump, story)
+
+
+def test_a_mission_of_several_vehicles_never_starts_on_one(jump):
+    async def story(at):
+        body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
+        at.station.plan_work = PlanWork()
+        with pytest.raises(InvalidRequest, match="it is for 2 vehicles"):
+            await routes.start("1", body, at.station, ANNA)
+        assert at.vehicles[0].offboard_mission.status() is None
+
+    stage(jump, story)

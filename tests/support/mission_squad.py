@@ -1,0 +1,77 @@
+"""Several vehicles without physics that fly one mission together, on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from missions.offboard.places import Start
+from missions.offboard.reader import read
+from missions.offboard.roles import compile_roles
+from missions.offboard.state import MissionVehicle
+from missions.runner.requests import Request
+from missions.runner.together import Together
+from tests.support.mission_vehicle import FlownMission
+
+
+class Squad:
+    """The roles of a mission, each with its vehicle.
+
+    Args:
+        text: YAML of the mission.
+        in_air: roles whose vehicles fly already.
+    """
+
+    def __init__(self, text: str, in_air: Iterable[str] = ()) -> None:
+        mission = read(text)
+        starts = {role: Start(in_air=role in in_air) for role in mission.roles}
+        compiled = compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts)
+        self.of = {role: FlownMission(mission, timeline=way) for role, way in compiled.timelines.items()}
+        for role in in_air:
+            self.of[role].know(armed=True, landed="in_air")
+        self.together = Together({role: one.runner for role, one in self.of.items()})
+        self.now_s = 100.0
+
+    def start(self) -> Squad:
+        self.do(self.together.start(self.now_s, self.readings()))
+        return self
+
+    def readings(self):
+        return {role: one.reading for role, one in self.of.items()}
+
+    def do(self, requests: dict[str, list[Request]]) -> None:
+        for role, mine in requests.items():
+            self.of[role].do(mine)
+
+    def step(self) -> None:
+        """One look at each vehicle, then at all."""
+        for one in self.of.values():
+            one.step()
+        self.now_s = next(iter(self.of.values())).now_s
+        self.do(self.together.look(self.now_s, self.readings()))
+
+    def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> Squad:
+        """Flies until then.
+
+        Raises:
+            AssertionError: it never came.
+        """
+        end_s = self.now_s + within_s
+        while not condition():
+            assert self.now_s < end_s, f"not within {within_s} s: {self.states()}"
+            self.step()
+        return self
+
+    def fly(self, for_s: float) -> Squad:
+        """Flies on."""
+        end_s = self.now_s + for_s
+        return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
+
+    def states(self) -> dict[str, str]:
+        return {role: one.status.state for role, one in self.of.items()}
+
+    def places(self) -> dict[str, str | None]:
+        return {role: one.status.place for role, one in self.of.items()}
+
+    def reach(self, **states: str) -> Squad:
+        """Flies until each role named is in that state."""
+        return self.until(lambda: states.items() <= self.states().items())

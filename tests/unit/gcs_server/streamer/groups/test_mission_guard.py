@@ -1,0 +1,55 @@
+"""The guard of a mission of several vehicles: who counts, and whom it stops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from gcs_server.streamer.separation.guard import MemberView
+from gcs_server.streamer.separation.mission_guard import MissionGuard
+from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.geodesy import LocalOrigin
+
+NOW_S = 101.0
+
+
+def seen(east_m: float, phase: str = "streaming", **more: object) -> MemberView:
+    """A vehicle that stands still in the air, with an exact estimate."""
+    origin = LocalOrigin(47.0, 8.0, 500.0)
+    here = Snapshot(
+        NOW_S, "offboard", (0.0, east_m, -10.0), (0.0, 0.0, 0.0), 0.0, armed=True,
+        bounds=Bounds(origin=origin), accuracy_m=0.0,
+    )  # fmt: skip
+    return MemberView(phase, None, replace(here, **more), None)  # type: ignore[arg-type]
+
+
+def guard() -> MissionGuard:
+    return MissionGuard("mission 1", ("1", "2", "3"), minimum_m=5.0, now_s=NOW_S)
+
+
+def test_the_guard_of_a_mission_counts_who_is_armed_and_stops_all() -> None:
+    near = {"1": seen(0.0), "2": seen(4.0, armed=False), "3": seen(30.0)}
+    watch = guard()
+    assert watch.check(NOW_S, near).hold == {}
+    actions = watch.check(NOW_S + 0.1, near | {"2": seen(4.0, "idle")})
+    assert list(actions.hold) == ["1", "2", "3"]
+    assert [(each.code, each.vehicles) for each in watch.findings] == [("separation", ("1", "2"))]
+
+
+def test_one_whose_position_is_not_known_stops_all_unless_it_is_disarmed() -> None:
+    apart = {"1": seen(0.0), "2": seen(15.0), "3": seen(30.0)}
+    watch = guard()
+    assert watch.check(NOW_S, apart | {"2": seen(15.0, armed=False, position_ned_m=None)}).hold == {}
+    actions = watch.check(NOW_S + 0.1, apart | {"2": seen(15.0, lost=True)})
+    assert list(actions.hold) == ["1", "2", "3"]
+    assert watch.findings[-1].code == "place_unknown"
+
+
+def test_one_without_a_stream_has_not_left_and_the_guard_is_never_over_by_itself() -> None:
+    landed = {"1": seen(0.0), "2": seen(15.0, "idle"), "3": seen(30.0, "idle", armed=False)}
+    watch = guard()
+    assert watch.check(NOW_S, landed).hold == {}
+    idle = {vehicle: replace(view, phase="idle") for vehicle, view in landed.items()}
+    assert watch.check(NOW_S + 1.0, idle).hold == {}
+    assert (watch.phase, watch.until_s, list(watch.findings)) == ("flying", math.inf, [])

@@ -1,0 +1,174 @@
+"""One mission of several vehicles: they begin, meet, pause and end together."""
+
+from __future__ import annotations
+
+import pytest
+
+from missions.runner.requests import TakeOff
+from missions.runner.status import CannotDo
+from tests.support.mission_squad import Squad
+
+UP, DOWN = "{step: take_off, height_m: 10}", "{step: land}"
+HIGH = "{step: take_off, height_m: 30}"
+
+
+def fly(north: float) -> str:
+    return f"{{step: fly, points: [{{offset_ned_m: [{north}, 0, -10]}}]}}"
+
+
+def meet(name: str, timeout_s: float = 120) -> str:
+    return f"{{step: meet, meeting: {name}, timeout_s: {timeout_s}}}"
+
+
+def show(lead: str, left: str, **actions: str) -> str:
+    said = ", ".join(f"{name}: {action}" for name, action in actions.items())
+    return (
+        f"name: Show\nactions: {{{said}}}\nroles:\n"
+        f"  lead:\n    steps: [{lead}]\n  left:\n    steps: [{left}]\n"
+    )
+
+
+LONG = show(f"{UP}, {fly(200)}, {DOWN}", f"{UP}, {fly(200)}, {DOWN}")
+FLYING = show(fly(200), fly(200))
+
+
+def in_flight(**actions: str) -> Squad:
+    """Both on their way, far from its end."""
+    return (
+        Squad(show(fly(200), fly(200), **actions), in_air=("lead", "left"))
+        .start()
+        .reach(lead="flying", left="flying")
+        .fly(5.0)
+    )
+
+
+def test_both_take_off_in_one_moment_and_each_flies_its_way():
+    squad = Squad(show(f"{UP}, {DOWN}", f"{HIGH}, {DOWN}")).start()
+    squad.until(lambda: squad.of["lead"].count(TakeOff) > 0)
+    assert squad.of["left"].count(TakeOff) == 1
+    squad.reach(lead="done", left="done")
+    assert squad.together.over
+
+
+def test_nothing_starts_where_one_cannot():
+    squad = Squad(LONG)
+    squad.of["left"].know(estimates=frozenset({"velocity"}))
+    with pytest.raises(CannotDo, match="role left: there is no valid estimate of position"):
+        squad.start()
+    squad.fly(2)
+    assert all(one.asked == [] for one in squad.of.values())
+
+
+def test_in_the_air_none_moves_until_all_are_in_offboard():
+    squad = Squad(FLYING, in_air=("lead", "left"))
+    delayed = squad.of["left"]
+    play, delayed_do = [], delayed.do
+    delayed.do = lambda requests: play.extend(requests)  # its switch to Offboard takes its time
+    squad.start().fly(5)
+    assert squad.places() == {"lead": "lead, start", "left": "left, start"}
+    assert squad.of["lead"].path[-1][0] == 0.0
+    delayed.do = delayed_do
+    delayed.do(play)
+    squad.until(lambda: set(squad.places().values()) == {"lead, step 1", "left, step 1"}, 2)
+    squad.fly(5)
+    lead, left = (one.path[-1][0] for one in squad.of.values())
+    assert lead == left > 5.0
+
+
+def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_in_one_moment():
+    squad = Squad(
+        show(f"{UP}, {meet('up')}, {fly(20)}, {DOWN}", f"{HIGH}, {meet('up')}, {fly(20)}, {DOWN}")
+    ).start()
+    squad.reach(lead="waiting", left="taking_off").fly(3)
+    assert squad.places()["lead"] == "lead, step 2"
+    squad.until(lambda: squad.places()["lead"] == "lead, step 3")
+    squad.step()
+    assert squad.places()["left"] == "left, step 3"
+    squad.reach(lead="done", left="done")
+
+
+def test_a_meeting_that_one_does_not_come_to_ends_the_mission_and_all_hold():
+    squad = Squad(show(f"{meet('x', 5)}, {fly(20)}", f"{fly(500)}, {meet('x')}"), ("lead", "left")).start()
+    squad.reach(lead="stopped", left="stopped")
+    assert "Not all came to the meeting 'x' within 5 s" in str(squad.of["left"].status.reason)
+    assert [one.modes() for one in squad.of.values()] == [["hold"], ["hold"]]
+
+
+HAPPENS = {
+    "pilot": lambda one: one.mode("position", "pilot"),
+    "failsafe": lambda one: one.mode("rtl", "failsafe"),
+    "operator's Hold": lambda one: one.mode("hold", "command", "Bob commanded Hold"),
+    "stream ended": lambda one: one.know(stream="ending", stream_text="The stream failed"),
+    "low battery": lambda one: one.know(battery_share=0.1),
+    "abort of its runner": lambda one: one.abort("land"),
+}
+
+
+@pytest.mark.parametrize("what", HAPPENS)
+def test_when_one_leaves_the_mission_the_other_holds_and_it_is_over(what):
+    squad = in_flight()
+    HAPPENS[what](squad.of["lead"])
+    squad.until(lambda: squad.together.over, 2)
+    assert squad.of["left"].modes() == ["hold"]
+    assert squad.of["left"].status.state == "stopped"
+    assert "lead has left the mission" in str(squad.of["left"].status.reason)
+    with pytest.raises(CannotDo, match="the mission has ended"):
+        squad.together.resume(squad.now_s, squad.readings(), "Alice")
+
+
+def test_a_vehicle_in_its_take_off_holds_too_and_one_that_lands_goes_on_landing():
+    squad = Squad(show(f"{HIGH}, {fly(20)}", f"{UP}, {DOWN}")).start()
+    squad.reach(lead="taking_off", left="landing")
+    squad.of["lead"].mode("position", "pilot")
+    squad.until(lambda: squad.together.over, 2)
+    assert squad.of["left"].modes() == ["land"]
+    other = (
+        Squad(show(f"{HIGH}, {fly(20)}", f"{UP}, {fly(90)}")).start().reach(lead="taking_off", left="flying")
+    )
+    other.of["left"].mode("position", "pilot")
+    other.until(lambda: other.together.over, 2)
+    assert other.of["lead"].modes() == ["hold"]
+
+
+def test_a_pause_holds_all_and_resume_brings_all_on():
+    squad = in_flight()
+    squad.do(squad.together.pause(squad.now_s, squad.readings(), "Alice"))
+    squad.reach(lead="paused", left="paused").fly(3)
+    before = [one.path[-1] for one in squad.of.values()]
+    squad.do(squad.together.resume(squad.now_s, squad.readings(), "Alice"))
+    squad.fly(5)
+    assert all(one.path[-1][0] > place[0] for one, place in zip(squad.of.values(), before, strict=True))
+
+
+def test_one_that_is_paused_because_control_was_taken_pauses_all():
+    squad = in_flight()
+    squad.of["left"].know(holder="bob", holder_name="Bob")
+    squad.reach(lead="paused", left="paused")
+    assert not squad.together.over
+
+
+def test_paused_at_a_meeting_they_leave_it_only_once_resumed():
+    squad = Squad(
+        show(f"{fly(10)}, {meet('x')}, {fly(90)}", f"{fly(60)}, {meet('x')}, {fly(0)}"), ("lead", "left")
+    )
+    squad.start().reach(lead="waiting", left="flying")
+    squad.do(squad.together.pause(squad.now_s, squad.readings(), "Alice"))
+    squad.fly(60)
+    assert squad.places()["lead"] == "lead, step 2"
+    squad.do(squad.together.resume(squad.now_s, squad.readings(), "Alice"))
+    squad.until(lambda: squad.places() == {"lead": "lead, step 3", "left": "left, step 3"})
+
+
+def test_nothing_is_resumed_where_one_cannot():
+    squad = in_flight()
+    with pytest.raises(CannotDo, match="role lead: it is not paused"):
+        squad.together.resume(squad.now_s, squad.readings(), "Alice")
+    assert squad.states() == {"lead": "flying", "left": "flying"}
+
+
+def test_an_abort_ends_it_for_all():
+    squad = in_flight()
+    squad.do(squad.together.abort(squad.readings(), "Alice", "land"))
+    squad.fly(1)
+    assert squad.states() == {"lead": "aborted", "left": "aborted"}
+    assert [one.modes() for one in squad.of.values()] == [["land"], ["land"]]
