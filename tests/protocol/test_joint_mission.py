@@ -138,7 +138,7 @@ def test_two_that_come_too_near_are_held_by_the_guard_and_their_mission_is_over(
         assert least_m >= 5.0
         reasons = {vehicle.offboard_mission.status().reason for vehicle in at.vehicles}
         assert len(reasons) == 1
-        assert "at least 5 m are to be kept" in reasons.pop()
+        assert "m apart" in reasons.pop()
 
     stage(jump, story)
 

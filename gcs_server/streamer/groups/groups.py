@@ -3,9 +3,8 @@
     starting ── all confirmed ──► waiting ── the instant ──► flying ──► holding ──► ended
         └────────── one refuses: all into Hold ───────────────────────────────────────┘
 
-Each member keeps its own setpoint stream (`offboard/control.py`). Until the common start the stream sends the
-vehicle's current position; then the scheduler gives all members their first setpoints in one step. Once
-all members have confirmed Offboard, the guard (`separation/guard.py`) keeps them apart, with no event loop.
+Each member's own stream (`offboard/control.py`) sends its current position until the scheduler gives all their
+first setpoints in one step. From then on the guard (`separation/guard.py`) keeps them apart.
 """
 
 from __future__ import annotations
