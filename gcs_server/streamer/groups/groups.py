@@ -3,8 +3,8 @@
     starting ── all confirmed ──► waiting ── the instant ──► flying ──► holding ──► ended
         └────────── one refuses: all into Hold ───────────────────────────────────────┘
 
-Each member's own stream (`offboard/control.py`) sends its current position until the scheduler gives all their
-first setpoints in one step. From then on the guard (`separation/guard.py`) keeps them apart.
+Each member's own stream (`offboard/control.py`) sends its position until the scheduler gives all their first
+setpoints in one step. From then on the guard (`separation/guard.py`) keeps them apart.
 """
 
 from __future__ import annotations
