@@ -23,6 +23,8 @@ from tests.support.offboard_missions import DOWN, HOME, UP, codes, flown, kinds,
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = sorted((ROOT / "missions/examples").glob("*.yaml"))
+TOGETHER = ROOT / "missions/examples/two_vehicle_show.yaml"
+EXAMPLES.remove(TOGETHER)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from missions.geodesy import LocalOrigin
+from missions.offboard.places import Start
+from missions.offboard.reader import read
+from missions.offboard.roles import compile_roles
+from missions.offboard.state import MissionVehicle
 from missions.runner.requests import TakeOff
 from missions.runner.status import CannotDo
 from tests.support.mission_squad import Squad
@@ -171,4 +178,17 @@ def test_an_abort_ends_it_for_all():
     squad.do(squad.together.abort(squad.readings(), "Alice", "land"))
     squad.fly(1)
     assert squad.states() == {"lead": "aborted", "left": "aborted"}
+    assert [one.modes() for one in squad.of.values()] == [["land"], ["land"]]
+
+
+def test_the_example_is_safe_for_vehicles_7_m_apart_and_flown_to_its_end():
+    text = (Path(__file__).parents[3] / "missions/examples/two_vehicle_show.yaml").read_text()
+    mission = read(text)
+    origin = LocalOrigin(47.0, 8.0, 480.0)
+    starts = {
+        "lead": Start(origin=origin),
+        "left": Start(position_ned_m=(0.0, 7.0, 0.0), origin=origin),
+    }
+    assert compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts).findings == ()
+    squad = Squad(text).start().reach(lead="done", left="done")
     assert [one.modes() for one in squad.of.values()] == [["land"], ["land"]]

@@ -40,6 +40,7 @@ const error = (text: string): Finding => ({
 describe('an offboard mission in flight', () => {
   it('offers only the orders that the state takes', () => {
     expect(orders(FLOWN)).toEqual(['pause', 'skip', 'abort']);
+    expect(orders(as({ others: ['2'] }))).toEqual(['pause', 'abort']);
     expect(orders(as({ state: 'paused' }))).toEqual(['resume', 'skip', 'abort']);
     expect(orders(as({ state: 'suspended', question: 'Sharp?' }))).toEqual(['resume', 'skip', 'abort']);
     expect(orders(as({ state: 'waiting', question: 'Sharp?' }))).toEqual(['go_on', 'pause', 'skip', 'abort']);

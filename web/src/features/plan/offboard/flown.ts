@@ -5,7 +5,7 @@ import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
 import { despiteText } from '../accepted.svelte';
 import type { Finding } from '../fixes';
-import type { Mission } from './mission';
+import { nodesOf, type Mission } from './mission';
 
 export type Flown = components['schemas']['OffboardMissionStatus'];
 type State = Flown['state'];
@@ -43,7 +43,8 @@ export function orders(flown: Flown): readonly Order[] {
   if (isOver(flown)) return [];
   const stands = flown.state === 'paused' || flown.state === 'suspended' || flown.state === 'pausing';
   const answer: Order[] = flown.question === null || stands ? [] : ['go_on'];
-  return [...answer, stands ? 'resume' : 'pause', 'skip', 'abort'];
+  const skip: Order[] = flown.others.length > 0 ? [] : ['skip']; // vehicles that fly together would lose each other
+  return [...answer, stands ? 'resume' : 'pause', ...skip, 'abort'];
 }
 
 export const ORDER_NAMES: Readonly<Record<Order, string>> = { pause: 'Pause', resume: 'Resume…', skip: 'Skip step…', go_on: 'Continue', abort: 'Abort…' };
@@ -105,7 +106,7 @@ export function startQuestion(
   const { link_loss, low_battery, control_lost } = mission.actions;
   const does = (action: string): string => ACTIONS[action] ?? action;
   const parts = [
-    `${mission.steps.length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
+    `${nodesOf(mission).filter((node) => node.depth === 0).length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
     despiteText(despite),
     `Low battery: the vehicle ${does(low_battery)}. Control lost: it ${does(control_lost)}. Link lost, then back: it ${does(link_loss)}.`,
     `If the server or its link fails: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(/\.\.$/, '.'),

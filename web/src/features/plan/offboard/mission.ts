@@ -101,6 +101,14 @@ export function nodesOf(mission: Mission): StepNode[] {
 /** Names of the roles; none of a mission for one vehicle. */
 export const roleNames = (mission: Mission): string[] => Object.keys(mission.roles ?? {});
 
+/** Why these vehicles cannot fly the roles; null: each role has one of its own. */
+export function notCast(roles: readonly string[], cast: Readonly<Record<string, string>>): string | null {
+  const open = roles.find((role) => (cast[role] ?? '') === '');
+  if (open !== undefined) return `Choose a vehicle for the role ${open}.`;
+  const twice = roles.find((role, index) => roles.slice(0, index).some((other) => cast[other] === cast[role]));
+  return twice === undefined ? null : `Vehicle ${cast[twice] ?? ''} has two roles: choose another one for ${twice}.`;
+}
+
 /** A place of a step: of its points by index, else the only one of its field. */
 export interface PointRef {
   readonly place: string;

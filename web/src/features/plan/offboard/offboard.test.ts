@@ -6,7 +6,7 @@ import { addCalled, addStep, addToBranch, insertPoint, nodeOf, put, remove, reor
 import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';
 import type { Flight } from './flight';
-import { nodesOf, stepId, type Mission, type MissionPlace, type Step } from './mission';
+import { nodesOf, notCast, stepId, type Mission, type MissionPlace, type Step } from './mission';
 import { picture, treeOf } from './picture';
 import { frameOf, movedTo, saidAs, geoPointOf, type Way } from './places';
 import { detailOf, freshMission, freshStep, KINDS, stepTitle } from './words';
@@ -52,6 +52,9 @@ describe('the steps of a mission', () => {
     expect(added.mission.roles?.['lead']?.steps.map((step) => step.step)).toEqual(['take_off', 'hold', 'land']);
     const met = addStep(show, 'meet', null, [stepId('left, step 1')], FRAME);
     expect(met.id).toBe(stepId('left, step 2'));
+    expect(notCast(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role left.');
+    expect(notCast(['lead', 'left'], { lead: '1', left: '1' })).toContain('two roles');
+    expect(notCast(['lead', 'left'], { lead: '1', left: '2' })).toBeNull();
   });
 
   it('say what they are, of every kind', () => {

@@ -1,0 +1,51 @@
+"""Two vehicles that fly one mission together: `python -m missions.examples.two_vehicle_show`.
+
+The first and the last vehicle of the ground station fly it; they stand at least 7 m apart (`gcs --sim 4`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from gcs_server.client import Gcs, Vehicle
+from missions.examples.arguments import parse
+from missions.examples.flown_document import follow
+
+DOCUMENT = "two_vehicle_show.yaml"
+
+
+async def fly(server: str) -> None:
+    """From ready to disarmed.
+
+    Raises:
+        SystemExit: one of the two has not come to the mission's end.
+    """
+    async with Gcs(server, client="two_vehicle_show") as gcs:
+        await gcs.wait_for_vehicle(ready=True)
+        heard = await gcs.vehicles()
+        lead, left = heard[0], heard[-1]
+        if lead.id == left.id:
+            raise SystemExit("Two vehicles are needed, and only one is heard.")
+        for vehicle in (lead, left):
+            await gcs.wait_for_vehicle(vehicle.id, ready=True)
+        text = (Path(__file__).parent / DOCUMENT).read_bytes()
+        mission = (await gcs.plans().read_file(text, DOCUMENT))["plan"]
+        started = await gcs.start_together({"lead": lead.id, "left": left.id}, mission)
+        for each in started:
+            print(
+                f"Vehicle {each['vehicle']} is the {each['mission']['role']} of {each['mission']['name']!r}."
+            )
+        await asyncio.gather(*(_to_its_end(vehicle) for vehicle in (lead, left)))
+    print("Landed and disarmed.")
+
+
+async def _to_its_end(vehicle: Vehicle) -> None:
+    ended = await follow(vehicle, yes=False)
+    if ended["state"] != "done":
+        raise SystemExit(f"The mission of vehicle {vehicle.id} is {ended['state']}: {ended['reason']}")
+    await vehicle.until_disarmed()
+
+
+if __name__ == "__main__":
+    asyncio.run(fly(parse("Fly a show of two vehicles, and land.").server))
