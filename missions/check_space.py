@@ -18,7 +18,7 @@ from missions.values import FenceCircle, FencePolygon, FenceZone, Point
 TOLERANCE_M = 0.05
 """Points on an edge count as inside."""
 CIRCLE_SEGMENTS = 64
-"""A quarter of a circle in the polygon that stands for it: 0.008 % of the radius too small."""
+"""Polygon segments for a quarter of a circle; the error is 0.008 % of the radius."""
 Place = tuple[float, float]
 
 
@@ -107,7 +107,7 @@ def _local(context: Context, lat_deg: float, lon_deg: float) -> Place:
 
 
 def _allowed(context: Context) -> BaseGeometry | None:
-    """Where the vehicle may be: inside all inclusions, outside all exclusions; None without a fence."""
+    """The allowed area: inside all inclusions, outside all exclusions; None without a fence."""
     if not context.plan.fence or context.origin is None:
         return None
     return allowed_area(context.plan.fence, context.origin)

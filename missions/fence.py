@@ -18,7 +18,7 @@ NorthEast = tuple[float, float]
 """North, east [m]."""
 INSET_M = 0.5
 """How far inside the edge a position is placed that replaces one outside."""
-LOOK_EVERY_M, MOST_LOOKS = 0.5, 4000
+LOOK_EVERY_M, MAX_LOOKS = 0.5, 4000
 """A straight line is looked at this often."""
 
 
@@ -199,7 +199,7 @@ class FenceArea:
 
     def is_left_between(self, here: NorthEast, there: NorthEast) -> bool:
         """Whether the straight line leaves the area or ends outside it; the way in from outside does not."""
-        count = 2 + min(MOST_LOOKS, int(math.dist(here, there) / LOOK_EVERY_M))
+        count = 2 + min(MAX_LOOKS, int(math.dist(here, there) / LOOK_EVERY_M))
         outside = self.are_outside(np.linspace(here, there, count))
         return bool(outside[int((~outside).argmax()) :].any())
 

@@ -1,9 +1,8 @@
 """Compiles a package's `px4.xml` into its MAVLink dialect module.
 
-PyPI's pymavlink carries message definitions that trail the ones PX4 v1.16 is built with: some
-messages are missing and some lack their later extension fields. A package's `px4.xml` holds what is
-missing or different; it is laid over the definitions inside the pymavlink wheel (a message that both
-define is taken from ours) and pymavlink's own generator makes the module.
+The message definitions of PyPI's pymavlink are older than those of PX4 v1.16: some messages and extension
+fields are missing. A package's `px4.xml` has the missing and different messages. It is merged with the
+definitions in the pymavlink wheel (ours replace theirs), and pymavlink's generator writes the module.
 
 Run by the build hook (`hatch_build.py`) and by `make`; nothing imports it at run time.
 """
@@ -26,7 +25,7 @@ BASE_DEFINITIONS = ("minimal.xml", "standard.xml", "common.xml", "development.xm
 
 
 def compile_dialect(ours: Path, target: Path) -> None:
-    """Generates the Python dialect of `ours` laid over pymavlink's definitions.
+    """Generates the Python dialect of `ours` merged with pymavlink's definitions.
 
     Args:
         ours: the overlay, including `development.xml`.
@@ -49,11 +48,11 @@ def compile_dialect(ours: Path, target: Path) -> None:
             validate=False,
             strict_units=False,
         )
-        chatter = io.StringIO()
-        with contextlib.redirect_stdout(chatter):
+        generator_output = io.StringIO()
+        with contextlib.redirect_stdout(generator_output):
             compiled = mavgen.mavgen(options, [str(folder / "px4.xml")])
         if not compiled:
-            raise RuntimeError(f"pymavlink could not compile {ours}:\n{chatter.getvalue()}")
+            raise RuntimeError(f"pymavlink could not compile {ours}:\n{generator_output.getvalue()}")
         text = (folder / "dialect.py").read_text(encoding="utf-8")
     target.write_text("# Generated from px4.xml by tools/build_dialect.py; not kept in git.\n" + text)
 

@@ -53,9 +53,9 @@ def system_node() -> Path | None:
     node = shutil.which("node")
     if node is None or shutil.which("npm") is None:
         return None
-    said = subprocess.run([node, "--version"], capture_output=True, text=True, check=False).stdout
+    version = subprocess.run([node, "--version"], capture_output=True, text=True, check=False).stdout
     try:
-        major, minor = (int(part) for part in said.strip().lstrip("v").split(".")[:2])
+        major, minor = (int(part) for part in version.strip().lstrip("v").split(".")[:2])
     except ValueError:
         return None
     return Path(node).parent if (major, minor) >= NODE_MINIMUM else None
@@ -84,7 +84,7 @@ def npm(root: Path, *arguments: str) -> None:
     """Runs npm in `web/` with the chosen Node.js.
 
     Raises:
-        SystemExit: npm failed; its own words have been printed.
+        SystemExit: npm failed; it has printed the reason.
     """
     folder = node_path()
     bundled = folder.parent / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"

@@ -1,7 +1,7 @@
-"""Writes the blocking client (`blocking*.py` of `gcs_server/client`) from the other one.
+"""Writes the blocking client (`blocking*.py` of `gcs_server/client`) from the asynchronous client.
 
-Each public class gets a twin whose methods have the same names, arguments and words and run the asynchronous
-method on a loop in another thread: what the one can do, the other can. `make types` runs it; a test compares.
+Each public class gets a blocking counterpart whose methods have the same names, arguments and docstrings.
+They run the asynchronous method on an event loop in another thread. `make types` runs it; a test compares.
 
     python -m tools.build_sync_client
 """
@@ -27,14 +27,14 @@ FILES = {
     ),
     MAIN: ("Gcs", "Vehicle"),
 }  # fmt: skip
-"""Each module that is made, with the classes that have a twin in it."""
+"""The generated modules, each with its classes."""
 CLASSES = tuple(name for names in FILES.values() for name in names)
 ROOT = "Gcs"
-"""The one that a program makes itself; it owns the loop's thread."""
+"""The class that programs instantiate; it owns the thread of the event loop."""
 STEERING = ("Offboard", "LiveOffboard")
 """Whose calls, one for each kind of setpoint, are inherited: they go through `send`."""
 LEFT_OUT = ("socket",)
-"""What hands out a WebSocket, which belongs to the loop."""
+"""Methods that return a WebSocket, which belongs to the event loop."""
 
 HEADER = '''"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
 
@@ -66,7 +66,7 @@ from gcs_server.client.setpoints import Body, Expiry, PathPoints
 
 @dataclass(frozen=True)
 class Twin:
-    """An asynchronous class and where it stands."""
+    """An asynchronous class and its module."""
 
     module: str
     node: ast.ClassDef
@@ -96,7 +96,7 @@ def build(file: str) -> str:
 
 
 def path(file: str) -> Path:
-    """Where a module of `FILES` stands."""
+    """Path of a module of `FILES`."""
     return CLIENT / f"{file}.py"
 
 

@@ -1,4 +1,4 @@
-"""Runs the checks that are no tests, two at a time: style, imports, types, and those of the page.
+"""Runs all checks except the tests, two at a time: style, imports, types, and the page's checks.
 
 `python -m tools.checks` runs all of them, `python -m tools.checks lint` the checks of that group. For a check
 that passes the time is printed, for one that fails its whole output. They run at a low priority, so that they
@@ -26,7 +26,7 @@ PRIORITY = 10
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One command that fails where something is wrong."""
+    """A command that fails if it finds a problem."""
 
     name: str
     command: tuple[str, ...]
@@ -34,11 +34,11 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a check ended."""
+    """Result of a check."""
 
     check: Check
     passed: bool
-    said: str
+    output: str
     duration_s: float
 
 
@@ -82,7 +82,7 @@ def run(check: Check) -> Outcome:
 
 
 def run_all(checks: Iterable[Check]) -> bool:
-    """Runs them `AT_ONCE` at a time and prints how each ended; whether all passed."""
+    """Runs checks `AT_ONCE` at a time and prints each result; returns whether all passed."""
     with ThreadPoolExecutor(AT_ONCE) as pool:
         outcomes = [pool.submit(run, check) for check in checks]
         passed = True
@@ -90,7 +90,7 @@ def run_all(checks: Iterable[Check]) -> bool:
             outcome = done.result()
             passed &= outcome.passed
             if not outcome.passed:
-                print(f"--- {outcome.check.name} found faults:\n{outcome.said.rstrip()}\n---")
+                print(f"--- {outcome.check.name} failed:\n{outcome.output.rstrip()}\n---")
             print(f"{outcome.check.name}: {'ok' if outcome.passed else 'FAILED'}, {outcome.duration_s:.0f} s")
             sys.stdout.flush()
     return passed

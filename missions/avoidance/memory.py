@@ -19,7 +19,7 @@ from missions.frames import Vector3
 CELL_M = 0.3
 KEPT_S = 30.0
 """What was not measured again for so long is forgotten: it may have moved."""
-MOST_COLUMNS = 4096
+MAX_COLUMNS = 4096
 NorthEast = tuple[float, float]
 
 
@@ -44,10 +44,10 @@ class ObstacleMemory:
 
     def __init__(self) -> None:
         self._rows: dict[tuple[int, int], int] = {}
-        self._columns = np.full((MOST_COLUMNS, 4), -math.inf)
+        self._columns = np.full((MAX_COLUMNS, 4), -math.inf)
         """North, east, top [m], when it was measured [s]."""
         self._next = 0
-        self._keys: list[tuple[int, int] | None] = [None] * MOST_COLUMNS
+        self._keys: list[tuple[int, int] | None] = [None] * MAX_COLUMNS
 
     def take(self, scan: Scan, at_ned_m: Vector3, lowest_m: float) -> None:
         """Remembers what a scan met.
@@ -69,7 +69,7 @@ class ObstacleMemory:
         row = self._rows.get(key)
         if row is None:
             row = self._next
-            self._next = (self._next + 1) % MOST_COLUMNS
+            self._next = (self._next + 1) % MAX_COLUMNS
             before = self._keys[row]
             if before is not None:  # the oldest makes room
                 del self._rows[before]

@@ -1,4 +1,4 @@
-"""Many dry runs of one plan at once, each in its own wind, mass, battery and noise: what may be expected."""
+"""Many dry runs of one plan at once, with varied wind, mass, battery and noise."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ CHANCES = {
     "failsafe": ("failsafe",),
     "battery_reserve": ("battery_reserve", "battery_empty"),
 }
-"""What is counted, by the findings that mean it."""
+"""Outcomes to count, each with the findings that belong to it."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightSummary:
-    """One of the flights."""
+    """Summary of one flight."""
 
     conditions: Conditions
     finished: bool
@@ -43,23 +43,23 @@ class FlightSummary:
 
 @dataclass(frozen=True, slots=True)
 class MonteCarlo:
-    """What came of all of them."""
+    """Result of all flights."""
 
     nominal: DryRun
-    """In the stated conditions."""
+    """The flight in the given conditions."""
     spread: Spread
     seed: int
     flights: tuple[FlightSummary, ...]
     corridor: Corridor | None
-    """None: the nominal flight never began."""
+    """None: the nominal flight did not start."""
     duration_s: Quantiles | None
-    """Of those that were finished."""
+    """Duration of the finished flights."""
     battery_end_share: Quantiles | None
     fence_distance_m: Quantiles | None
     obstacle_distance_m: Quantiles | None
     chances: dict[str, Chance]
     times_real_time: float
-    """Of the batch: simulated time over time spent."""
+    """Simulated time divided by computing time, for the whole batch."""
 
     def document(self) -> dict[str, Any]:
         """As JSON values."""
@@ -94,12 +94,12 @@ def monte_carlo(
     Args:
         flyable: the plan.
         aircraft: what flies, and from where.
-        conditions: in the middle of the spread; None: calm, everything as usual.
-        spread: how they vary; None: as `Spread` has it.
-        flights: how many, besides the nominal one.
+        conditions: mean conditions; None: no wind, nominal vehicle.
+        spread: variation of the conditions; None: defaults of `Spread`.
+        flights: number of flights in addition to the nominal one.
         seed: of the draws, and of noise and gusts.
-        obstacles: what stands around.
-        report: is told how far it is; what it raises ends the run.
+        obstacles: obstacles around the start.
+        report: called with the progress; an exception from it ends the run.
 
     Raises:
         PlanError: PX4 does not take the plan, or there are too many flights.

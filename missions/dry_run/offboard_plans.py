@@ -24,7 +24,7 @@ from missions.values import FenceZone
 
 @dataclass(frozen=True, slots=True)
 class FlyableMission:
-    """An offboard mission, compiled for where the vehicle stands."""
+    """An offboard mission, compiled for the vehicle's start position."""
 
     fence: tuple[FenceZone, ...]
     expected_s: float

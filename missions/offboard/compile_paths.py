@@ -38,7 +38,7 @@ from missions.trajectory import ramps, shapes
 from missions.trajectory.curve import TimedCurve
 from missions.trajectory.headings import AlongPath, LookAt
 from missions.trajectory.limits import MotionLimits
-from missions.trajectory.points import SAME_M, PassPoint
+from missions.trajectory.points import SAME_POINT_M, PassPoint
 from missions.trajectory.solve import Heading, along, through
 
 TURN_RAD = math.radians(1.0)
@@ -178,7 +178,7 @@ def _nearest_angle(state: State, center: Vector3, step: Orbit) -> float:
     if step.start_angle_ned_rad is not None:
         return step.start_angle_ned_rad
     north, east = state.position_ned_m[0] - center[0], state.position_ned_m[1] - center[1]
-    return math.atan2(east, north) if math.hypot(north, east) > SAME_M else 0.0
+    return math.atan2(east, north) if math.hypot(north, east) > SAME_POINT_M else 0.0
 
 
 def _vector(position: tuple[float | None, float | None, float | None]) -> Vector3:
@@ -189,7 +189,7 @@ def _vector(position: tuple[float | None, float | None, float | None]) -> Vector
 def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: MotionLimits) -> None:
     """Straight to where a path begins, turning on the way."""
     turns = yaw_ned_rad is not None
-    if math.dist(begin, state.position_ned_m) >= SAME_M:
+    if math.dist(begin, state.position_ned_m) >= SAME_POINT_M:
         here = PassPoint(state.position_ned_m, state.yaw_ned_rad if turns else None)
         add_curve(state, through([here, PassPoint(begin, yaw_ned_rad)], limits), "Approach")
     elif yaw_ned_rad is not None:

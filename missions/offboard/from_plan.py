@@ -36,7 +36,7 @@ WAIT_S = 3600.0
 LOWEST_TAKEOFF_M = 2.5
 FASTEST_M_S = 100.0
 LONGEST_S = 86_400.0
-MOST_POINTS = 5000
+MAX_POINTS = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class _Maker:
         yaw_deg = getattr(item, "yaw_ned_deg", None)
         yaw_rad = _radians(yaw_deg)
         named = bool(self.points) and any(point.yaw_ned_rad is not None for point in self.points)
-        if len(self.points) == MOST_POINTS or (self.points and named != (yaw_rad is not None)):
+        if len(self.points) == MAX_POINTS or (self.points and named != (yaw_rad is not None)):
             self.flush()
         place = _place(item, altitude or item.altitude)
         corner_m = self.vehicle.acceptance_m

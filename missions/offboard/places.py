@@ -11,10 +11,10 @@ from pydantic import Field, model_validator
 from missions.fence import Circle, FenceArea, Polygon, Region
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
-from missions.trajectory.points import FARTHEST_M
+from missions.trajectory.points import MAX_COORDINATE_M
 from missions.values import AltitudeM, FenceCircle, FenceZone, LatDeg, LonDeg, Model
 
-LocalM = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
+LocalM = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
 Ned = tuple[LocalM, LocalM, LocalM]
 FENCE_NAME = "the mission's geofence"
 

@@ -13,7 +13,7 @@ from missions.curves import PathCurve
 from missions.errors import PlanError
 from missions.frames import Vector3
 from missions.setpoints import Path, PathPoint
-from missions.trajectory.points import FARTHEST_M
+from missions.trajectory.points import MAX_COORDINATE_M
 
 COLUMNS = ("t_s", "north_m", "east_m", "down_m", "yaw_ned_rad")
 MAX_ROWS = 20_000
@@ -39,7 +39,7 @@ def read(data: bytes, offset_ned_m: Vector3, yaw_kept_rad: float) -> PathCurve:
         raise PlanError("the table", reason, "Give at least two rows, or fewer of them.")
     before_s = -math.inf
     for number, row in enumerate(rows, 1):
-        if not all(abs(value) <= FARTHEST_M for value in row):
+        if not all(abs(value) <= MAX_COORDINATE_M for value in row):
             raise PlanError(f"row {number}", "a value is not finite or too large", "Correct this row.")
         if row[0] <= before_s or row[0] - rows[0][0] > LONGEST_S:
             raise PlanError(

@@ -1,4 +1,4 @@
-"""The corridor that dry runs have shown, and whether a vehicle is inside it while its mission is flown."""
+"""The corridor of a dry run, and the check whether the vehicle is inside it."""
 
 from __future__ import annotations
 
@@ -10,47 +10,47 @@ from numpy.typing import NDArray
 from missions.frames import Vector3
 from missions.runner.requests import Tell
 
-SPARE_M = 0.5
-"""What the vehicle's own estimate may err by without being outside."""
+TOLERANCE_M = 0.5
+"""Tolerance for the error of the vehicle's position estimate."""
 OUTSIDE_FOR_S = 1.0
-MOST_PLACES = 2000
+MAX_PLACES = 2000
 
 
 @dataclass(frozen=True, slots=True)
 class Corridor:
-    """Bounds along the path, all of one length; plain values."""
+    """Bounds along the path; all tuples have the same length."""
 
     position_ned_m: tuple[Vector3, ...]
-    """Of the nominal flight, in the vehicle's local frame."""
+    """Positions of the nominal flight, in the vehicle's local frame."""
     beside_m: tuple[float, ...]
-    """The greatest distance over the ground that flights had from it there."""
+    """Largest horizontal deviation of the flights at each position."""
     above_m: tuple[float, ...]
     below_m: tuple[float, ...]
-    """The greatest heights above and below it, positive."""
+    """Largest deviations upwards and downwards, positive."""
 
     def __post_init__(self) -> None:
         sizes = {len(self.position_ned_m), len(self.beside_m), len(self.above_m), len(self.below_m)}
-        if len(sizes) != 1 or not 2 <= len(self.position_ned_m) <= MOST_PLACES:
-            raise ValueError(f"a corridor has 2 to {MOST_PLACES} places, each with its bounds")
+        if len(sizes) != 1 or not 2 <= len(self.position_ned_m) <= MAX_PLACES:
+            raise ValueError(f"a corridor has 2 to {MAX_PLACES} positions, each with its bounds")
 
 
 class CorridorWatch:
-    """Of one flight."""
+    """Checks one flight against a corridor."""
 
     def __init__(self, corridor: Corridor) -> None:
         places = np.array(corridor.position_ned_m)
         self._begin, self._step = places[:-1], np.diff(places, axis=0)
         self._step_2: NDArray[np.float64] = np.maximum((self._step[:, :2] ** 2).sum(axis=1), 1e-9)
-        bounds = np.array([corridor.beside_m, corridor.above_m, corridor.below_m]) + SPARE_M
+        bounds = np.array([corridor.beside_m, corridor.above_m, corridor.below_m]) + TOLERANCE_M
         self._bounds = np.maximum(bounds[:, :-1], bounds[:, 1:])
         self._outside_since_s: float | None = None
         self.outside_m = 0.0
-        """How far the vehicle is outside; 0 inside."""
+        """Distance outside the corridor [m]; 0 inside."""
         self.left = False
-        """It has been outside for `OUTSIDE_FOR_S` and is still."""
+        """Whether it has been outside for at least `OUTSIDE_FOR_S`."""
 
-    def look(self, now_s: float, here: Vector3 | None) -> bool:
-        """Whether `left` has changed with this look."""
+    def update(self, now_s: float, here: Vector3 | None) -> bool:
+        """Updates with a position; True if `left` has changed."""
         if here is not None:
             self.outside_m = self._outside_m(here)
         if self.outside_m == 0.0:
@@ -69,7 +69,7 @@ class CorridorWatch:
         return Tell("corridor_back", "The vehicle is inside the corridor of the dry run again.")
 
     def _outside_m(self, here: Vector3) -> float:
-        """To the nearest part of the corridor."""
+        """Distance to the corridor [m]."""
         from_begin = np.array(here) - self._begin
         along = np.clip((from_begin[:, :2] * self._step[:, :2]).sum(axis=1) / self._step_2, 0.0, 1.0)
         off = from_begin - along[:, None] * self._step

@@ -19,9 +19,9 @@ from missions.trajectory.solve import through
 ON_PATH_M = 0.3
 """A vehicle so near to its path needs no approach."""
 ON_PATH_RAD = math.radians(5.0)
-MOST_AT_ONCE_BYTES = 400_000
+MAX_AT_ONCE_BYTES = 400_000
 """Of segments handed over in one message: the streams' process takes it between two setpoints."""
-MOST_AT_ONCE_S = 120.0
+MAX_AT_ONCE_S = 120.0
 ROW_BYTES = 150
 """Of a table's row."""
 
@@ -72,7 +72,7 @@ class Flight:
     def chunk_end(self, first: int, cut: int) -> int:
         """Index after the segments that are handed over at once."""
         size, duration_s, end = 0, 0.0, first
-        while end < cut and (end == first or (size < MOST_AT_ONCE_BYTES and duration_s < MOST_AT_ONCE_S)):
+        while end < cut and (end == first or (size < MAX_AT_ONCE_BYTES and duration_s < MAX_AT_ONCE_S)):
             size += _size(self.course.segments[end])
             duration_s += self.course.segments[end].duration_s
             end += 1

@@ -10,7 +10,7 @@ from missions.runner.reading import Reading
 from missions.runner.status import RunnerStatus
 
 PERIOD_S = 0.5
-MOST_SAMPLES = 4000
+MAX_SAMPLES = 4000
 """More are thinned to every other one: half an hour at 2 Hz, a longer flight more coarsely."""
 
 
@@ -53,7 +53,7 @@ class FlownTrack:
                 None if planned is None else _millimetres(planned), off_m, status.outside_corridor_m,
             )
         )  # fmt: skip
-        if len(self.samples) >= MOST_SAMPLES:
+        if len(self.samples) >= MAX_SAMPLES:
             self.samples = self.samples[::2]
             self._period_s *= 2.0
         self._next_s = t_s + self._period_s

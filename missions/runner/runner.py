@@ -285,7 +285,7 @@ class Runner(Ending):
 
     def _watch_corridor(self, now_s: float, reading: Reading) -> None:
         watch = self._corridor
-        if watch is None or not reading.in_air or not watch.look(now_s, reading.position_ned_m):
+        if watch is None or not reading.in_air or not watch.update(now_s, reading.position_ned_m):
             return
         self._out.append(watch.told())
 

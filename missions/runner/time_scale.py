@@ -1,7 +1,7 @@
-"""Slows a mission's own time to a standstill and back, so that the vehicle stays on its path.
+"""Slows mission time to zero and back to normal, so that a pausing vehicle stays on its path.
 
-With own time s, ds/dt = r, the path p(s) is flown with velocity p' r and acceleration p'' r² + p' dr/dt. The
-change of r is chosen so that the vehicle brakes within its acceleration, and comes and goes with its jerk.
+With mission time s, ds/dt = r, the path p(s) is flown with velocity p' r and acceleration p'' r² + p' dr/dt.
+The change of r is chosen so that the vehicle stays within its limits of acceleration and jerk.
 """
 
 from __future__ import annotations
@@ -11,45 +11,45 @@ import math
 from missions.frames import Vector3
 from missions.runner.script import Pace
 
-QUICKEST_CHANGE = 1.0
-"""Of the rate [1/s]: a vehicle that hardly moves takes a second, too."""
-QUICKEST_JERK = 4.0
-"""Of that change [1/s²]."""
+MAX_RATE_CHANGE = 1.0
+"""Largest change of the rate [1/s], which a slow vehicle also keeps."""
+MAX_RATE_JERK = 4.0
+"""Largest change of that change [1/s²]."""
 BRAKING = 1.1
-"""On a path that leaves no acceleration to spare (a circle at the limit) braking takes a tenth more."""
+"""Factor on the acceleration for braking, needed on a path at the limit (a circle)."""
 MARGIN = 0.8
-"""Of the jerk while it approaches its goal: the steps in time are not infinitely small."""
+"""Fraction of the jerk used near the goal, because of the finite time steps."""
 NEAR = 2e-3
-MOST_STEP_S = 0.05
-"""Longer steps are divided."""
+MAX_STEP_S = 0.05
+"""Longer time steps are split [s]."""
 
 
 class TimeScale:
-    """The rate of a mission's own time.
+    """The rate of mission time.
 
     Args:
-        pace: what the vehicle may do.
-        rate: to begin with.
+        pace: the vehicle's limits.
+        rate: initial rate.
     """
 
     def __init__(self, pace: Pace, rate: float = 1.0) -> None:
         self.pace = pace
         self.rate = rate
         self.change = 0.0
-        """Of the rate [1/s]."""
+        """Current change of the rate [1/s]."""
 
     def step(self, dt_s: float, goal: float, velocity: Vector3, acceleration: Vector3) -> float:
-        """Moves the rate towards its goal; returns the own time that has passed [s].
+        """Moves the rate towards its goal; returns the passed mission time [s].
 
         Args:
             dt_s: real time.
-            goal: 0 to stand still, 1 to fly as planned.
+            goal: 0 to pause, 1 for planned speed.
             velocity: of the path at rate 1 [m/s].
             acceleration: of the path at rate 1 [m/s²].
         """
         passed_s = 0.0
         while dt_s > 0.0:
-            part_s = min(dt_s, MOST_STEP_S)
+            part_s = min(dt_s, MAX_STEP_S)
             before = self.rate
             self._change_rate(part_s, goal, velocity, acceleration)
             passed_s += part_s * (before + self.rate) / 2.0
@@ -62,11 +62,11 @@ class TimeScale:
             self.rate, self.change = goal, 0.0
             return
         speed = max(math.hypot(*velocity), 1e-6)
-        jerk = min(QUICKEST_JERK, self.pace.jerk_m_s3 / speed)
-        most = min(QUICKEST_CHANGE, self.pace.acceleration_m_s2 / speed)
+        jerk = min(MAX_RATE_JERK, self.pace.jerk_m_s3 / speed)
+        most = min(MAX_RATE_CHANGE, self.pace.acceleration_m_s2 / speed)
         wanted = math.copysign(min(most, math.sqrt(2.0 * MARGIN * jerk * abs(gap))), gap)
         change = min(max(wanted, self.change - jerk * dt_s), self.change + jerk * dt_s)
-        low, high = self._spare(velocity, acceleration)
+        low, high = self._change_bounds(velocity, acceleration)
         self.change = min(max(change, low), high)
         rate = self.rate + self.change * dt_s
         if (goal - rate) * gap <= 0.0:
@@ -75,8 +75,8 @@ class TimeScale:
         if self.rate == goal:
             self.change = 0.0
 
-    def _spare(self, velocity: Vector3, acceleration: Vector3) -> tuple[float, float]:
-        """The changes of the rate that keep the acceleration within the vehicle's."""
+    def _change_bounds(self, velocity: Vector3, acceleration: Vector3) -> tuple[float, float]:
+        """Bounds of the change of rate that keep the acceleration within the vehicle's limits."""
         rr = self.rate * self.rate
         n, e, d = (axis * rr for axis in acceleration)
         low, high = -math.inf, math.inf

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.trajectory.pieces import Array, Pieces, hermite
-from missions.trajectory.points import SAME_M, PassPoint
+from missions.trajectory.points import SAME_POINT_M, PassPoint
 
 REVERSAL = math.cos(math.radians(170.0))
 """Sharper turns are stops: a bend there would be all but a cusp."""
@@ -35,7 +35,7 @@ def straight(points: Sequence[PassPoint]) -> Pieces:
     where = np.array([point.position_ned_m for point in points])
     steps = np.diff(where, axis=0)
     sizes = np.sqrt((steps**2).sum(axis=1))
-    moves = sizes >= SAME_M
+    moves = sizes >= SAME_POINT_M
     directions = steps / np.where(moves, sizes, 1.0)[:, None]
     cuts, stops = _corners(points, directions, sizes, moves)
     controls: list[Array] = []
@@ -114,7 +114,7 @@ def smooth(points: Sequence[PassPoint]) -> Pieces:
     while start < len(points) - 1:
         end = start + 1
         here = np.array(points[start].position_ned_m)
-        if math.dist(points[start].position_ned_m, points[end].position_ned_m) < SAME_M:
+        if math.dist(points[start].position_ned_m, points[end].position_ned_m) < SAME_POINT_M:
             controls.append(np.repeat(here[None], 6, axis=0))
             spans.append(1.0)
             halts.append(True)

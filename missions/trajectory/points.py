@@ -10,10 +10,10 @@ from missions.errors import PlanError
 from missions.frames import Vector3
 
 MAX_POINTS = 10_000
-FARTHEST_M = 1e6
-"""Of any coordinate: a local frame is flat only near its origin."""
-SAME_M = 1e-3
-"""Points nearer to each other than this are one place."""
+MAX_COORDINATE_M = 1e6
+"""Largest coordinate; a local frame is flat only near its origin."""
+SAME_POINT_M = 1e-3
+"""Points closer than this count as the same position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,15 +22,15 @@ class PassPoint:
 
     position_ned_m: Vector3
     yaw_ned_rad: float | None = None
-    """The heading there; None: on the way between the headings of the points before and after."""
+    """Heading at the point; None: interpolated between the points before and after."""
     stop: bool = False
-    """Come to rest there, exactly at the point."""
+    """Whether the vehicle stops exactly at the point."""
     corner_m: float = 1.0
-    """How far from the point the bend may pass where legs are straight; 0, or where it is faster, a stop."""
+    """Largest distance of a bend from the point, with straight legs; 0, or if that is faster: a stop."""
 
 
 def check_points(points: Sequence[PassPoint]) -> None:
-    """Refuses what cannot be flown.
+    """Checks that the points can be flown.
 
     Raises:
         PlanError: No point, too many, or a value that is not finite or too large; names the point.
@@ -41,36 +41,38 @@ def check_points(points: Sequence[PassPoint]) -> None:
         reason = f"{len(points)} points, the maximum is {MAX_POINTS}"
         raise PlanError("the trajectory", reason, "Split it into several.")
     for number, point in enumerate(points, 1):
-        if not all(abs(axis) <= FARTHEST_M for axis in point.position_ned_m):
-            reason = f"position {point.position_ned_m} is not finite, or farther than {FARTHEST_M:.0f} m"
+        if not all(abs(axis) <= MAX_COORDINATE_M for axis in point.position_ned_m):
+            reason = (
+                f"position {point.position_ned_m} is not finite, or farther than {MAX_COORDINATE_M:.0f} m"
+            )
             raise PlanError(f"point {number}", reason, "Give finite metres from the local origin.")
         if point.yaw_ned_rad is not None and not abs(point.yaw_ned_rad) <= 1e3:
             reason = f"yaw {point.yaw_ned_rad} is not a finite angle"
             raise PlanError(f"point {number}", reason, "Give an angle in radians, or leave it out.")
-        if not 0.0 <= point.corner_m <= FARTHEST_M:
+        if not 0.0 <= point.corner_m <= MAX_COORDINATE_M:
             reason = f"corner {point.corner_m} is not a distance"
             raise PlanError(f"point {number}", reason, "Give metres of at least 0.")
 
 
 def merge_same(points: Sequence[PassPoint]) -> tuple[list[PassPoint], list[int]]:
-    """Neighbours at one place as one point, where at most one of them names a yaw or they name the same.
+    """Merges consecutive points at the same position, if their yaws do not differ.
 
     Returns:
-        The points, and of each given point the index of the one it became.
+        The points, and for each given point the index of its merged point.
     """
     kept: list[PassPoint] = []
-    owner: list[int] = []
+    merged_index: list[int] = []
     for point in points:
-        if kept and math.dist(kept[-1].position_ned_m, point.position_ned_m) < SAME_M:
+        if kept and math.dist(kept[-1].position_ned_m, point.position_ned_m) < SAME_POINT_M:
             before = kept[-1]
             if before.yaw_ned_rad is None or point.yaw_ned_rad in (None, before.yaw_ned_rad):
                 yaw = before.yaw_ned_rad if point.yaw_ned_rad is None else point.yaw_ned_rad
                 corner_m = min(before.corner_m, point.corner_m)
                 kept[-1] = PassPoint(before.position_ned_m, yaw, before.stop or point.stop, corner_m)
-                owner.append(len(kept) - 1)
+                merged_index.append(len(kept) - 1)
                 continue
             point = PassPoint(before.position_ned_m, point.yaw_ned_rad, True, 0.0)
             kept[-1] = PassPoint(before.position_ned_m, before.yaw_ned_rad, True, 0.0)
         kept.append(point)
-        owner.append(len(kept) - 1)
-    return kept, owner
+        merged_index.append(len(kept) - 1)
+    return kept, merged_index

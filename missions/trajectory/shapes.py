@@ -14,7 +14,7 @@ import numpy as np
 from missions.errors import PlanError
 from missions.frames import Vector3
 from missions.trajectory.pieces import Array, Pieces, hermite
-from missions.trajectory.points import FARTHEST_M
+from missions.trajectory.points import MAX_COORDINATE_M
 
 PIECES_A_TURN = 32
 """A circle of 100 m radius is met to less than a millimetre."""
@@ -145,5 +145,5 @@ def _check(name: str, value: float, low: float, high: float) -> None:
 
 
 def _check_place(center_ned_m: Vector3) -> None:
-    if not all(abs(axis) <= FARTHEST_M for axis in center_ned_m):
+    if not all(abs(axis) <= MAX_COORDINATE_M for axis in center_ned_m):
         raise PlanError("field center_ned_m", f"{center_ned_m} is not a place", "Give finite metres.")

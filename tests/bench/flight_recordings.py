@@ -46,7 +46,7 @@ class Recording:
     columns: dict[str, FloatArray]
     spread: Spread
     controllers_told_s: float = math.nan
-    """When the controllers learnt of a new kind of set point, where a message shows it."""
+    """When the controllers learnt of a new kind of setpoint, where a message shows it."""
 
     def at(self, column: str, t_s: float) -> float:
         """A column's value at a time (nearest earlier row)."""

@@ -35,7 +35,7 @@ HOVER_S = 25.5
 """So long the hover thrust estimate takes to forget the climb, as it had in the recordings."""
 OVERLAP_S = {"rate_yaw_pulse": 0.05, "att_pitch_m10_yaw_30": 0.3}
 USUAL_OVERLAP_S = 0.45
-"""How long both controllers flew after the kind of set point changed. PX4 tells its controllers of it twice a
+"""How long both controllers flew after the kind of setpoint changed. PX4 tells its controllers of it twice a
 second, at a phase that no message shows: it is read off each recording, as the place and the height are."""
 NAN = math.nan
 CALM, CALM_NOISY = (0.05, 0.3), (0.3, 1.5)

@@ -1,7 +1,7 @@
 """Flights that a real PX4 flew from ROS 2 messages, as messages that the simulated vehicle takes.
 
-A stream of set points is two topics there: OffboardControlMode, which keeps Offboard alive and names the
-level, and the set point. Here each OffboardControlMode becomes one message with the set point then in force:
+A stream of setpoints is two topics there: OffboardControlMode, which keeps Offboard alive and names the
+level, and the setpoint. Here each OffboardControlMode becomes one message with the setpoint then in force:
 over MAVLink, or by the inner interface (`INNER`) where MAVLink has no words for it.
 """
 
@@ -42,7 +42,7 @@ MODES = {2: 0x30000, 4: 0x3040000, 5: 0x5040000, 14: 0x60000, 17: 0x2040000, 18:
 ARMED = 2
 ATTITUDE_ONLY, RATES_ONLY = 7, 128
 SETPOINT_LAG_S = 0.01
-"""So much later than its OffboardControlMode a set point may be recorded."""
+"""So much later than its OffboardControlMode a setpoint may be recorded."""
 MOTORS = 4
 
 

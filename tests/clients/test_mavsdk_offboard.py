@@ -1,4 +1,4 @@
-"""Every kind of set point that MAVSDK streams, flown in one flight."""
+"""Every kind of setpoint that MAVSDK streams, flown in one flight."""
 
 from __future__ import annotations
 

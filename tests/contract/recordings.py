@@ -170,7 +170,7 @@ def script(
 
 
 def _wire(name: str, fields: dict[str, Any], system_id: int) -> dict[str, Any]:
-    """Recorded fields in the form the dialect packs; set points without a target are for the vehicle."""
+    """Recorded fields in the form the dialect packs; setpoints without a target are for the vehicle."""
     if "target_system" in BY_NAME[name].fields:
         fields = {"target_system": system_id, "target_component": 1} | fields
     if name == "PARAM_SET" and ("int_value" in fields or fields.get("value") is not None):

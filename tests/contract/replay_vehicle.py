@@ -75,7 +75,7 @@ class Vehicle:
         self._sequence = 0
         self._beat_s = 0.0
         self.background: dict[str, Any] | None = None
-        """Set points streamed besides what a dialogue sends."""
+        """Setpoints streamed besides what a dialogue sends."""
         self._stream_s = 0.0
 
     @property
@@ -193,7 +193,7 @@ class Vehicle:
         self.run_until(lambda: self.speed_m_s < 1.0, 8)
 
     def offboard(self) -> None:
-        """To Offboard at 10 m, with a stream of set points."""
+        """To Offboard at 10 m, with a stream of setpoints."""
         if not 6 < self.height_m < 16:
             self.fly()
         self.stream(True)

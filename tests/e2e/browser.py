@@ -31,7 +31,7 @@ PATIENCE_MS = 30_000
 COARSE = 0.5
 """Device pixels a CSS pixel: the layout is the same, map and 3D view cost the processor a fourth."""
 
-MOST_TABS = 80
+MAX_TABS = 80
 
 SAME_CLIENT = """
 sessionStorage.setItem('gcs.client-id', %s);
@@ -229,11 +229,11 @@ def in_both_themes(page: Page) -> list[str]:
 def tab_to(page: Page, name: str) -> None:
     """Presses Tab until the button or field of that name has the keyboard."""
     wanted = "() => document.activeElement.ariaLabel ?? document.activeElement.textContent.trim()"
-    for _ in range(MOST_TABS):
+    for _ in range(MAX_TABS):
         page.keyboard.press("Tab")
         if page.evaluate(wanted) == name:
             return
-    pytest.fail(f"{MOST_TABS} times Tab did not reach {name!r}")
+    pytest.fail(f"{MAX_TABS} times Tab did not reach {name!r}")
 
 
 def serious_violations(page: Page) -> list[str]:

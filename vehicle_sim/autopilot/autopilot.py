@@ -54,7 +54,7 @@ class Autopilot:
         self._thrusts = numbers(view.simulation.target.thrust)
         self._hover_thrusts = numbers(view.simulation.target.hover_thrust)
         self._asked_down_m_s = math.nan
-        """Vertical velocity of the last trajectory set point that was not just a push against the ground."""
+        """Vertical velocity of the last trajectory setpoint that was not just a push against the ground."""
         self.offboard.on_setpoint = self._take_at_once
         self._tilt_allowed_rad = 0.0
         self._landing_limits: Limits | None = None
@@ -215,7 +215,7 @@ class Autopilot:
         return self._tilt_allowed_rad if self._tilt_allowed_rad < high else math.nan
 
     def _take_at_once(self) -> None:
-        """A set point below the trajectory arrived: flown now, or cutting in while the position is held."""
+        """A setpoint below the trajectory arrived: flown now, or cutting in while the position is held."""
         commander, setpoint = self.commander, self.offboard.setpoint
         if commander.active is not NavState.OFFBOARD or not commander.armed:
             return

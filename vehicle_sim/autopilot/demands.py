@@ -146,7 +146,7 @@ def _failures(c: Conditions) -> list[Demand]:
 
 def _mode_fallback(c: Conditions) -> Action:
     if c.mode is NavState.OFFBOARD and (c.offboard_lost or c.position_lost):
-        # Set points that need a position count as lost with it, and so does the mode to fall back to.
+        # Setpoints that need a position count as lost with it, and so does the mode to fall back to.
         action = _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
         return Action.FALLBACK_ALTITUDE if action is Action.FALLBACK_POSITION and c.position_lost else action
     if not c.position_lost:

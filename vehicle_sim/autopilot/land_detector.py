@@ -56,7 +56,7 @@ class Motion(NamedTuple):
     """By the range finder; NaN: it does not see the ground."""
     climb_rate_controlled: bool
     asked_down_m_s: float
-    """Vertical velocity of the newest trajectory set point; NaN: none."""
+    """Vertical velocity of the newest trajectory setpoint; NaN: none."""
 
 
 @dataclass(frozen=True, slots=True)

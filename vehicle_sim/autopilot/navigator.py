@@ -1,4 +1,4 @@
-"""From the active mode to a trajectory: picks the flight task, and flies to a target itself."""
+"""Selects the flight task of the active mode, and flies to target positions itself."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
 HOLDING_MODES = frozenset({NavState.HOLD, NavState.VTOL_TAKEOFF})
 STOP_REACTION_S = 0.6
-"""PX4 takes braking to begin this late when it predicts where a vehicle will stop."""
+"""Delay before braking that PX4 assumes when it predicts the stopping position."""
 WITHOUT_TASK = frozenset(
     {NavState.OFFBOARD, NavState.MANUAL, NavState.STABILIZED, NavState.ACRO, NavState.TERMINATION}
 )
-"""Modes whose set points do not come from a flight task: nothing of them is taken over."""
+"""Modes without a flight task: the next mode does not continue their trajectory."""
 WITH_WAYPOINT = LANDING_MODES | {NavState.TAKEOFF, NavState.HOLD, NavState.MISSION, NavState.RTL}
-"""Modes that fly to a place."""
+"""Modes that fly to a position."""
 
 
 class Navigator:
@@ -63,27 +63,27 @@ class Navigator:
         self._lands_at: Vector = (0.0, 0.0, 0.0)
         commands.serve({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
 
-    # --- what commands ask for -------------------------------------------------------------------------
+    # --- commands -------------------------------------------------------------------------------------
 
     def request_takeoff(self, alt_amsl_m: float) -> None:
-        """Remember the altitude a take-off command gave (NaN: MIS_TAKEOFF_ALT)."""
+        """Stores the altitude of a take-off command (NaN: MIS_TAKEOFF_ALT)."""
         self._climb.alt_amsl_m = alt_amsl_m
 
     def orbit(
         self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
     ) -> None:
-        """DO_ORBIT around a place, by default around where the vehicle is."""
+        """DO_ORBIT around a position; default: the vehicle's position."""
         self._orbit.request(lat_lon_alt, radius_m, speed_m_s, yaw_behaviour)
 
     @property
     def circle(self) -> Circle | None:
-        """What mode Orbit flies around."""
+        """The circle of mode Orbit."""
         return self._orbit.circle
 
     def goto(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_ned_rad: float) -> None:
-        """DO_REPOSITION; without a place it keeps the one it flies to, without an altitude the present one.
+        """DO_REPOSITION. Default position: the current target; default altitude: the current one.
 
-        With nothing at all the vehicle stops.
+        Without any value the vehicle stops.
         """
         if not (is_place(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
             self.stop_at(math.nan)
@@ -105,14 +105,14 @@ class Navigator:
             self.path.face(target_n, target_e)
 
     def stop_at(self, alt_amsl_m: float) -> None:
-        """Come to rest, at this altitude (NaN: the present one)."""
+        """Stops at this altitude (NaN: the current one)."""
         north, east, down = self._stopping_place()
         if math.isfinite(alt_amsl_m):
             down = -(alt_amsl_m - self._view.origin[2])
         self.path.target_ned_m, self.path.faces_target = (north, east, down), True
 
     def change_speed(self, kind: float, speed_m_s: float) -> None:
-        """DO_CHANGE_SPEED; what is no speed takes the parameters' again."""
+        """DO_CHANGE_SPEED; an invalid speed restores the speed of the parameters."""
         value = speed_m_s if math.isfinite(speed_m_s) and speed_m_s > 0.0 else math.nan
         which = int(kind) if math.isfinite(kind) else 0
         if which in (0, 1):
@@ -125,7 +125,7 @@ class Navigator:
     # --- modes -----------------------------------------------------------------------------------------
 
     def enter(self, mode: NavState, previous: NavState, *, in_air: bool) -> None:
-        """Start a mode from where the vehicle is and how it moves."""
+        """Starts a mode from the vehicle's current position and velocity."""
         if previous is NavState.MISSION and mode is not NavState.MISSION and self.mission.active:
             self.mission.leave()
         stays = previous is NavState.TAKEOFF or (previous is NavState.MISSION and self.mission.finished)
@@ -151,19 +151,19 @@ class Navigator:
             self.mission.enter()
 
     def think(self, mode: NavState, *, landed: bool) -> None:
-        """One tick of what a mode decides, also on the ground, where nothing moves."""
+        """Updates the decisions of a mode; called also on the ground."""
         if mode is NavState.MISSION:
             self.mission.update(landed=landed)
         elif mode is NavState.RTL and landed:
             self._return.notice_landing()
 
     def watch(self) -> None:
-        """One tick of what goes on in every mode: fence and rally points."""
+        """Updates what applies in every mode: geofence and rally points."""
         self.fence.update()
         self._return.notice_rally()
 
     def _stopping_place(self) -> Vector:
-        """Where Hold stays: as far ahead as braking takes, at this height."""
+        """Position at which Hold stops: the braking distance ahead, at the current height."""
         (north, east, down), (vn, ve, _) = (
             self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip
@@ -172,9 +172,9 @@ class Navigator:
         return (north + vn * ahead_s, east + ve * ahead_s, down)
 
     def waypoint(self, mode: NavState) -> tuple[float, float, float] | None:
-        """North and east [m] of where the mode flies to, and its altitude above sea [m]; None: nowhere.
+        """Target of the mode: north, east [m] and altitude AMSL [m]; None: no target.
 
-        A landing where the vehicle is has the altitude 0, as in PX4.
+        A landing at the current position has the altitude 0, as in PX4.
         """
         if mode in LANDING_MODES:
             return (*self._lands_at[:2], 0.0)
@@ -185,23 +185,23 @@ class Navigator:
 
     @property
     def return_s(self) -> float:
-        """How long a return home would take from here."""
+        """Duration of a return from the current position [s]."""
         return self._return.duration_s(self.home.position_ned_m)
 
     @property
     def landing(self) -> bool:
-        """A return that has arrived over home."""
+        """Whether a return has arrived above home."""
         return self._return.landing
 
     def finished(self, mode: NavState) -> bool:
-        """Whether a take-off has arrived."""
+        """Whether a take-off has reached its altitude."""
         down = self.path.target_ned_m[2]
         if mode is not NavState.TAKEOFF or down is None:
             return False
         return self._view.estimate.position_ned_m[2] <= down + self._view.parameter("NAV_MC_ALT_RAD")
 
     def wants_to_climb(self, mode: NavState) -> bool:
-        """Whether the mode would lift a vehicle that stands on the ground."""
+        """Whether the mode would take off a vehicle on the ground."""
         down = self.path.target_ned_m[2]
         if mode is NavState.TAKEOFF:
             return self._climb.wants_to_climb
@@ -216,7 +216,7 @@ class Navigator:
         return False
 
     def run(self, mode: NavState) -> None:
-        """One tick of the active mode; writes the set points."""
+        """One tick of the active mode; writes the setpoints."""
         self.path.follow_resets()
         if mode in LANDING_MODES:
             self._descent.run()
@@ -233,10 +233,10 @@ class Navigator:
         elif mode in HOLDING_MODES:
             self.path.fly_to_target()
         else:
-            self.sink()
+            self.descend()
 
-    def sink(self) -> None:
-        """Level and down at landing speed: what is left without sticks or without a position."""
+    def descend(self) -> None:
+        """Descends level at landing speed; used without sticks or without a position."""
         speed = self._view.parameter("MPC_LAND_SPEED")
         self._row.trajectory(
             velocity_ned_m_s=(math.nan, math.nan, speed),

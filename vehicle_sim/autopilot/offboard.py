@@ -1,4 +1,4 @@
-"""Offboard set points: masks and frames decoded as PX4 decodes them, and when the stream counts as lost."""
+"""Offboard setpoints: masks and frames decoded as PX4 decodes them, and when the stream counts as lost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ YAW_RATE_BIT = 2048
 LOCAL_NED = 1
 BODY_NED = 8
 LIMIT = 1e6
-"""No set point means more metres, m/s or rad than this."""
+"""No setpoint means more metres, m/s or rad than this."""
 GLOBAL_AMSL = 5
 GLOBAL_RELATIVE = 6
 GLOBAL_TERRAIN = 11
@@ -105,12 +105,12 @@ class Offboard:
         self.told_thrust = math.nan
         """Size of the newest thrust of an attitude or rates message, as it is echoed: PX4 drops the sign."""
         self.invalid = False
-        """The newest set point controls nothing: the controllers sink level."""
+        """The newest setpoint controls nothing: the controllers sink level."""
         self.on_setpoint: Callable[[], None] = _nobody
-        """Called with each attitude, rate, torque or motor set point: those are flown as they arrive."""
+        """Called with each attitude, rate, torque or motor setpoint: those are flown as they arrive."""
 
     def signal(self) -> bool:
-        """Whether a valid set point came within COM_OF_LOSS_T."""
+        """Whether a valid setpoint came within COM_OF_LOSS_T."""
         loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))
         return self._view.time_s - self._heard_at_s < loss_s
 
@@ -262,11 +262,11 @@ class Offboard:
 
     @property
     def level(self) -> ControlLevel:
-        """Where the newest set point enters the cascade."""
+        """Where the newest setpoint enters the cascade."""
         return LEVELS.get(self.setpoint.kind, ControlLevel.TRAJECTORY)
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
-        """Whether the set point leads off the ground."""
+        """Whether the setpoint leads off the ground."""
         setpoint = self.setpoint
         return (
             setpoint.position_ned_m[2] < z_ned_m
@@ -276,7 +276,7 @@ class Offboard:
 
 
 def _nobody() -> None:
-    """Nobody waits for set points."""
+    """Nobody waits for setpoints."""
 
 
 def _sane(value: float) -> float:

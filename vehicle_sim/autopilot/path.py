@@ -1,4 +1,4 @@
-"""The trajectory that all automatic modes share: a target, smooth axes towards it, and the set points.
+"""The trajectory that all automatic modes share: a target, smooth axes towards it, and the setpoints.
 
 Lengths in metres, NED; `run` methods of the flight tasks call it once a tick of 50 Hz.
 """

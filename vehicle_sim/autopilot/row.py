@@ -1,4 +1,4 @@
-"""Writes one vehicle's row of the shared set points, so that no mode touches arrays."""
+"""Writes one vehicle's row of the shared setpoints, so that no mode touches arrays."""
 
 from __future__ import annotations
 

@@ -74,5 +74,5 @@ class TakeoffRamp:
 
     @property
     def may_thrust(self) -> bool:
-        """Ramping or flying; before, the controllers get no set point."""
+        """Ramping or flying; before, the controllers get no setpoint."""
         return self.state >= TakeoffState.RAMPUP

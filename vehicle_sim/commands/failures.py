@@ -1,7 +1,8 @@
-"""INJECT_FAILURE as PX4's simulated vehicle answers it: the battery listens, motors say that they do.
+"""INJECT_FAILURE as PX4's simulated vehicle answers it.
 
-Motors only hide what their speed controllers tell, and there are none: nothing happens to the flight. Sensors
-and all other units get no answer, as in PX4. What breaks is told to a fault script.
+The battery can be emptied. Motor failures are acknowledged without an effect on the flight: in PX4 they only
+mask the reports of the speed controllers, and this vehicle has none. Sensors and all other units get no
+answer, as in PX4. Use a fault script for other failures.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ OK, OFF, WRONG = 0, 1, 4
 
 
 class FailureCommands:
-    """Command 420, where SYS_FAILURE_EN allows it."""
+    """Handles command 420 if SYS_FAILURE_EN allows it."""
 
     def __init__(self, host: CommandHost) -> None:
         self._host = host
@@ -33,8 +34,8 @@ class FailureCommands:
         """Unit and kind of failure in param1 and param2."""
         if self._host.view.choice("SYS_FAILURE_EN") != 1:
             return DENIED
-        unit = self._units.get(_whole(command.p1))
-        return None if unit is None else unit(_whole(command.p2))
+        unit = self._units.get(_as_integer(command.p1))
+        return None if unit is None else unit(_as_integer(command.p2))
 
     def _battery(self, kind: int) -> int | None:
         if kind not in (OK, OFF):
@@ -44,5 +45,5 @@ class FailureCommands:
         return ACCEPTED
 
 
-def _whole(value: float) -> int:
+def _as_integer(value: float) -> int:
     return round(value) if math.isfinite(value) else -1

@@ -1,6 +1,6 @@
-"""What a calibration reads from one vehicle's simulated sensors, and stores of it.
+"""Sensor readings for calibrations of one vehicle, and the parameters in which results are stored.
 
-"Raw" is a reading before what earlier calibrations learned is taken off (CAL_*, SENS_BOARD_*).
+A "raw" reading has no correction by earlier calibrations (CAL_*, SENS_BOARD_*).
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from vehicle_sim.sensors.suite import pressure_hpa
 from vehicle_sim.vehicle_view import VehicleView
 
 KEPT_WITHIN = 0.01
-"""What differs less from what is stored is not stored, in the parameter's unit."""
+"""A result that differs less than this from the stored one is not stored; in the parameter's unit."""
 PRIORITY = 50
-"""Of a calibrated sensor whose priority nobody chose."""
+"""Priority of a calibrated sensor whose priority is not set."""
 LEVEL_S, LEVEL_STILL_RAD, LEVEL_WITHIN_RAD = 0.5, math.radians(0.5), 0.8
 BARO_S, BARO_EVERY_S = 3.0, 0.1
 MAG_ROTATION_S, MAG_EVERY_S = 100.0, 0.02
-"""How long somebody has to begin and end turning the vehicle on a side."""
+"""Time limit for turning the vehicle on one side, and the sampling period."""
 MAG_TURNED_RAD, MAG_SAMPLES_A_SIDE, MAG_APART = 0.5, 40, 0.03
-"""How far the field has to turn before a side is sampled, how often, and how far apart the samples are at
-least, as part of the field's strength."""
+"""Rotation of the field before sampling starts, samples for each side, and the minimum distance between
+samples as a fraction of the field strength."""
 FIX_2D, VERTICAL_ACCURACY_M = 2, 100.0
-"""What a GPS fix is to be at least as good as, for a barometer to be calibrated by it."""
+"""Minimum GPS fix type and accuracy for a barometer calibration."""
 FloatArray = NDArray[np.float64]
 Tell = Callable[[Iterable[str]], None]
 
 
 class Readings:
-    """The sensors of one vehicle, and the parameters that say what is wrong with them."""
+    """The sensors of one vehicle, and their calibration parameters."""
 
     def __init__(self, view: VehicleView, tell_parameters: Tell) -> None:
         self._view = view
@@ -62,7 +62,7 @@ class Readings:
         return matrix.T @ np.array(field_ned_gauss())
 
     def turned_fields(self) -> Generator[float, None, list[FloatArray]]:
-        """What the compass reads, raw, while somebody turns the vehicle; empty: nobody does."""
+        """Raw compass readings while the vehicle is turned; empty if it is not turned in time."""
         view, first, taken = self._view, self.mag(), list[FloatArray]()
         strength, end_s = float(np.linalg.norm(first)), view.simulation.time_s + MAG_ROTATION_S
         while view.simulation.time_s < end_s:
@@ -78,7 +78,7 @@ class Readings:
 
     @staticmethod
     def mean(read: Callable[[], FloatArray], samples: int) -> Generator[float, None, FloatArray]:
-        """The mean of so many readings; yields 0 (the next sample) before each."""
+        """Mean of a number of readings; yields 0 (the next sample) before each."""
         total = np.zeros(3)
         for _ in range(samples):
             yield 0.0
@@ -86,7 +86,7 @@ class Readings:
         return total / samples
 
     def store(self, prefix: str, what: str, values: FloatArray, *, tell: bool = True) -> None:
-        """Keep what was learned of three axes, unless it is what is stored; `tell` the whole sensor."""
+        """Stores the result of three axes if it differs; `tell` sends the sensor's parameters."""
         names = [f"{prefix}{axis}{what}" for axis in "XYZ"]
         if float(np.linalg.norm(values - self._triple(prefix, what))) > KEPT_WITHIN:
             for name, value in zip(names, values.tolist(), strict=True):
@@ -95,14 +95,14 @@ class Readings:
             self.tell(prefix)
 
     def tell(self, prefix: str) -> None:
-        """Send a sensor's parameters to every ground station, and give it a priority."""
+        """Sends a sensor's parameters to every ground station, and sets its priority if it has none."""
         store = self._view.parameters
         if store.get(f"{prefix}PRIO") < 0:
             store.set(f"{prefix}PRIO", PRIORITY)
         self._tell_parameters([name for name in store.names if name.startswith(prefix)])
 
     def learn_level(self) -> Generator[float, None, str]:
-        """Take the mean attitude of half a second for level (SENS_BOARD_*_OFF); what is wrong, or ""."""
+        """Stores the mean attitude of half a second as level (SENS_BOARD_*_OFF); returns a problem, or ""."""
         view = self._view
         rolls, pitches = list[float](), list[float]()
         end_s = view.simulation.time_s + LEVEL_S
@@ -122,7 +122,7 @@ class Readings:
         return ""
 
     def learn_baro(self) -> Generator[float, None, bool]:
-        """CAL_BARO0_OFF [Pa] so that the barometer says what GPS says, over three seconds; False: no fix."""
+        """Sets CAL_BARO0_OFF [Pa] so that the barometer matches GPS over three seconds; False: no fix."""
         view, sensors, i = self._view, self._view.simulation.sensors, self._view.row
         pressures_hpa, altitudes_m = list[float](), list[float]()
         for _ in range(round(BARO_S / BARO_EVERY_S)):

@@ -70,7 +70,7 @@ class Setpoints:
     motors: FloatArray
     """(N, 4) 0..1, level MOTORS; NaN and below zero: that motor stands still (disarmed)."""
     cut_in: IntArray
-    """(N,) RATES or ATTITUDE: such a set point arrived while the trajectory is flown, and holds until the
+    """(N,) RATES or ATTITUDE: such a setpoint arrived while the trajectory is flown, and holds until the
     outer controllers write again; DISARMED: none. The cascade resets it."""
     ramp_thrust: BoolArray
     """(N,) the take-off ramp runs: MPC_THR_HOVER as it is, no feed-forward of acceleration in z."""

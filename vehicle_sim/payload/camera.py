@@ -27,7 +27,7 @@ SENSOR_WIDTH_MM, SENSOR_HEIGHT_MM = 5.2, 3.9
 ZOOM_MAX = 4.0
 CAPACITY_BYTES = 32 * 1024**3
 SHORTEST_INTERVAL_S = 0.5
-MOST_PICTURES = 9999
+MAX_PICTURES = 9999
 EYE_ABOVE_GROUND_M = 0.15
 """The vehicle's height stands for its feet."""
 
@@ -120,7 +120,7 @@ class Camera:
     def start(self, interval_s: float, count: int) -> None:
         """A series, the first picture now; count 0: until it is stopped."""
         self.interval_s = 0.0 if count == 1 else max(SHORTEST_INTERVAL_S, interval_s)
-        self._left = count if count > 0 else MOST_PICTURES
+        self._left = count if count > 0 else MAX_PICTURES
         self._next_at_s = self._view.time_s
 
     def stop(self) -> None:
@@ -134,7 +134,7 @@ class Camera:
         self._left -= 1
         self._next_at_s += self.interval_s
         capture = self._take()
-        if self._left <= 0 or len(self.captures) >= MOST_PICTURES:
+        if self._left <= 0 or len(self.captures) >= MAX_PICTURES:
             self.stop()
         return capture
 

@@ -16,7 +16,7 @@ from vehicle_sim.vehicle_view import VehicleView
 FULL_RATE = 0b11
 """Logging profiles whose rates the topics are published at: default and replay."""
 GPS_PERIOD_US = 125_000
-MOST_SAMPLES = 10_000
+MAX_SAMPLES = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +63,8 @@ class ListenerCommand:
                     raise Usage(f"unknown: {option}")
             except ValueError:
                 raise Usage(f"{option} {text} is no number") from None
-        if not (1 <= number <= MOST_SAMPLES and 0.0 <= hz < math.inf):
-            raise Usage(f"-n takes 1 to {MOST_SAMPLES}, -r a rate")
+        if not (1 <= number <= MAX_SAMPLES and 0.0 <= hz < math.inf):
+            raise Usage(f"-n takes 1 to {MAX_SAMPLES}, -r a rate")
         if name not in self._arrays and name not in self._states:
             raise CommandFailed(f"Topic {name} did not match any known topics\n")
         if instance:

@@ -1,6 +1,6 @@
-"""The topics that are whole arrays of the simulation: what each holds, from where, and how often.
+"""Topics that come from arrays of the simulation: their fields, sources and periods.
 
-Names, units and order of the fields are PX4's; a field that nothing here knows stays zero. Periods were
+Names, units and order of the fields are PX4's; fields without a source are zero. Periods were
 measured on a PX4 v1.16 (profile 131) and, for the default profile alone, are those of its own table.
 """
 
@@ -24,27 +24,27 @@ NAN = math.nan
 DEFAULT, REPLAY, HIGH_RATE = 1 << 0, 1 << 1, 1 << 4
 """Bits of SDLOG_PROFILE."""
 GPS_SAMPLES = "gps_count"
-"""Instead of a period: with each sample of that sensor."""
+"""Used instead of a period: published with each GPS sample."""
 Pace = int | str
-"""Milliseconds, or that."""
+"""Period in milliseconds, or `GPS_SAMPLES`."""
 GYRO_ID, ACCEL_ID, MAG_ID, BARO_ID, GPS_ID = 1310988, 1310988, 197388, 6620172, 11468804
-"""Of the simulated sensors."""
+"""Device ids of the simulated sensors."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArrayTopic:
-    """One topic of all vehicles."""
+    """One topic, for all vehicles."""
 
     layout: Layout
     paces: Mapping[int, Pace]
-    """By bit of the profile; the shortest of the chosen ones counts."""
+    """Period by bit of the profile; of several selected bits the shortest period applies."""
     sources: Mapping[str, Source | float] = field(default_factory=dict)
-    """By field; several names are the columns of one array."""
+    """Source by field; several names are the columns of one array."""
     sampled: bool = False
-    """It carries the time of its sample too, which is the same here."""
+    """Whether it has a sample timestamp, which equals its timestamp here."""
 
     def pace(self, profile: int) -> Pace | None:
-        """How often in this profile; None: not at all."""
+        """Period in a profile; None: not logged."""
         chosen = [pace for bit, pace in self.paces.items() if profile & bit]
         words = [pace for pace in chosen if isinstance(pace, str)]
         return words[0] if words else min(chosen, default=None)
@@ -268,7 +268,7 @@ def _topics() -> list[ArrayTopic]:
         velocity=lambda s: s.setpoints.velocity_ned_m_s,
         acceleration=lambda s: s.setpoints.acceleration_ned_m_s2, jerk=NAN,
         yaw=lambda s: s.setpoints.yaw_ned_rad, yawspeed=lambda s: s.setpoints.yaw_rate_ned_rad_s)  # fmt: skip
-    add("vehicle_global_position_groundtruth", _GLOBAL, {DEFAULT: 100}, **_true_place())
+    add("vehicle_global_position_groundtruth", _GLOBAL, {DEFAULT: 100}, **_true_position())
     add("vehicle_magnetometer", "uint64_t timestamp_sample;uint32_t device_id;float[3] magnetometer_ga;"
         "uint8_t calibration_count", {DEFAULT: 200, REPLAY: 70}, device_id=MAG_ID,
         magnetometer_ga=lambda s: s.sensors.mag_frd_gauss)  # fmt: skip
@@ -288,7 +288,7 @@ def _topics() -> list[ArrayTopic]:
     return topics
 
 
-def _true_place() -> dict[str, Source | float]:
+def _true_position() -> dict[str, Source | float]:
     def place(s: Simulation) -> tuple[NDArray[Any], NDArray[Any]]:
         p = s.truth.position_ned_m
         lat0, lon0 = np.full(s.count, s.home.lat_deg), np.full(s.count, s.home.lon_deg)
@@ -305,11 +305,11 @@ def _true_place() -> dict[str, Source | float]:
 
 
 ARRAY_TOPICS: tuple[ArrayTopic, ...] = tuple(_topics())
-"""In the order of their numbers."""
+"""Ordered by their ids."""
 
 
 def current(topic: ArrayTopic, simulation: Simulation, row: int) -> dict[str, Any]:
-    """What a topic would say of one vehicle now (timestamps left out)."""
+    """Current values of a topic for one vehicle, without timestamps."""
     given: dict[str, Any] = {}
     for key, source in topic.sources.items():
         names = key.split()

@@ -1,4 +1,4 @@
-"""Worlds from YAML files, and the ones that come with the simulator (`vehicle_sim/worlds/`).
+"""Worlds from YAML files, and the built-in worlds of the simulator (`vehicle_sim/worlds/`).
 
     name: obstacle box
     terrain:
@@ -8,7 +8,7 @@
     walls: [{name: fence, from_ne_m: [5, -5], to_ne_m: [5, 5], height_m: 2}]
     lidars: {forward: true, around: true, range_m: 20}
 
-Metres; north and east from home, heights above home's level; boxes may have `yaw_ned_deg`, and all
+Metres; north and east from home, heights above home; boxes may have `yaw_ned_deg`, and all
 `base_alt_home_m`.
 """
 
@@ -24,32 +24,32 @@ from vehicle_sim.world.world import Box, Lidars, World, wall
 from vehicle_sim.yaml_fields import Fields, FileProblem, read_yaml
 
 SHIPPED = Path(__file__).resolve().parent.parent / "worlds"
-FARTHEST_M = 20_000.0
-MOST_OBSTACLES = 500
+MAX_COORDINATE_M = 20_000.0
+MAX_OBSTACLES = 500
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of the worlds that come with the simulator."""
+    """Names of the built-in worlds."""
     return tuple(sorted(path.stem for path in SHIPPED.glob("*.yaml")))
 
 
 def load_world(name_or_path: str) -> World:
-    """A world that is shipped, by its name, or one of a file.
+    """Loads a built-in world by name, or a world from a file.
 
     Raises:
-        FileProblem: there is none, or what it says cannot be built; the text names line, field and fix.
+        FileProblem: the file does not exist or is invalid; the text names line, field and fix.
     """
     if name_or_path in shipped():
         return world_of(read_yaml(SHIPPED / f"{name_or_path}.yaml"))
     path = Path(name_or_path)
     if not path.exists():
         names = ", ".join(shipped())
-        raise FileProblem(f"{name_or_path}: no such file; name one, or a world that is shipped: {names}")
+        raise FileProblem(f"{name_or_path}: no such file or built-in world; built-in worlds: {names}")
     return world_of(read_yaml(path))
 
 
 def world_of(fields: Fields) -> World:
-    """The world that a parsed file describes.
+    """Builds the world of a parsed file.
 
     Raises:
         FileProblem: a field is missing, unknown or impossible.
@@ -60,8 +60,8 @@ def world_of(fields: Fields) -> World:
     entries += [_wall(entry) for entry in fields.items("walls")]
     lidars = _lidars(fields.mapping("lidars"))
     fields.finish()
-    if len(entries) > MOST_OBSTACLES:
-        raise fields.problem(None, f"has {len(entries)} obstacles; the maximum is {MOST_OBSTACLES}")
+    if len(entries) > MAX_OBSTACLES:
+        raise fields.problem(None, f"has {len(entries)} obstacles; the maximum is {MAX_OBSTACLES}")
     return World(name, terrain, tuple(entries), lidars)
 
 
@@ -74,15 +74,15 @@ def _terrain(fields: Fields | None) -> Terrain:
     return Terrain(hills, grid)
 
 
-def _place(fields: Fields) -> tuple[float, float]:
+def _position(fields: Fields) -> tuple[float, float]:
     return (
-        fields.number("north_m", low=-FARTHEST_M, high=FARTHEST_M),
-        fields.number("east_m", low=-FARTHEST_M, high=FARTHEST_M),
+        fields.number("north_m", low=-MAX_COORDINATE_M, high=MAX_COORDINATE_M),
+        fields.number("east_m", low=-MAX_COORDINATE_M, high=MAX_COORDINATE_M),
     )
 
 
 def _hill(fields: Fields) -> Hill:
-    north, east = _place(fields)
+    north, east = _position(fields)
     hill = Hill(
         north,
         east,
@@ -96,7 +96,7 @@ def _hill(fields: Fields) -> Hill:
 def _grid(fields: Fields | None) -> HeightGrid | None:
     if fields is None:
         return None
-    north, east = _place(fields)
+    north, east = _position(fields)
     spacing = fields.number("spacing_m", low=0.1, high=5000)
     grid = HeightGrid(north, east, spacing, np.array(fields.rows("heights_m")))
     fields.finish()
@@ -104,7 +104,7 @@ def _grid(fields: Fields | None) -> HeightGrid | None:
 
 
 def _box(fields: Fields) -> Box:
-    north, east = _place(fields)
+    north, east = _position(fields)
     box = Box(
         fields.text("name", "a box"),
         north,
@@ -123,7 +123,7 @@ def _wall(fields: Fields) -> Box:
     start = fields.numbers("from_ne_m", 2, "[north, east] in metres")
     end = fields.numbers("to_ne_m", 2, "[north, east] in metres")
     if start == end:
-        raise fields.problem("to_ne_m", "is where the wall begins; give another place")
+        raise fields.problem("to_ne_m", "is also the start of the wall; give another position")
     built = wall(
         fields.text("name", "a wall"),
         (start[0], start[1]),

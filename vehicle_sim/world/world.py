@@ -1,7 +1,7 @@
 """The world around the vehicles: ground, boxes and walls, and the lidars that measure them.
 
-Places are local NED from home. An obstacle's `base_alt_home_m` is the height of its underside above home's
-level, so that a bridge can be flown under; its roof can be stood on.
+Positions are local NED from home. `base_alt_home_m` of an obstacle is the altitude of its lower side above
+home, so that a vehicle can fly under a bridge. Vehicles can stand on roofs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Box:
     name: str
     north_m: float
     east_m: float
-    """Of its centre."""
+    """North and east of its centre."""
     length_m: float
     """Along its own x axis (north where yaw is 0)."""
     width_m: float
@@ -35,7 +35,7 @@ class Box:
 
     @property
     def roof_alt_home_m(self) -> float:
-        """Height of its upper side above home's level."""
+        """Altitude of its upper side above home."""
         return self.base_alt_home_m + self.height_m
 
 
@@ -43,7 +43,7 @@ def wall(
     name: str, start_ne_m: tuple[float, float], end_ne_m: tuple[float, float], *, height_m: float,
     thickness_m: float, base_alt_home_m: float = 0.0,
 ) -> Box:  # fmt: skip
-    """A box from one place to another."""
+    """A thin box from one position to another."""
     north, east = end_ne_m[0] - start_ne_m[0], end_ne_m[1] - start_ne_m[1]
     return Box(
         name,
@@ -59,14 +59,14 @@ def wall(
 
 @dataclass(frozen=True, slots=True)
 class Lidars:
-    """Which lidars the vehicles carry besides the one that PX4's simulation always points down."""
+    """Lidars of the vehicles, in addition to the one that points down, which PX4's simulation always has."""
 
     forward: bool = False
-    """A second DISTANCE_SENSOR, straight ahead."""
+    """A second DISTANCE_SENSOR, pointing forward."""
     around: bool = False
-    """OBSTACLE_DISTANCE: 72 sectors of 5 degrees, level with the body."""
+    """OBSTACLE_DISTANCE: 72 sectors of 5 degrees in the body's horizontal plane."""
     range_m: float = 20.0
-    """How far these two see."""
+    """Range of these two lidars."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ from playwright.sync_api import Page
 
 from tests.station import wait_until
 
-MOST_STOPS = 300
+MAX_STOPS = 300
 STOPS_AT_ONCE = 20
-MOST_PANELS = 6
-MOST_ROUNDS = 3
+MAX_PANELS = 6
+MAX_ROUNDS = 3
 
 WALK = """
 () => {
@@ -42,7 +42,7 @@ def walk(page: Page, way: str) -> None:
     A control that appears behind the walk (a warning's, say) is reached by the next.
     """
     page.evaluate(WALK)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         _round(page, way)
         if page.evaluate(UNREACHED) == []:
             break
@@ -51,13 +51,13 @@ def walk(page: Page, way: str) -> None:
 
 
 def _round(page: Page, way: str) -> None:
-    for _ in range(0, MOST_STOPS, STOPS_AT_ONCE):
+    for _ in range(0, MAX_STOPS, STOPS_AT_ONCE):
         before = page.evaluate("() => window.walked.size")
         for _ in range(STOPS_AT_ONCE):
             page.keyboard.press(way)
         if page.evaluate("() => window.walked.size") == before:
             return  # it has come round
-    pytest.fail(f"{MOST_STOPS} times {way} do not come round")
+    pytest.fail(f"{MAX_STOPS} times {way} do not come round")
 
 
 def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
@@ -106,5 +106,5 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
 
 def close_all(page: Page) -> None:
     """Escape closes one after the other."""
-    for _ in range(MOST_PANELS):
+    for _ in range(MAX_PANELS):
         page.keyboard.press("Escape")

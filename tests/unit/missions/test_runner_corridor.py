@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from missions.runner.corridor import OUTSIDE_FOR_S, SPARE_M, Corridor, CorridorWatch
-from missions.runner.flown import MOST_SAMPLES, FlownTrack
+from missions.runner.corridor import OUTSIDE_FOR_S, TOLERANCE_M, Corridor, CorridorWatch
+from missions.runner.flown import MAX_SAMPLES, FlownTrack
 from missions.runner.reading import Reading
 from missions.runner.script import Played
 from tests.support.mission_vehicle import FlownMission
@@ -20,33 +20,33 @@ NORTH = Corridor(
     ("here", "outside_m"),
     [
         ((10.0, 0.0, -10.0), 0.0),
-        ((10.0, 2.0 + SPARE_M, -10.0), 0.0),
-        ((10.0, 5.0 + SPARE_M, -10.0), 3.0),
-        ((10.0, 0.0, -11.0 - SPARE_M), 0.0),
-        ((10.0, 0.0, -14.0 - SPARE_M), 3.0),
-        ((10.0, 0.0, -8.5 + SPARE_M), 1.0),
-        ((10.0, 5.0 + SPARE_M, -15.0 - SPARE_M), 5.0),
+        ((10.0, 2.0 + TOLERANCE_M, -10.0), 0.0),
+        ((10.0, 5.0 + TOLERANCE_M, -10.0), 3.0),
+        ((10.0, 0.0, -11.0 - TOLERANCE_M), 0.0),
+        ((10.0, 0.0, -14.0 - TOLERANCE_M), 3.0),
+        ((10.0, 0.0, -8.5 + TOLERANCE_M), 1.0),
+        ((10.0, 5.0 + TOLERANCE_M, -15.0 - TOLERANCE_M), 5.0),
         ((32.0, 20.0, -10.0), 0.0),
-        ((-6.0 - SPARE_M, 0.0, -10.0), 4.0),
+        ((-6.0 - TOLERANCE_M, 0.0, -10.0), 4.0),
     ],
 )
 def test_how_far_outside_is_measured_from_the_nearest_part(here, outside_m):
     watch = CorridorWatch(NORTH)
-    watch.look(0.0, here)
+    watch.update(0.0, here)
     assert watch.outside_m == pytest.approx(outside_m, abs=1e-6)
 
 
 def test_a_moment_outside_is_not_told_and_a_longer_one_is_once():
     watch = CorridorWatch(NORTH)
     outside, inside = (10.0, 20.0, -10.0), (10.0, 0.0, -10.0)
-    assert not watch.look(0.0, outside)
-    assert not watch.look(OUTSIDE_FOR_S - 0.1, outside)
-    assert not watch.look(OUTSIDE_FOR_S, inside)
-    assert not watch.look(2.0, outside)
-    assert watch.look(2.0 + OUTSIDE_FOR_S, outside)
-    assert not watch.look(9.0, None)
+    assert not watch.update(0.0, outside)
+    assert not watch.update(OUTSIDE_FOR_S - 0.1, outside)
+    assert not watch.update(OUTSIDE_FOR_S, inside)
+    assert not watch.update(2.0, outside)
+    assert watch.update(2.0 + OUTSIDE_FOR_S, outside)
+    assert not watch.update(9.0, None)
     assert watch.left
-    assert watch.look(10.0, inside)
+    assert watch.update(10.0, inside)
     assert not watch.left
 
 
@@ -87,10 +87,10 @@ def test_what_was_flown_is_kept_beside_what_was_sent_and_never_grows_without_end
     sent = Reading(
         position_ned_m=(3.0, 4.0, -10.0), stream="flying", played=Played(position_ned_m=(0.0, 0.0, -10.0))
     )
-    for tenth in range(10 * 4 * MOST_SAMPLES):
+    for tenth in range(10 * 4 * MAX_SAMPLES):
         track.keep(tenth / 10, sent, status)
-    assert MOST_SAMPLES / 2 <= len(track.samples) <= MOST_SAMPLES
-    assert track.samples[-1].t_s > 3.9 * MOST_SAMPLES
+    assert MAX_SAMPLES / 2 <= len(track.samples) <= MAX_SAMPLES
+    assert track.samples[-1].t_s > 3.9 * MAX_SAMPLES
     assert (track.samples[0].deviation_m, track.samples[0].place) == (5.0, "step 2")
     by_px4 = FlownTrack()
     by_px4.keep(0.0, Reading(position_ned_m=(0.0, 0.0, 0.0)), status)

@@ -57,7 +57,7 @@ def test_streams_are_unrolled_at_their_rate(shared):
 
 
 def test_ros2_set_points_become_messages(shared):
-    """Each OffboardControlMode carries the set point then in force; motors go past MAVLink."""
+    """Each OffboardControlMode carries the setpoint then in force; motors go past MAVLink."""
 
     def sends(name):
         recording = ros2_recordings.load(name, "vel_x_1")

@@ -222,7 +222,7 @@ HALF_SET_POINTS = (
 
 
 def test_what_leaves_an_axis_open_stops_the_vehicle() -> None:
-    """As a real PX4 does (its echo then says velocity zero); half of a set point is not flown."""
+    """As a real PX4 does (its echo then says velocity zero); half of a setpoint is not flown."""
     s = hover(3.0)
     before = s.sim.simulation.truth.position_ned_m[0].copy()
     offboard(s, 0b110111000111)

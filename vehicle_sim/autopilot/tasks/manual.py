@@ -1,4 +1,4 @@
-"""Flying with sticks: Position, Altitude, Stabilized and Acro as PX4 turns deflections into set points."""
+"""Flying with sticks: Position, Altitude, Stabilized and Acro as PX4 turns deflections into setpoints."""
 
 from __future__ import annotations
 

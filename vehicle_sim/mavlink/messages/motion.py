@@ -31,7 +31,7 @@ PREARM_ALWAYS = 2
 
 
 class MotionMessages(Family):
-    """Builders of attitude, position and set point messages."""
+    """Builders of attitude, position and setpoint messages."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         super().__init__(autopilot)

@@ -1,4 +1,4 @@
-"""MANUAL_CONTROL to the sticks."""
+"""Passes MANUAL_CONTROL to the sticks."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from vehicle_sim.mavlink.link import Link
 
 
 class ManualService:
-    """A joystick of any ground station; the message names its vehicle and no component."""
+    """Accepts a joystick from any ground station; the message has a target system but no component."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self.handlers = {"MANUAL_CONTROL": self.manual}
 
     def manual(self, link: Link, m: Message) -> None:
-        """Take the sticks over, and tell the arming checks that there are some."""
+        """Updates the sticks, and notifies the arming checks."""
         autopilot = self._context.autopilot
         if m.target == self._context.system_id and autopilot.sticks.hear(m.x, m.y, m.z, m.r):
             autopilot.commander.checks.manual_control_at_s = self._context.view.time_s

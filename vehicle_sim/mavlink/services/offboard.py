@@ -1,4 +1,4 @@
-"""SET_POSITION_TARGET_* and SET_ATTITUDE_TARGET to the offboard receiver."""
+"""Passes SET_POSITION_TARGET_* and SET_ATTITUDE_TARGET to the offboard receiver."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class OffboardService:
-    """Set points from any link; system 0 and component 0 mean everybody."""
+    """Setpoints from any link; system 0 and component 0 address all."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

@@ -19,7 +19,7 @@ SHELL = 10
 REPLY, RESPOND = 1, 2
 """SERIAL_CONTROL_FLAG."""
 PART_BYTES = 70
-MOST_WAITING_BYTES = 200_000
+MAX_WAITING_BYTES = 200_000
 """Nobody needs more of it than that; the rest is cut off."""
 
 
@@ -103,5 +103,5 @@ class ShellService:
 
     @staticmethod
     def _show(session: _Session, text: str) -> None:
-        room = MOST_WAITING_BYTES - len(session.waiting)
+        room = MAX_WAITING_BYTES - len(session.waiting)
         session.waiting += text.encode("utf-8")[: max(0, room)]

@@ -14,7 +14,7 @@ from vehicle_sim.mavlink.link import Link
 
 LOCAL_NED, BODY_FRD, LOCAL_FRD = 1, 12, 20
 """MAV_FRAME. LOCAL_FRD is level, its forward is wherever the measuring system began."""
-FARTHEST_M, FASTEST_M_S = 1e6, 1e3
+MAX_COORDINATE_M, FASTEST_M_S = 1e6, 1e3
 """Nobody measures beyond; such numbers are broken messages."""
 
 
@@ -30,7 +30,7 @@ class VisionService:
         covariance = m.covariance
         self._take(
             VisionSample(
-                position_ned_m=_usable((m.x, m.y, m.z), FARTHEST_M),
+                position_ned_m=_usable((m.x, m.y, m.z), MAX_COORDINATE_M),
                 heading_rad=m.yaw if abs(m.yaw) < 10.0 else math.nan,
                 position_variance_m2=max(covariance[0], covariance[6], covariance[11]),
             )
@@ -58,7 +58,7 @@ class VisionService:
             velocity = UNKNOWN
         self._take(
             VisionSample(
-                position_ned_m=_turned(_usable((m.x, m.y, m.z), FARTHEST_M), turn),
+                position_ned_m=_turned(_usable((m.x, m.y, m.z), MAX_COORDINATE_M), turn),
                 velocity_ned_m_s=_turned(velocity, turn),
                 heading_rad=heading,
                 position_variance_m2=max(m.pose_covariance[0], m.pose_covariance[6], m.pose_covariance[11]),

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from missions.avoidance.corridor import first_on_line
-from missions.avoidance.memory import KEPT_S, MOST_COLUMNS, ObstacleMemory, along
+from missions.avoidance.memory import KEPT_S, MAX_COLUMNS, ObstacleMemory, along
 from missions.avoidance.scans import Scan, fresh, looks_down, looks_level, looks_out, seen_m
 
 AHEAD = Scan(10.0, ((1.0, 0.0, 0.0),), (5.0,), 20.0)
@@ -59,10 +59,10 @@ def test_of_one_place_the_highest_point_counts_and_low_ones_are_left_out():
 
 def test_memory_is_bounded_and_the_oldest_makes_room():
     memory = ObstacleMemory()
-    for number in range(MOST_COLUMNS + 10):
+    for number in range(MAX_COLUMNS + 10):
         memory.take(AHEAD, (0.0, float(number), -1.0), 0.0)
     kept = memory.above(0.0, 10.0)
-    assert len(kept) == MOST_COLUMNS
+    assert len(kept) == MAX_COLUMNS
     assert kept[:, 1].min() == 10.0
 
 
