@@ -312,7 +312,7 @@ class SyncVehicle:
         return self._portal.call(lambda: self._inner.set_offboard_limits(**limits))
 
     def set_obstacle_avoidance(self, on: bool, *, way: str = "over") -> dict[str, Any]:
-        """Leads setpoints over obstacles, or with `way="around"` around them, from now on; or no longer."""
+        """Switches obstacle avoidance: over obstacles, or with `way="around"` around them."""
         return self._portal.call(lambda: self._inner.set_obstacle_avoidance(on, way=way))
 
     def set_offboard_failsafe(
@@ -337,13 +337,13 @@ class SyncVehicle:
     ) -> Generator[SyncOffboard]:
         """Flies setpoints inside a block; leaving the block, also by an exception, ends in Hold.
 
-        It starts with `first` (any of `gcs_server.client.setpoints`), with a position or a velocity, or where
-        the vehicle is. If it was landed or taken over inside the block, nothing is sent at its end. If this
-        program hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`. Where the
-        Hold after an exception fails, a note on that exception says why.
+        The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
+        current position. If the vehicle has landed or another party controls it, nothing is sent at the end.
+        If this program hangs, the setpoint expires after `valid_for_s` and the server executes `on_expiry`.
+        If Hold fails after an exception, a note on that exception states why.
 
         Yields:
-            The stream; `started` holds what the server said, the vehicle's failsafe among it.
+            The stream; `started` is the server's answer, which includes the vehicle's failsafe.
         """
         with self._portal.wrap_async_context_manager(
             self._inner.offboard(

@@ -152,7 +152,7 @@ class Vehicle:
         return await self.request("PUT", "/offboard/limits", limits)
 
     async def set_obstacle_avoidance(self, on: bool, *, way: str = "over") -> dict[str, Any]:
-        """Leads setpoints over obstacles, or with `way="around"` around them, from now on; or no longer."""
+        """Switches obstacle avoidance: over obstacles, or with `way="around"` around them."""
         return await self.request("PUT", "/offboard/avoidance", {"on": on, "way": way})
 
     async def set_offboard_failsafe(
@@ -183,13 +183,13 @@ class Vehicle:
     ) -> AsyncGenerator[Offboard]:
         """Flies setpoints inside a block; leaving the block, also by an exception, ends in Hold.
 
-        It starts with `first` (any of `gcs_server.client.setpoints`), with a position or a velocity, or where
-        the vehicle is. If it was landed or taken over inside the block, nothing is sent at its end. If this
-        program hangs, the setpoint runs out after `valid_for_s` and the server does `on_expiry`. Where the
-        Hold after an exception fails, a note on that exception says why.
+        The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
+        current position. If the vehicle has landed or another party controls it, nothing is sent at the end.
+        If this program hangs, the setpoint expires after `valid_for_s` and the server executes `on_expiry`.
+        If Hold fails after an exception, a note on that exception states why.
 
         Yields:
-            The stream; `started` holds what the server said, the vehicle's failsafe among it.
+            The stream; `started` is the server's answer, which includes the vehicle's failsafe.
         """
         setpoint = first_setpoint(first, position_ned_m, velocity_ned_m_s, yaw_ned_rad, yaw_rate_ned_rad_s)
         life = lifetime(valid_for_s, on_expiry, hold_for_s)

@@ -72,7 +72,7 @@ class SigningReport:
     too_old: int
     """Refused: a sender's first frame, more than a minute behind this server's time."""
     too_many_streams: int
-    """Refused: one sender too many with this key."""
+    """Refused: more senders with this key than the server can track."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,14 +287,14 @@ class Link(ABC):
         try:
             self._on_bytes(data, peer, self._loop.time() if now_s is None else now_s)
         except Exception as error:
-            self.faults.add(error, "handling what arrived")
+            self.faults.add(error, "handling received bytes")
 
     def _forget(self, peer: Peer) -> None:
         if self._peers.pop(peer.name, None) is not None:
             try:
                 self._on_peer_gone(peer)
             except Exception as error:
-                self.faults.add(error, "handling that a peer has gone")
+                self.faults.add(error, "handling a disconnected peer")
 
     def _changed(self) -> None:
         """Reports a change of the state or the peers."""

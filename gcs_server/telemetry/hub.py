@@ -102,7 +102,7 @@ class Encoded:
         held = self._bytes.setdefault(vehicle.id, {})
         for topic in topics:
             newest = held.get(topic)
-            # Most topics have nothing new at most looks: this is what a client costs.
+            # Most topics are usually unchanged, so this check is most of the cost of a client.
             if newest is None or not self._is_newest(vehicle, topic, newest[0]):
                 what = f"telemetry of {topic}"
                 newest = vehicle.isolation.run(what, self._newest, vehicle, topic, held)

@@ -163,7 +163,7 @@ class _Reader:
         arguments: list[Argument] = []
         for each in event.arguments:
             argument = self._argument(each, space)
-            if argument is None:  # a type that we do not know hides where those after it lie
+            if argument is None:  # after an unknown type, the offsets of further arguments are not known
                 break
             arguments.append(argument)
         name = cut(event.name, MAX_NAME_LENGTH)
@@ -191,11 +191,11 @@ class _Reader:
 
 
 def template(text: str, most: int) -> Template:
-    """Takes a message apart; its work grows with its length only.
+    """Splits a message into parts; the work grows only with its length.
 
     Args:
         text: as the document has it.
-        most: characters of it that are looked at.
+        most: maximum number of characters to read.
     """
     text = cut(text, most)
     pieces: list[str | Slot] = []

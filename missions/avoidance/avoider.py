@@ -1,4 +1,4 @@
-"""Flies over obstacles, or around them, and back to the path behind.
+"""Flies over or around obstacles, and back to the path behind them.
 
 The straight line to the wanted position (and the path beyond it) must be free of what was measured lately.
 Where it is not, the vehicle climbs until it clears the highest point measured, flies on, and comes straight
@@ -23,28 +23,28 @@ from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 
 FRESH_S = 1.0
-"""A measurement older than this shows nothing."""
+"""Older measurements are ignored [s]."""
 CLIMB_MOST_M = 15.0
-"""Above the wanted altitude; a higher obstacle is flown around."""
+"""Largest climb above the wanted altitude; the vehicle flies around higher obstacles."""
 CEILING_MARGIN_M = 0.7
 DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_SINK_M_S = 2.0, 1.5, 1.0
 CLEAR_FOR_S = 0.5
-"""The way must be free for so long before the vehicle turns back to it."""
+"""The way must be clear for this long before the vehicle returns to the path."""
 BACK_WITHIN_M = 1.0
 SEES_NOW_S = 0.5
-"""Over an obstacle it moves on only with a measurement as new as this: the obstacle may be higher."""
+"""Above an obstacle the vehicle moves only with a measurement this recent: the obstacle may get higher."""
 OTHER_GOAL_M = 2.0
-"""Where it found no way, it looks for one again once the goal is another."""
+"""If no way was found, the search is repeated when the goal has moved this far."""
 MOVES_M, MOVES_M_S = 0.5, 0.3
-"""What is less than this is no motion that a sensor must see."""
+"""Smaller motions do not need a sensor that measures in their direction."""
 STOPPED_M_S = 0.3
 
 
 class Avoider:
-    """Of one vehicle while avoidance is on.
+    """Obstacle avoidance of one vehicle, while it is on.
 
     Args:
-        way: what is tried first.
+        way: the direction to try first.
     """
 
     def __init__(self, way: AvoidanceWay = "over") -> None:
@@ -55,25 +55,25 @@ class Avoider:
         self._clear_since_s: float | None = None
         self._side: Side | None = None
         self._turned_back = False
-        """It has changed the side already in this detour."""
+        """Whether the side was already changed in this detour."""
         self._no_way_to: Vector3 | None = None
         self._scanned_at_m: float | None = None
         self._unsure_m = 0.0
-        """How far it has climbed from one measurement to the next: an obstacle may end anywhere between."""
+        """Climb between two measurements: the top of an obstacle may be anywhere between them."""
         self._level_m = 0.0
         self._hold: Vector3 | None = None
 
     def adjust(
         self, now_s: float, here: Here, wanted: Wanted, scans: tuple[Scan, ...], allowed: Allowed
     ) -> Adjusted:
-        """What to fly now instead of what is wanted.
+        """The setpoint to fly instead of the wanted one.
 
         Args:
             now_s: monotonic, the clock of the scans.
             here: the vehicle.
             wanted: without obstacles.
-            scans: the newest of each sensor.
-            allowed: limits, and the space it must not leave.
+            scans: the newest scan of each sensor.
+            allowed: limits and allowed area.
         """
         adjusted = self._adjusted(now_s, here, wanted, fresh(scans, now_s, FRESH_S), allowed)
         self._state = adjusted.state
@@ -86,7 +86,7 @@ class Avoider:
     ) -> Adjusted:
         if not any(looks_level(scan) for scan in seen):
             return self._stop(
-                here, wanted, f"No obstacle sensor heard for {FRESH_S:g} s: the vehicle holds its position."
+                here, wanted, f"No obstacle measurement for {FRESH_S:g} s: the vehicle holds its position."
             )
         up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
         low_m = min(up_m, goal_up_m) - BELOW_M
@@ -109,7 +109,7 @@ class Avoider:
         return self._back(now_s, here, wanted, seen, allowed, yaw)
 
     def _remember(self, now_s: float, here: Here, seen: tuple[Scan, ...], lowest_m: float) -> None:
-        """Takes each scan once, from where the vehicle was then."""
+        """Adds each new scan to the memory, from the vehicle's position at that time."""
         keys = {
             (scan.heard_s, scan.directions_ned[0], len(scan.directions_ned)): scan
             for scan in seen
@@ -129,13 +129,13 @@ class Avoider:
     def _yaw_to_see(
         self, here: Here, wanted: Wanted, seen: tuple[Scan, ...], heading: float | None
     ) -> float | None:
-        """The heading to take where the wanted one would turn the sensors away from the way; else None."""
+        """The heading that points the sensors in the direction of travel; None if the wanted heading does."""
         if heading is None:
             return None
         yaw = here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
         return None if seen_m(seen, heading, yaw - here.yaw_ned_rad) is not None else heading
 
-    # --- what it does -------------------------------------------------------------------------------
+    # --- actions ------------------------------------------------------------------------------------
 
     def _detour(
         self,
@@ -206,7 +206,7 @@ class Avoider:
         allowed: Allowed,
         yaw: float | None,
     ) -> Adjusted:
-        """The way is free again: down first, where nothing lies below, then level to the wanted position."""
+        """Returns to the path: first down if nothing is below, then level to the wanted position."""
         assert self._clear_since_s is not None
         down_m = wanted.position_ned_m[2] - here.position_ned_m[2]
         waits = now_s - self._clear_since_s < CLEAR_FOR_S
@@ -254,7 +254,7 @@ class Avoider:
         return Adjusted("turning", text, held.motion, heading)
 
     def _stop(self, here: Here, wanted: Wanted, text: str, yaw: float | None = None) -> Adjusted:
-        """Slows down, then holds the place that it has reached."""
+        """Slows down, then holds that position."""
         yaw = _yaw(here, wanted) if yaw is None else yaw
         if self._hold is None and math.hypot(*here.velocity_ned_m_s) < STOPPED_M_S:
             self._hold = here.position_ned_m
@@ -263,7 +263,7 @@ class Avoider:
 
 
 def _heading(here: Here, wanted: Wanted) -> float | None:
-    """Into which the vehicle is to travel [rad]; None: it stays over its place."""
+    """Direction of travel [rad]; None: no horizontal motion."""
     north, east = (wanted.position_ned_m[i] - here.position_ned_m[i] for i in (0, 1))
     if math.hypot(north, east) > MOVES_M:
         return math.atan2(east, north)
@@ -276,7 +276,7 @@ def _distance(here: Here, wanted: Wanted) -> float:
 
 
 def _at(here: Here, age_s: float) -> Vector3:
-    """Where the vehicle was."""
+    """Position of the vehicle at an earlier time."""
     n, e, d = (p - v * age_s for p, v in zip(here.position_ned_m, here.velocity_ned_m_s, strict=True))
     return (n, e, d)
 

@@ -17,21 +17,21 @@ from vehicle_sim.simulation import Home
 from vehicle_sim.world.world import Box, World
 
 TICK_S = 0.02
-"""Of the autopilots; between two ticks the vehicles may be commanded."""
+"""Tick of the autopilots; commands are possible between two ticks."""
 SEVERITY_WARNING = 4
 DRAIN_EXPONENT = 1.5
 """Hover power grows with mass to this power (momentum theory, `missions.vehicle.hover_power_w`)."""
 
 
 class Fleet:
-    """N vehicles that all stand at home.
+    """N vehicles that all start at home.
 
     Args:
-        aircraft: what they are.
+        aircraft: type and parameters of the vehicles.
         conditions: of each.
-        seed: of noise and gusts.
-        first: number of the first flight: the same flight meets the same noise in any batch.
-        obstacles: what stands around.
+        seed: seed of noise and gusts.
+        first: number of the first flight, so that a flight has the same noise in any batch.
+        obstacles: obstacles around the start.
     """
 
     def __init__(
@@ -70,15 +70,15 @@ class Fleet:
         return self.sim.time_s
 
     def tick(self) -> None:
-        """One tick later."""
+        """Advances the simulation by one tick."""
         self.sim.step(TICK_S)
 
     def collided(self, row: int) -> bool:
-        """Whether it flew into an obstacle, which broke its rotors."""
+        """Whether a vehicle hit an obstacle, which stopped its motors."""
         return bool((self.sim.simulation.motor_health[row] == 0.0).all())
 
     def retire(self, row: int) -> None:
-        """Its flight is over: it costs nothing from now on."""
+        """Stops simulating a vehicle whose flight has ended."""
         self.sim.retire(row)
 
 
@@ -95,12 +95,12 @@ MISSION_REFUSALS = {
     "navigator_mis_geofence_violation": "an item lies outside the geofence",
     "navigator_geofence_invalid_against_home": "home lies outside the geofence",
 }
-"""PX4 says these by events without a text."""
+"""Texts for events that PX4 sends without a text."""
 _REFUSAL_OF = {EVENTS[name][0]: words for name, words in MISSION_REFUSALS.items()}
 
 
 class Vehicle:
-    """One of them, for who commands it; what it says is kept."""
+    """One vehicle of the fleet, with the messages that it sent."""
 
     def __init__(self, autopilot: Autopilot, node: Node) -> None:
         self.autopilot = autopilot
@@ -122,7 +122,7 @@ class Vehicle:
 
     @property
     def last_warning(self) -> str:
-        """What it said last, for the end of a sentence."""
+        """Its last warning, to end a sentence."""
         return self.warnings[-1].rstrip(".") if self.warnings else "the vehicle reported no reason"
 
 

@@ -1,4 +1,4 @@
-"""One dry run: a plan flown once in simulation, and what is to be said of it; all plain values."""
+"""The result of one dry run: a plan flown once in simulation, with steps and findings; plain values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from missions.dry_run.track import Track
 
 Array = NDArray[np.float64]
 MAX_SAMPLES = 4000
-"""Of the path in the document; longer flights are thinned."""
+"""Path samples in the document; longer flights are reduced to this number."""
 MAX_FINDINGS = 100
 EMPTY_SHARE = 0.005
 
@@ -36,20 +36,20 @@ class StepTime:
     start_s: float
     end_s: float
     fence_distance_m: float | None
-    """The smallest; negative: outside. None: there is no fence."""
+    """Smallest distance to the fence; negative: outside. None: there is no fence."""
     obstacle_distance_m: float | None
-    """The smallest; None: there are no obstacles."""
+    """Smallest distance to an obstacle; None: there are no obstacles."""
 
 
 @dataclass(frozen=True, slots=True)
 class DryRun:
-    """What came of it."""
+    """Result of one dry run."""
 
     finished: bool
-    """The whole plan was flown."""
+    """Whether the whole plan was flown."""
     landed: bool
     duration_s: float
-    """From arming to the end."""
+    """Time from arming to the end."""
     length_m: float
     battery_start_share: float
     battery_end_share: float | None
@@ -59,14 +59,14 @@ class DryRun:
     steps: tuple[StepTime, ...]
     findings: tuple[DryRunFinding, ...]
     track: Track | None
-    """None: the flight never began."""
+    """None: the flight did not start."""
     aircraft: Aircraft
     conditions: Conditions
     times_real_time: float
-    """How much faster than real time it was flown."""
+    """Simulation speed relative to real time."""
 
     def document(self) -> dict[str, Any]:
-        """As JSON values, the path thinned."""
+        """As JSON values, with a reduced path."""
         home = self.aircraft.home
         return {
             "origin": {"lat_deg": home.lat_deg, "lon_deg": home.lon_deg, "alt_amsl_m": home.alt_amsl_m},
@@ -102,13 +102,13 @@ def dry_run(
     Args:
         flyable: the plan.
         aircraft: what flies, and from where.
-        conditions: weather and the rest; None: calm, everything as usual.
-        seed: of noise and gusts.
-        obstacles: what stands around.
-        report: is told how far it is; what it raises ends the dry run.
+        conditions: wind, mass and battery; None: no wind, nominal vehicle.
+        seed: seed of noise and gusts.
+        obstacles: obstacles around the start.
+        report: called with the progress; an exception from it ends the dry run.
 
     Raises:
-        PlanError: PX4 does not take the plan.
+        PlanError: PX4 refuses the plan.
     """
     conditions = conditions or Conditions()
     began_s = time.perf_counter()
@@ -123,7 +123,7 @@ def dry_run(
 def judge(
     flight: Flight, flyable: Flyable, aircraft: Aircraft, obstacles: Sequence[Obstacle], spent_s: float
 ) -> DryRun:
-    """What is to be said of one flight."""
+    """Evaluates one flight."""
     track = flight.track
     if track is None:
         return DryRun(
@@ -150,7 +150,7 @@ def judge(
 
 
 def fence_of(flyable: Flyable, aircraft: Aircraft) -> FenceDistance:
-    """The fence that counts: the plan's zones and the vehicle's own cylinder."""
+    """The effective geofence: the plan's zones and the vehicle's own cylinder."""
     known = aircraft.parameters
     return FenceDistance(
         flyable.fence, aircraft.origin, known.get("GF_MAX_HOR_DIST", 0.0), known.get("GF_MAX_VER_DIST", 0.0)
@@ -168,13 +168,13 @@ def _least(distances: Array) -> float | None:
 
 
 def _last_armed(track: Track) -> int:
-    """The battery is full again as soon as a simulated vehicle is disarmed: the sample before that counts."""
+    """Charge before disarming: a simulated vehicle's battery is full again when it is disarmed."""
     rises = np.flatnonzero(np.diff(track.battery_share) > 0.0)
     return int(rises[0]) if len(rises) else len(track.battery_share) - 1
 
 
 def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
-    """Each stretch of a step; one that is flown again is listed again."""
+    """Begin and end of each flown step; a repeated step is listed each time."""
     found: list[StepTime] = []
     changes = np.flatnonzero(np.diff(track.step)) + 1
     bounds = [0, *changes.tolist(), len(track.step)]
@@ -201,7 +201,7 @@ def _at(track: Track, sample: int) -> tuple[str | None, float, tuple[float, floa
 
 
 def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
-    """Where the flight leaves the fence, each time once."""
+    """One finding for each time the flight leaves the fence."""
     outside = fence_m < 0.0
     entries = np.flatnonzero(outside & ~np.concatenate([[False], outside[:-1]]))
     found: list[DryRunFinding] = []

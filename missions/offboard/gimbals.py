@@ -17,7 +17,7 @@ class GimbalTrack:
     kind: Literal["fixed", "look_at", "along_path", "sweep"]
     pitch_rad: float = 0.0
     yaw_rad: float = 0.0
-    """From the nose."""
+    """Yaw relative to the nose."""
     place_ned_m: Vector3 = (0.0, 0.0, 0.0)
     sweep_pitch_rad: float = 0.0
     sweep_yaw_rad: float = 0.0
@@ -28,8 +28,8 @@ class GimbalTrack:
 
         Args:
             t_s: since the segment began.
-            setpoint: what the vehicle flies at that moment.
-            kept_yaw_ned_rad: its heading where the setpoint names none.
+            setpoint: the vehicle's setpoint at that time.
+            kept_yaw_ned_rad: its heading if the setpoint has none.
         """
         named = getattr(setpoint, "yaw_ned_rad", None)
         nose_rad = kept_yaw_ned_rad if named is None else float(named)
@@ -55,7 +55,7 @@ class GimbalTrack:
 
 
 def _course(setpoint: Setpoint, nose_rad: float) -> float:
-    """The horizontal direction of flight; the nose where it hardly moves."""
+    """The horizontal direction of flight; the heading if the vehicle hardly moves."""
     if isinstance(setpoint, Trajectory | Velocity):
         north, east = setpoint.velocity_ned_m_s[0] or 0.0, setpoint.velocity_ned_m_s[1] or 0.0
         if math.hypot(north, east) > 0.05:

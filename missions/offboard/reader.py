@@ -27,10 +27,10 @@ Path = tuple[str | int, ...]
 
 
 def read(data: str | bytes) -> OffboardMission:
-    """The mission that a file holds.
+    """Reads a mission from a file.
 
     Raises:
-        PlanError: It is too large, no YAML, or not a mission; says line, step, field and what to do.
+        PlanError: It is too large, not YAML, or not a mission; states line, step, field and what to do.
     """
     text = decode(data)
     if len(text) > MAX_BYTES:
@@ -48,10 +48,10 @@ def read(data: str | bytes) -> OffboardMission:
 
 
 def read_json(data: str | bytes) -> OffboardMission:
-    """The mission that a program sends as JSON, within the same bounds; its errors have no line numbers.
+    """Reads a mission sent as JSON, within the same bounds; errors have no line numbers.
 
     Raises:
-        PlanError: It is out of bounds, no JSON, or not a mission; says step, field and what to do.
+        PlanError: It is out of bounds, not JSON, or not a mission; states step, field and what to do.
     """
     text = decode(data)
     value = load(text)
@@ -67,7 +67,7 @@ def read_json(data: str | bytes) -> OffboardMission:
 
 
 def _size(value: Any, depth: int) -> int:
-    """How many values there are."""
+    """Number of values."""
     if depth > MAX_DEPTH:
         raise PlanError("the mission", f"nested deeper than {MAX_DEPTH} levels", "Use `call`.")
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()

@@ -1,4 +1,4 @@
-"""Flies a compiled mission: an executor over the parts of its flight, without clock, server or simulator.
+"""Executes a compiled mission part by part, without clock, server or simulator.
 
 Whoever drives it calls `tick` about ten times a second with what is known of the vehicle, carries out what it
 asks for, and says which of it failed. It acts only while it is in charge: once somebody else flies the
@@ -38,11 +38,11 @@ class Runner(Ending):
     """One flight of a mission.
 
     Args:
-        timeline: compiled for where the vehicle is.
-        name: of the mission.
-        motion: the limits of pauses and of ways to the path; its speed is the one wanted.
-        low_battery_share: below this the mission's action for low battery is taken.
-        corridor: of a dry run; leaving it is told of.
+        timeline: compiled for the vehicle's position.
+        name: name of the mission.
+        motion: limits for pauses and for approaches to the path, with the wanted speed.
+        low_battery_share: at this charge the mission's action for low battery is executed.
+        corridor: corridor of a dry run; leaving it is reported.
     """
 
     def __init__(
@@ -62,10 +62,10 @@ class Runner(Ending):
         self._was_in_air = False
         self._payload_told: set[str] = set()
 
-    # --- what people ask for ----------------------------------------------------------------------
+    # --- requests of clients ----------------------------------------------------------------------
 
     def start(self, now_s: float, reading: Reading) -> list[Request]:
-        """Begins; the one who has control answers for it.
+        """Starts the mission for the client in control.
 
         Raises:
             CannotDo: An estimate is missing that the mission needs.
@@ -82,7 +82,7 @@ class Runner(Ending):
             raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
 
     def pause(self, now_s: float, reading: Reading, by: str) -> list[Request]:
-        """Stands still: on its path in Offboard, or in Hold during take-off and landing."""
+        """Pauses: on the path in Offboard, or in Hold during take-off and landing."""
         part = self._in_charge("pause")
         if isinstance(part, StretchPart):
             self.flight.paused = True
@@ -95,7 +95,7 @@ class Runner(Ending):
         return self._taken()
 
     def resume(self, now_s: float, reading: Reading, by: str) -> list[Request]:
-        """Goes on where it is: along the path, or back to it where the vehicle has left it.
+        """Resumes: along the path, or back to it if the vehicle has left it.
 
         Raises:
             CannotDo: It is neither paused nor suspended, or an estimate is missing.
@@ -124,7 +124,7 @@ class Runner(Ending):
             raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
 
     def skip(self, now_s: float, reading: Reading, by: str) -> list[Request]:
-        """Goes on with the next step; a suspended mission would be resumed there.
+        """Continues with the next step; a suspended mission will resume there.
 
         Raises:
             CannotDo: The vehicle is on the ground and the step is its take-off.
@@ -144,10 +144,10 @@ class Runner(Ending):
         return self._taken()
 
     def go_on(self, by: str) -> list[Request]:
-        """A person's answer to a wait.
+        """Continues after a wait for the operator.
 
         Raises:
-            CannotDo: Nobody is asked.
+            CannotDo: The mission is not waiting for the operator.
         """
         part = self._part
         if self._suspended or not isinstance(part, StretchPart) or not part.answer():
@@ -158,9 +158,9 @@ class Runner(Ending):
         return self._taken()
 
     def abort(self, reading: Reading, by: str, then: str = "hold") -> list[Request]:
-        """Ends it; the vehicle holds, returns or lands.
+        """Aborts the mission; the vehicle holds, returns or lands.
 
-        A mission that is not in charge ends without a command, unless it is to return or land.
+        A mission that does not fly the vehicle ends without a command, unless `then` is return or land.
         """
         self._require_not_over("abort")
         flies = not reading.on_ground or bool(reading.armed)
@@ -195,12 +195,12 @@ class Runner(Ending):
     # --- time -------------------------------------------------------------------------------------
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
-        """What is to be done now."""
+        """Updates with a reading; returns the requests to execute."""
         self._look(now_s, reading)
         return self._taken()
 
     def failed(self, request: Request, reading: Reading, text: str) -> list[Request]:
-        """A request was not carried out."""
+        """Handles a failed request."""
         text = text.rstrip(".")
         if self._over is not None:
             self._tell("failed", f"{text}.", warning=True)
@@ -220,7 +220,7 @@ class Runner(Ending):
         return self._taken()
 
     def status(self, reading: Reading) -> RunnerStatus:
-        """How it stands."""
+        """Status of the mission."""
         flight, part = self.flight, self._part
         segment, deviation_m = flight.segment, None
         state = self._over or ("ready" if part is None else "suspended" if self._suspended else part.state)
@@ -242,10 +242,10 @@ class Runner(Ending):
 
     @property
     def in_charge(self) -> bool:
-        """Whether it flies the vehicle."""
+        """Whether the mission flies the vehicle."""
         return self._part is not None and not self._suspended and self._over is None
 
-    # --- inside: one look -------------------------------------------------------------------------
+    # --- inside: one update -----------------------------------------------------------------------
 
     def _look(self, now_s: float, reading: Reading) -> None:
         part = self._part
@@ -317,18 +317,18 @@ class Runner(Ending):
         self._out += release_gimbal(self.flight)
         self._end("done", None)
 
-    # --- inside: who is in charge -----------------------------------------------------------------
+    # --- inside: mode changes ---------------------------------------------------------------------
 
     def _taken_over(self, reading: Reading) -> None:
-        """Somebody else flies the vehicle: nothing is commanded."""
+        """Suspends: another party flies the vehicle, so nothing is commanded."""
         self._out.append(StopStream())
         self._suspend(who_took_over(reading))
 
     def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
-        """The vehicle is heard again; True: nothing else is to be done at this look.
+        """Handles a restored link; True: this update is complete.
 
-        PX4 flies take-off and landing by itself. A stream has ended with the link, and PX4 or the stream has
-        put the vehicle into a mode: only from a Hold of nobody else's does the mission go on.
+        PX4 flies take-off and landing by itself. The stream has ended with the link, and PX4 or the stream
+        has changed the mode: the mission continues only from a Hold that no other party commanded.
         """
         if not part.in_offboard or reading.stream == "flying":
             return False
@@ -345,10 +345,10 @@ class Runner(Ending):
             self._act(action, "The link was lost and is back", reading)
         return True
 
-    # --- inside: what is done ---------------------------------------------------------------------
+    # --- inside: actions --------------------------------------------------------------------------
 
     def _act(self, action: str, why: str, reading: Reading) -> None:
-        """What the mission does when something is wrong; a landing always goes on."""
+        """Executes the mission's action for a problem; a landing always continues."""
         if action == "pause":
             self.flight.paused = True
             self._tell("control_taken", f"{why}: paused.", warning=True)

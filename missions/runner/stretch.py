@@ -1,4 +1,4 @@
-"""A stretch of a mission that is flown by setpoints of ours, or waited through on the ground."""
+"""A part of a mission that is flown by setpoints, or a wait on the ground."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ from missions.runner.requests import Play, Request, Steer, Tell
 from missions.runner.script import Played, Steering
 
 AHEAD_S = 60.0
-"""So much of the flight is handed over in advance: whatever delays the rest changes nothing meanwhile."""
+"""Segments are sent to the stream this far ahead, so that a stalled event loop does not affect the flight."""
 HELD_BACK_TOLD_S = 2.0
-"""A vehicle that is held back for so long is told of."""
+"""A vehicle that is held back for this long is reported."""
 RENEW_S = 0.5
-"""The stream is told so often that somebody looks after it."""
+"""Period in which the stream is renewed."""
 STARTS_WITHIN_S = 40.0
 
 
 class StretchPart(Part):
-    """From the flight's present place to the next take-off or landing, or to the end."""
+    """From the current segment to the next take-off or landing, or to the end."""
 
     def __init__(self, flight: Flight) -> None:
         super().__init__(flight)
         self._first = self._base = self._sent = flight.index
         self._number = 0
         self._local: Player | None = None
-        """On the ground nothing is streamed: waits and pictures are gone through here."""
+        """Whether the vehicle is on the ground, where nothing is streamed."""
         self._began_s = self._steered_s = self._last_s = 0.0
         self._mode_before: str | None = None
         self._flying = False
         self._go_past = 0
         self._steered: tuple[bool, int] = (False, 0)
         self._stop_for: int | None = None
-        """Once it stands still it goes on with this segment."""
+        """Segment with which to continue after the stop."""
         self._watch: ConditionWatch | None = None
         self._watched = -1
         self._waited_s = 0.0
         self._answered = False
         self._played: Played | None = None
         self._held_back_s = 0.0
-        """For how long the vehicle has been held back."""
+        """Duration for which the vehicle has been held back [s]."""
 
-    # --- what people ask for ----------------------------------------------------------------------
+    # --- requests of clients ----------------------------------------------------------------------
 
     def answer(self) -> bool:
-        """A person says to go on; False: nobody was asked."""
+        """Continues after a wait for the operator; False: there is no such wait."""
         if self.question is None:
             return False
         self._answered = True
@@ -71,12 +71,12 @@ class StretchPart(Part):
         self._answered = True
 
     def skip(self) -> None:
-        """Stands still, then goes on with the next step."""
+        """Stops, then continues with the next step."""
         self._stop_for = self.flight.course.next_step(self.flight.index)
         self.flight.paused = False
 
     def resume(self) -> None:
-        """Goes on along the path; off the path, with the next segment."""
+        """Resumes along the path; away from the path, with the next segment."""
         self.flight.paused = False
         if self._played is not None and self._played.diverted:
             self._stop_for = self.flight.index + 1
@@ -98,7 +98,7 @@ class StretchPart(Part):
 
     @property
     def played(self) -> Played | None:
-        """How far the present script has been flown."""
+        """Progress of the current script."""
         return self._played
 
     def deviation_m(self, reading: Reading) -> float | None:
@@ -166,7 +166,7 @@ class StretchPart(Part):
         return next((s for s in segments if not isinstance(s, HoldSegment | WaitSegment)), None)
 
     def _look(self, now_s: float, reading: Reading) -> Played | None:
-        """How far the script has been flown; None while it is not."""
+        """Progress of the script; None while it is not flown."""
         if self._local is not None:
             self._local.at(now_s)
             self._played = self._local.played
@@ -186,7 +186,7 @@ class StretchPart(Part):
         return played
 
     def _go_on_with(self, index: int, now_s: float, reading: Reading) -> list[Request]:
-        """It stands still: from here on another segment."""
+        """Continues with another segment after the stop."""
         self.flight.move_to(index)
         self._forget_wait()
         course = self.flight.course
@@ -197,7 +197,7 @@ class StretchPart(Part):
         return self._play(now_s, reading)
 
     def _wait(self, now_s: float, dt_s: float, reading: Reading, played: Played) -> list[Request]:
-        """Goes on past a wait that is over."""
+        """Continues after a wait that has ended."""
         segment = self.flight.segment
         if not played.waiting or not isinstance(segment, WaitSegment) or played.index < self._go_past:
             return []
@@ -238,7 +238,7 @@ class StretchPart(Part):
         self._watched = -1
 
     def _append(self, now_s: float, reading: Reading) -> tuple[Segment, ...]:
-        """The next segments, in time; decides where the way parts; finds the end."""
+        """Sends the next segments in time, decides branches, and detects the end."""
         course, index = self.flight.course, self.flight.index
         if index >= len(course.segments) and course.decision is not None and not self.flight.paused:
             self._decide(now_s, reading)
@@ -263,7 +263,7 @@ class StretchPart(Part):
             self._forget_wait()
 
     def _steer(self, now_s: float, appended: tuple[Segment, ...]) -> list[Request]:
-        """Where something has changed, and now and then."""
+        """Sends the pause state when it changes, and periodically."""
         wanted = (self.flight.paused or self._stop_for is not None, self._go_past)
         if not appended and wanted == self._steered and now_s - self._steered_s < RENEW_S:
             return []

@@ -1,4 +1,4 @@
-"""A real Chromium before a real station: starting it, using it, and what must never happen in it."""
+"""Starts and uses a real Chromium with a real server, and checks for errors that must never happen in it."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ ARGUMENTS = [
     "--disable-gpu-compositing",
     "--disable-background-networking",
 ]
-"""WebGL is drawn in software, and only WebGL: to lay the page out through it too costs a core."""
+"""Only WebGL is drawn in software: compositing the page in software too would cost a core."""
 PATIENCE_MS = 30_000
 """Chromium draws in software here, and the machine may do other things besides."""
 
 COARSE = 0.5
-"""Device pixels a CSS pixel: the layout is the same, map and 3D view cost the processor a fourth."""
+"""Device pixels per CSS pixel: the layout is the same, and map and 3D view need a quarter of the CPU time."""
 
 MAX_TABS = 80
 
@@ -58,7 +58,7 @@ READ_CANVAS = """
   done({ drawn: drawn / (pixels.length / 4), colours: colours.size });
 }))
 """
-"""Read in the frame that has just been rendered: later the browser has taken the buffer away."""
+"""Read in the frame that has just been rendered: later the browser has cleared the buffer."""
 
 
 @contextlib.contextmanager
@@ -90,7 +90,7 @@ def press(control: Locator, key: str) -> None:
 
 
 class Watched:
-    """Everything a page asked for and complained of."""
+    """All requests and errors of a page."""
 
     def __init__(self, page: Page, url: str) -> None:
         self.complaints: list[str] = []
@@ -237,7 +237,7 @@ def tab_to(page: Page, name: str) -> None:
 
 
 def serious_violations(page: Page) -> list[str]:
-    """What axe-core holds against the page, serious or critical; empty is good."""
+    """Serious and critical violations that axe-core finds in the page."""
     build_page.install(REPOSITORY)
     source = (REPOSITORY / "web" / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
     page.evaluate(f"{source}; void 0")

@@ -227,7 +227,7 @@ class Autopilot:
     def _steer_offboard(self) -> None:
         setpoint = self.offboard.setpoint
         if self.offboard.invalid:
-            self.navigator.sink()
+            self.navigator.descend()
         elif setpoint.kind is Kind.ATTITUDE and setpoint.q_ned_frd is not None:
             self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
         elif setpoint.kind is Kind.RATES:

@@ -25,7 +25,7 @@ class FenceWatch:
         self._checked_at_s = -math.inf
 
     def cylinder(self) -> Cylinder:
-        """The limits about home."""
+        """The cylinder around home."""
         radius, height = self.limits()
         home = self._home
         return Cylinder(home.lat_deg, home.lon_deg, home.alt_amsl_m, radius, height)
@@ -40,7 +40,7 @@ class FenceWatch:
         return self._view.choice("GF_ACTION") != 0
 
     def allows(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
-        """Whether a place may be commanded."""
+        """Whether a position is allowed as a command."""
         return not self.active or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
 
     def update(self) -> None:
@@ -59,7 +59,7 @@ class FenceWatch:
         self.breached = breaches(self.zones, self.cylinder(), lat, lon, alt) if self.active else frozenset()
 
     def _point(self) -> tuple[float, float, float]:
-        """Where the vehicle is, or with GF_PREDICT where it could stop."""
+        """Position to check: the current one, or with GF_PREDICT the stopping position."""
         estimate = self._view.estimate
         if self._view.choice("GF_PREDICT") != 1:
             return estimate.lat_deg, estimate.lon_deg, estimate.alt_amsl_m

@@ -1,4 +1,4 @@
-"""Which side of a vehicle points down, and whether it is held still: what a calibration by sides waits for.
+"""Detects which side of a vehicle points down and whether it is held still, for calibrations by sides.
 
 From the accelerometer alone, as PX4's calibration routines find out: a moving average, the largest
 deviation from it that slowly fades, and a time for which that must stay small.
@@ -18,7 +18,7 @@ from vehicle_sim.frames import GRAVITY_M_S2
 AVERAGE_S = 0.5
 """Time constant of the average and of the fading."""
 STILL_M_S2 = 0.25
-"""A smaller deviation is rest, twice as much is motion."""
+"""A smaller deviation counts as rest, twice as much as motion."""
 ORIENTED_WITHIN_M_S2 = 5.0
 SMOOTHING_S = 1.0 / (2.0 * math.pi * 30.0)
 """The readings pass IMU_ACCEL_CUTOFF (30 Hz) first."""
@@ -28,7 +28,7 @@ Vector = tuple[float, float, float]
 
 
 class Side(Enum):
-    """The side that points down, by PX4's words and in its order."""
+    """The side that points down, with PX4's names and order."""
 
     BACK = "back"
     FRONT = "front"
@@ -44,12 +44,12 @@ class Side(Enum):
 
     @property
     def roll_pitch_rad(self) -> tuple[float, float]:
-        """How a vehicle lies on it."""
+        """Attitude of a vehicle on this side."""
         return _LIES[self]
 
     @property
     def sign(self) -> float:
-        """Of the reading on that axis at rest: the specific force points up."""
+        """Sign of the reading on that axis at rest: the specific force points up."""
         return 1.0 if self in (Side.BACK, Side.LEFT, Side.UP) else -1.0
 
 
@@ -61,7 +61,7 @@ _LIES = {
 
 
 class Rest(Enum):
-    """What a reading says."""
+    """Result of a reading."""
 
     WAIT = auto()
     BEGAN = auto()
@@ -71,11 +71,11 @@ class Rest(Enum):
 
 
 class RestDetector:
-    """Waits for a vehicle that is held still.
+    """Detects a vehicle that is held still.
 
     Args:
-        still_s: for so long.
-        tolerance: how many times the usual motion is allowed.
+        still_s: required duration of rest.
+        tolerance: factor on the usual motion that is allowed.
     """
 
     def __init__(self, still_s: float, tolerance: float = 1.0) -> None:
@@ -87,7 +87,7 @@ class RestDetector:
         self._resting_s: float | None = None
 
     def feed(self, accel_frd_m_s2: Vector, dt_s: float) -> Rest:
-        """One more reading, `dt_s` after the last."""
+        """Adds a reading, `dt_s` after the last one."""
         follow, fade = dt_s / (dt_s + SMOOTHING_S), dt_s / AVERAGE_S
         self._smooth = tuple(s + follow * (a - s) for s, a in zip(self._smooth, accel_frd_m_s2, strict=True))
         off = [s - mean for s, mean in zip(self._smooth, self._average, strict=True)]

@@ -1,4 +1,4 @@
-"""IMU, magnetometer, barometer and GPS of N vehicles; all noise of the simulator lives here.
+"""IMU, magnetometer, barometer and GPS of N vehicles; all sensor noise of the simulator.
 
 Rates and noise are those measured on PX4's SIH (baselines of the recordings, disarmed and armed): an IMU
 that shakes ten times as much once motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and
@@ -49,7 +49,7 @@ STALE_SAMPLES = {Driver.BARO: 34, Driver.MAG: 334}
 """A sensor that repeats one value so often is stale: PX4 allows a barometer a hundred equal numbers (1.7 s,
 as recorded) and a magnetometer a thousand (6.7 s), and counts three a sample."""
 BARO_TEMPERATURE_DEG_C = 11.82
-"""What SCALED_PRESSURE says at home: 15 degrees at sea level, 6.5 degrees a kilometre less."""
+"""Temperature in SCALED_PRESSURE at home: 15 degrees at sea level, 6.5 degrees a kilometre less."""
 
 _SEA_LEVEL_PA = 101325.0
 _SEA_LEVEL_K = 288.15
@@ -72,7 +72,7 @@ class SensorSuite:
     Args:
         dt_s: step.
         home: where local NED (0, 0, 0) lies.
-        seed: of the noise.
+        seed: seed of the noise.
         vehicles: the number of each vehicle (`WhiteNoise`).
         noise: False for perfect sensors at the same rates.
     """
@@ -86,7 +86,7 @@ class SensorSuite:
         self._baro_white = WhiteNoise(seed, vehicles, NoiseOf.BARO, 1)
         self._gps_white = WhiteNoise(seed, vehicles, NoiseOf.GPS, 6)
         self._strength = np.zeros((count, 1))
-        """(N, 1) how many times the noise measured on PX4's SIH."""
+        """(N, 1) factor on the noise measured on PX4's SIH."""
         self._mag_sigma = np.zeros((count, 3))
         self._baro_sigma_m = np.zeros((count, 1))
         self._gps_sigma = np.zeros((count, 6))
@@ -99,7 +99,7 @@ class SensorSuite:
         self._baro_offset_deg_c = np.zeros(count)
         self._repeats = {driver: np.zeros(count, dtype=np.int64) for driver in STALE_SAMPLES}
         self._speaks = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
-        """Whose driver runs; a stopped one leaves its sensor's last sample standing."""
+        """Whether each driver runs; a stopped driver keeps its sensor's last sample."""
         self._gyro_offset, self._accel_offset = np.zeros((count, 3)), np.zeros((count, 3))
         self._accel_scale = np.ones((count, 3))
         self._mag_calibration, self._mag_scale = np.zeros((count, 3)), np.ones((count, 3))
@@ -109,12 +109,12 @@ class SensorSuite:
         self._turned = False
         """Whether any vehicle's board is not level."""
         self._corrects = False
-        """Whether any vehicle's calibration takes something off."""
+        """Whether any vehicle has a calibration."""
         self._imu_noise = np.zeros((count, 6))
         self._gyro_noise, self._accel_noise = self._imu_noise[:, :3], self._imu_noise[:, 3:]
         self._imu_sigma = np.zeros((count, 6))
         self._imu_sigma_armed_by = b""
-        """Which vehicles were armed when `_imu_sigma` was chosen; empty: choose anew."""
+        """Which vehicles were armed when `_imu_sigma` was chosen; empty: choose again."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_strength(1.0 if noise else 0.0)
@@ -168,7 +168,7 @@ class SensorSuite:
         )
 
     def set_noise(self, i: int, strength: float) -> None:
-        """Let the sensors of vehicle `i` be so many times as noisy as PX4's SIH; 0: perfect.
+        """Sets the noise of vehicle `i` as a factor on PX4's SIH; 0: no noise.
 
         Raises:
             ValueError: negative or no number.
@@ -186,15 +186,15 @@ class SensorSuite:
         self._imu_sigma_armed_by = b""
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
-        """Cover the antenna of vehicle `i`: its receiver goes on reporting, without a fix."""
+        """Blocks the antenna of vehicle `i`: its receiver reports, but has no fix."""
         self._gps_enabled[i] = enabled
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Let the receiver of vehicle `i` repeat its last fix for ever, or measure again."""
+        """Makes the receiver of vehicle `i` repeat its last fix, or measure again."""
         self.faults.stuck[Driver.GPS][i] = stuck
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
-        """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
+        """Adds an offset (3,) to the GPS position of vehicle `i`: a glitch."""
         self.faults.gps_offset_ned_m[i] = offset_ned_m
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
@@ -269,7 +269,7 @@ class SensorSuite:
         state.baro_count += 1
 
     def _drop_stale(self, driver: Driver, fresh: BoolArray, stale: BoolArray) -> None:
-        """Use a stuck sensor no more after too many samples; without noise every sensor repeats itself."""
+        """Stops using a stuck sensor after too many equal samples; not without noise."""
         stuck, repeats = self.faults.stuck[driver], self._repeats[driver]
         if not (any_of(stuck) or any_nonzero(repeats)):
             return
@@ -288,7 +288,7 @@ class SensorSuite:
         fresh = state.gps_fresh
         fresh[:] = self._speaks[Driver.GPS]
         fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
-        # With too few satellites PX4's simulated receiver goes on telling where it is, as no fix.
+        # With too few satellites PX4's simulated receiver still reports its position, without a fix.
         measured = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]
         np.copyto(state.gps_lat_deg, lat, where=measured)
         np.copyto(state.gps_lon_deg, lon, where=measured)

@@ -1,4 +1,4 @@
-"""Commands of a person: each succeeds when the vehicle's own state shows it.
+"""Commands to a vehicle: each succeeds when the vehicle's own state shows it.
 
 Deadlines hold at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every repeated
 message requests a state or names a target, so a second copy changes nothing. A newer command ends an older
@@ -29,12 +29,12 @@ TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0
 STATE_DEADLINE_S = 6.0
 LIFT_DEADLINE_S = 12.0
 HOME_DEADLINE_S = 3.0
-ASKED_FOR_S = STATE_DEADLINE_S + HOME_DEADLINE_S
+MODE_CHANGE_WITHIN_S = STATE_DEADLINE_S + HOME_DEADLINE_S
 """Longest time between a command and its mode change."""
 NAN = math.nan
 REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
-SAME_PLACE_M = 3.0
+SAME_POSITION_M = 3.0
 _target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 
 
@@ -75,7 +75,7 @@ class CommandService:
         asked = self._asked
         if asked is None or asked.mode != mode:
             return None
-        return asked if self._vehicle.clock.monotonic_s() - asked.since_s <= ASKED_FOR_S else None
+        return asked if self._vehicle.clock.monotonic_s() - asked.since_s <= MODE_CHANGE_WITHIN_S else None
 
     async def arm(self, *, progress: ReportProgress | None = None) -> None:
         """Arms; returns once the vehicle reports that it is armed."""
@@ -331,7 +331,7 @@ class CommandService:
                 return False
             _, lat, lon, alt_m, *_ = _target.unpack(newest[0])
             off_m = distance_m(lat / 1e7, lon / 1e7, lat_deg, lon_deg)
-            return off_m < SAME_PLACE_M and abs(alt_m - alt_amsl_m) < SAME_PLACE_M
+            return off_m < SAME_POSITION_M and abs(alt_m - alt_amsl_m) < SAME_POSITION_M
 
         return reached
 

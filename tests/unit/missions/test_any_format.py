@@ -1,4 +1,4 @@
-"""A file is read by what it holds, whatever it is called."""
+"""The format of a file is recognised by its content, not by its name."""
 
 import json
 from pathlib import Path
@@ -53,7 +53,7 @@ def test_a_format_that_cannot_hold_this_kind_of_plan_says_which_can():
         any_format.write("yaml", PLAN)
 
 
-def test_comments_that_are_lost_are_said():
+def test_lost_comments_are_reported():
     assert "comments" in any_format.read("yaml", TOWER.read_bytes()).notes[0]
 
 

@@ -14,13 +14,13 @@ positions = st.tuples(metres, metres, st.floats(-500, 500))
 latitudes, longitudes = st.floats(-80, 80), st.floats(-180, 180)
 
 
-def test_a_degree_north_is_the_sixtieth_part_of_sixty_degrees():
+def test_a_degree_north_is_one_degree_of_arc_on_the_sphere():
     assert distance_m(47.0, 8.0, 48.0, 8.0) == pytest.approx(math.radians(1) * EARTH_RADIUS_M)
     assert ORIGIN.to_ned(48.4, 8.5, 480.0) == pytest.approx((math.radians(1) * EARTH_RADIUS_M, 0.0, 0.0))
 
 
 @given(latitudes, longitudes, positions)
-def test_a_position_survives_the_way_to_the_earth_and_back(lat, lon, position):
+def test_a_position_converted_to_geodetic_and_back_is_unchanged(lat, lon, position):
     origin = LocalOrigin(lat, lon, 100.0)
     assert origin.to_ned(*origin.to_geodetic(position)) == pytest.approx(position, abs=1e-4)
 

@@ -1,4 +1,4 @@
-"""Patterns as JSON: each kind gives its items, and what cannot be names the field."""
+"""Patterns as JSON: each kind gives its items, and an invalid value is refused with its field."""
 
 import json
 
@@ -52,7 +52,7 @@ def test_each_kind_gives_items_that_are_flown_to(kind):
         ("structure", {"height_m": 0}, "height_m"),
     ],
 )
-def test_what_cannot_be_names_the_place_and_a_fix(kind, changes, place):
+def test_an_invalid_value_is_refused_with_its_field_and_a_fix(kind, changes, place):
     with pytest.raises(PlanError) as raised:
         document.make(document.read(text(kind, **changes)))
     assert place in raised.value.place

@@ -1,4 +1,4 @@
-"""Follow Target: where the vehicle flies beside somebody who tells where he is."""
+"""Follow Target: the vehicle flies beside the sender of FOLLOW_TARGET."""
 
 import math
 
@@ -13,7 +13,7 @@ M_PER_DEG = 111_195.0
 
 
 @pytest.mark.story
-def test_it_flies_behind_a_walker_looks_at_him_and_holds_without_him() -> None:
+def test_it_follows_a_walking_target_faces_it_and_holds_when_it_is_lost() -> None:
     s = Station(parameters={"FLW_TGT_DST": 8.0, "FLW_TGT_HT": 9.0})
     s.fly_to(10.0)
     home = s.sim.simulation.home
@@ -43,7 +43,7 @@ def test_it_flies_behind_a_walker_looks_at_him_and_holds_without_him() -> None:
 
 
 class Beacon(Station):
-    """A station that says where somebody stands, five times a second."""
+    """A station that sends the target's position five times a second."""
 
     def __init__(self, north_m: float, alt_home_m: float, **parameters: float) -> None:
         super().__init__(parameters=parameters, sensor_noise=False)
@@ -65,7 +65,7 @@ class Beacon(Station):
         return float(self.sim.simulation.truth.position_ned_m[0, 0])
 
 
-def test_it_comes_to_its_height_before_it_moves_over_the_ground() -> None:
+def test_it_reaches_its_height_before_it_moves_horizontally() -> None:
     s = Beacon(60.0, 0.0, FLW_TGT_HT=16.0)
     s.fly_to(5.0)
     s.command(176, 1, 4, 8)

@@ -1,4 +1,4 @@
-"""Follow Target: beside whoever sends FOLLOW_TARGET, at the distance, angle and height of FLW_TGT_*.
+"""Follow Target: flies beside the sender of FOLLOW_TARGET, at the distance, angle and height of FLW_TGT_*.
 
 Where the target is comes through a filter of second order (FLW_TGT_RS is its time); the vehicle keeps its
 angle to the target's course and goes around it no faster than FLW_TGT_MAX_VEL. With no target it holds.
@@ -19,15 +19,15 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 LOST_AFTER_S = 3.0
-"""Without a message for so long the target is lost."""
+"""The target is lost after this time without a message."""
 COURSE_FROM_M_S = 1.0
-"""A slower target has no course; the last one counts."""
-LOWEST_M = 1.0
-"""Nearer to the ground than this the vehicle stops and climbs,"""
+"""Below this speed the target's last course is kept."""
+MIN_HEIGHT_M = 1.0
+"""Below this height the vehicle stops and climbs."""
 AWAY_FROM_GROUND_M_S = 0.5
-"""this fast."""
+"""Climb speed below the minimum height."""
 HEIGHT_FIRST_M = 3.0
-"""Farther from its height than this it does not move over the ground."""
+"""With a larger height error than this, the vehicle does not move horizontally."""
 ABOVE_HOME, ABOVE_TERRAIN, ABOVE_TARGET = range(3)
 """FLW_TGT_ALT_M."""
 _NONE = (math.nan, math.nan, math.nan)
@@ -35,7 +35,7 @@ YAW_FROM_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class TargetMessage:
     """The newest FOLLOW_TARGET."""
 
     at_s: float
@@ -65,22 +65,22 @@ class Follow:
 
     def __init__(self, view: VehicleView, path: Path, row: SetpointRow, home: Home) -> None:
         self._view, self._path, self._row, self._home = view, path, row, home
-        self._heard: Heard | None = None
+        self._heard: TargetMessage | None = None
         self._target: tuple[_Filtered, _Filtered, _Filtered] | None = None
         self._course_rad = math.nan
         self._angle_rad = 0.0
-        """From the target to the vehicle, as flown: it turns to the wanted one at a limited speed."""
+        """Current angle from the target to the vehicle; it changes to the wanted angle at a limited speed."""
 
     def hear(
         self, lat_deg: float, lon_deg: float, alt_amsl_m: float, velocity_ned_m_s: tuple[float, float, float]
     ) -> None:
-        """Take a message over; one without a place is none."""
+        """Stores a message; a message without a position is ignored."""
         if is_place(lat_deg, lon_deg) and math.isfinite(alt_amsl_m):
             vn, ve, vd = (each if math.isfinite(each) else 0.0 for each in velocity_ned_m_s)
-            self._heard = Heard(self._view.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
+            self._heard = TargetMessage(self._view.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
 
     def enter(self) -> None:
-        """Begin with what is heard next."""
+        """Starts with the next message."""
         self._target, self._course_rad = None, math.nan
 
     @property
@@ -89,7 +89,7 @@ class Follow:
         return self._heard is not None and self._view.time_s - self._heard.at_s < LOST_AFTER_S
 
     def run(self) -> None:
-        """One tick beside the target, or of waiting for one."""
+        """One tick: follows the target, or waits for one."""
         if self._heard is None or not self.tracks:
             if self._target is not None:
                 self._target = None
@@ -111,7 +111,7 @@ class Follow:
         yaw = self._path.yaw
         here_n, here_e, here_d = self._view.estimate.position_ned_m
         goal = self._goal_down_m(down.position_m)
-        if self._above_ground_m < LOWEST_M:
+        if self._above_ground_m < MIN_HEIGHT_M:
             position, speed = (math.nan, math.nan, here_d), (0.0, 0.0, -AWAY_FROM_GROUND_M_S)
         elif abs(goal - here_d) >= HEIGHT_FIRST_M:
             position, speed = (here_n, here_e, goal), (0.0, 0.0, math.nan)
@@ -121,14 +121,14 @@ class Follow:
 
     @property
     def _above_ground_m(self) -> float:
-        """By the range finder, or above home where that sees nothing."""
+        """Height by the range finder, or above home if that has no measurement."""
         estimate = self._view.estimate
         if math.isfinite(estimate.height_above_ground_m):
             return estimate.height_above_ground_m
         return self._home.position_ned_m[2] - estimate.position_ned_m[2]
 
     def _goal_down_m(self, target_down_m: float) -> float:
-        """FLW_TGT_HT above what FLW_TGT_ALT_M names."""
+        """FLW_TGT_HT above the reference of FLW_TGT_ALT_M."""
         height_m, choice = self._view.parameter("FLW_TGT_HT"), self._view.choice("FLW_TGT_ALT_M")
         if choice == ABOVE_TARGET:
             return target_down_m - height_m
@@ -136,8 +136,8 @@ class Follow:
             return self._view.estimate.position_ned_m[2] + self._above_ground_m - height_m
         return self._home.position_ned_m[2] - height_m
 
-    def _where(self, heard: Heard) -> tuple[_Filtered, _Filtered, _Filtered]:
-        """The target now, carried on from its last message."""
+    def _where(self, heard: TargetMessage) -> tuple[_Filtered, _Filtered, _Filtered]:
+        """Current target position, extrapolated from its last message."""
         lat, lon, alt = self._view.origin
         n, e = to_local(heard.lat_deg, heard.lon_deg, lat, lon)  # type: ignore[arg-type]
         age_s = self._view.time_s - heard.at_s
@@ -164,7 +164,7 @@ class Follow:
             self._course_rad = math.atan2(east.velocity_m_s, north.velocity_m_s)
 
     def _step_around(self, distance_m: float) -> float:
-        """Turn the angle on towards the wanted one; a target that never moved is kept at the side it is."""
+        """Turns the angle towards the wanted one; for a target that never moved the angle is kept."""
         if math.isnan(self._course_rad):
             return 0.0
         wanted = self._course_rad + math.radians(self._view.parameter("FLW_TGT_FA"))

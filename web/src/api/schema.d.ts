@@ -11042,7 +11042,7 @@ export interface components {
             too_old: number;
             /**
              * Too Many Streams
-             * @description Refused: one sender too many with this key.
+             * @description Refused: more senders with this key than the server can track.
              */
             too_many_streams: number;
         };

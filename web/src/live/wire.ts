@@ -1,4 +1,4 @@
-/** The telemetry socket's frames, checked at the door so that nothing behind it meets a wrong shape. */
+/** The telemetry socket's frames, validated on arrival. */
 
 import type { components } from '../api/schema';
 
@@ -68,7 +68,7 @@ function isReplay(value: unknown): value is Replay {
   );
 }
 
-/** One frame out of a socket message; null for what we do not know (a newer server may say more). */
+/** One frame of a socket message; null for unknown frames (a newer server may send more types). */
 export function parseFrame(data: string): Frame | null {
   let raw: unknown;
   try {

@@ -42,21 +42,21 @@ export interface Group {
   scalar?: boolean;
 }
 
-/** What may be said of the yaw beside the rest. */
+/** How the yaw can be given. */
 export type YawWays = 'angle_or_rate' | 'offset' | 'follow' | 'none';
 
 export interface KindSpec {
   kind: Kind;
   name: string;
   frame: string;
-  /** What this kind does not look after; said where it is chosen. */
+  /** Warning about what this type does not control; shown where the type is chosen. */
   care: string | null;
   groups: readonly Group[];
   yaw: YawWays;
 }
 
 const RAD = Math.PI / 180;
-const FT_HIGH = 'Altitude and position are not held: the vehicle drifts, climbs or descends.';
+const NOT_HELD = 'Altitude and position are not held: the vehicle drifts, climbs or descends.';
 
 function axes(
   prefix: string,
@@ -80,7 +80,7 @@ const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust', unit
 
 const PLACE = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP));
 const SPEED = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP));
-const PUSH = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP));
+const ACCELERATION = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP));
 
 export const KINDS: readonly KindSpec[] = [
   { kind: 'position', name: 'Position', frame: 'local, from its origin', care: null, groups: [PLACE], yaw: 'angle_or_rate' },
@@ -125,7 +125,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Acceleration',
     frame: 'local, north east up',
     care: 'The speed grows for as long as the setpoint is valid.',
-    groups: [PUSH],
+    groups: [ACCELERATION],
     yaw: 'angle_or_rate',
   },
   {
@@ -137,14 +137,14 @@ export const KINDS: readonly KindSpec[] = [
     groups: [
       { ...PLACE, nullable: true },
       { ...SPEED, title: 'Velocity (or feed-forward)', nullable: true, optional: true },
-      { ...PUSH, title: 'Acceleration (or feed-forward)', nullable: true, optional: true },
+      { ...ACCELERATION, title: 'Acceleration (or feed-forward)', nullable: true, optional: true },
     ],
   },
   {
     kind: 'attitude',
     name: 'Attitude',
     frame: 'relative to the horizon',
-    care: FT_HIGH,
+    care: NOT_HELD,
     yaw: 'none',
     groups: [
       group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll, right down', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
@@ -158,7 +158,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'rates',
     name: 'Body rates',
     frame: 'about the body axes',
-    care: 'Not levelled: the vehicle keeps turning. ' + FT_HIGH,
+    care: 'Not levelled: the vehicle keeps turning. ' + NOT_HELD,
     yaw: 'none',
     groups: [
       group('rates_frd_rad_s', 'Rates', [
@@ -181,7 +181,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'thrust_torque',
     name: 'Thrust and torque',
     frame: 'body axes, −1 to 1',
-    care: FT_HIGH,
+    care: NOT_HELD,
     yaw: 'none',
     groups: [
       group(
@@ -196,7 +196,7 @@ export const KINDS: readonly KindSpec[] = [
       ),
     ],
   },
-  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', care: FT_HIGH, groups: [], yaw: 'none' },
+  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', care: NOT_HELD, groups: [], yaw: 'none' },
 ];
 
 export function specOf(kind: Kind): KindSpec {

@@ -1,4 +1,4 @@
-/** Recordings and the time bar as plain values: where a moment lies on it, what is marked there, how it is said. */
+/** Recordings and the time bar as plain values: where a moment lies on it, its marks, and their texts. */
 
 import type { components } from '../../api/schema';
 import type { Replay } from '../../live/wire';
@@ -21,7 +21,7 @@ export function bounds(replay: Replay): { begin_s: number; end_s: number } | nul
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }
 
-/** Whether a replay is at a moment that was asked for, or has played on from there since it was. */
+/** Whether a replay has reached a requested time, or has played on from there. */
 export function hasArrived(replay: Replay, wanted_unix_s: number): boolean {
   const past_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - wanted_unix_s;
   return past_s >= -0.5 && past_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
@@ -74,7 +74,7 @@ function said(message: Said): string {
   return message.severity <= SERIOUS ? `${SEVERITIES[message.severity] ?? ''}: ${message.text}` : message.text;
 }
 
-/** What was at a moment, in words: mode, and the most severe message within `near_s` of it. */
+/** Mode at a time, and the most severe message within `near_s` of it, as text. */
 export function wordsAt(marks: VehicleMarks | null, unix_s: number, near_s: number): { mode: string; armed: boolean; message: string } {
   const within = (span: { begin_unix_s: number; end_unix_s: number }): boolean => span.begin_unix_s <= unix_s && unix_s <= span.end_unix_s;
   const mode = marks?.modes.filter(within).at(-1)?.mode_label ?? '';
@@ -83,7 +83,7 @@ export function wordsAt(marks: VehicleMarks | null, unix_s: number, near_s: numb
   return { mode, armed: marks?.armed.some(within) ?? false, message: most === null ? '' : said(most) };
 }
 
-/** Moments worth jumping to: changes of mode, arming, and what was said with a warning or worse. */
+/** Moments worth jumping to: changes of mode, arming, and messages of warning or worse. */
 export function moments(marks: VehicleMarks | null): number[] {
   if (marks === null) return [];
   const all = [
@@ -100,7 +100,7 @@ export function neighbour(all: readonly number[], unix_s: number, way: 1 | -1): 
   return (way === 1 ? all.find((t) => t > unix_s + margin_s) : all.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
 }
 
-/** What a key on the bar asks for: a moment; null for a key that is none of its. */
+/** The time that a key on the bar selects; null for other keys. */
 export function keyTarget(key: string, shift: boolean, at_s: number, begin_s: number, end_s: number): number | null {
   const step = shift ? LONG_STEP_S : STEP_S;
   switch (key) {

@@ -1,4 +1,4 @@
-"""Each kind of setpoint as PX4 reads it, taken apart by somebody else's decoder."""
+"""Each setpoint type as PX4 reads it, decoded by an independent decoder."""
 
 import math
 import struct
@@ -46,7 +46,7 @@ def ignored(values, bits, mask):
     return tuple(None if mask & bit else value for value, bit in zip(values, bits, strict=True))
 
 
-# The seed's rows with the masks of PX4's documentation.
+# Setpoints with the type masks of PX4's documentation.
 ROWS = [
     (Position((1.0, 2.0, -3.0), yaw_ned_rad=0.5), 84, 1, 2552),
     (Position((1.0, 2.0, -3.0), yaw_rate_ned_rad_s=0.5), 84, 1, 1528),
@@ -75,7 +75,7 @@ POSITION, VELOCITY, ACCELERATION = (1, 2, 4), (8, 16, 32), (64, 128, 256)
 
 
 @given(partial, partial, partial, axis, axis)
-def test_what_is_none_is_ignored_and_the_rest_arrives(position, velocity, acceleration, yaw, rate):
+def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, acceleration, yaw, rate):
     m = read(Trajectory(position, velocity, acceleration, yaw, rate))
     assert ignored((m.x, m.y, m.z), POSITION, m.type_mask) == position
     assert ignored((m.vx, m.vy, m.vz), VELOCITY, m.type_mask) == velocity
@@ -131,7 +131,7 @@ def test_only_the_time_changes_between_sendings():
     assert struct.unpack("<I", late[:4])[0] == int(5e9) & 0xFFFFFFFF
 
 
-def test_what_no_message_carries_has_no_encoder():
+def test_types_without_a_mavlink_message_have_no_encoder():
     assert {"thrust_torque", "actuators"}.isdisjoint(mavlink.MAVLINK_CARRIES)
     with pytest.raises(KeyError):
         mavlink.encode(Actuators((0.5,)), TARGET)
