@@ -106,7 +106,7 @@ def test_sensors_that_fall_silent_stop_it_and_it_flies_on_when_they_are_back():
     for _ in range(round(6.0 / STEP_S)):
         course.step(Wanted(GOAL, yaw_ned_rad=0.0))
     assert course.adjusted.state == "stopped"
-    assert "No obstacle sensor" in course.adjusted.text
+    assert "No obstacle measurement" in course.adjusted.text
     assert math.hypot(*course.velocity) < 0.1
     course.blind = False
     course.fly(GOAL)
