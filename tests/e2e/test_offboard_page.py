@@ -196,7 +196,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         room = open_room(page)
         room.get_by_role("button", name="Gamepad").click()
         expect(room.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
-        room.get_by_role("button", name="Start, hovering").click()
+        room.get_by_role("button", name="Start hovering").click()
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
         room.get_by_role("button", name="Use the sticks").click()

@@ -39,7 +39,7 @@ DROP = """
   for (const type of ['dragover', 'drop']) document.body.dispatchEvent(new DragEvent(type, options));
 }
 """
-MAP = "Map from above. Arrows move the crosshair, Enter opens what can be done there, plus and minus zoom."
+MAP = "Map from above. Arrows move the crosshair, Enter opens the menu for its position, plus and minus zoom."
 
 
 @pytest.fixture(scope="module")

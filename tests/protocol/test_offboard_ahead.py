@@ -164,7 +164,7 @@ def test_limits_of_place_that_cannot_be_kept_are_said_before_anything_flies(jump
             OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="me"
         )
         await seconds(1.5)
-        with pytest.raises(Refused, match="limits cannot be kept"):
+        with pytest.raises(Refused, match="limits cannot be enforced"):
             await vehicle.offboard.start(Order(Attitude(LEVEL, 0.5)))
         assert pilot.commands(176) == []
 

@@ -220,6 +220,6 @@ def test_want_of_descriptors_is_not_taken_for_the_simulators_death(tmp_path, mon
             async with asyncio.timeout(10):
                 await watch
             (notice,) = process.warnings()
-            assert "ended by itself" in notice.text
+            assert "stopped by itself" in notice.text
 
     asyncio.run(story())

@@ -100,4 +100,4 @@ def test_no_more_wait_than_there_is_room_for(monkeypatch):
 
 
 def test_every_task_has_its_function():
-    assert set(tasks.TASKS) == {"check", "compile", "convert", "import", "export", "pattern"}
+    assert set(tasks.TASKS) == {"check", "compile", "compile_roles", "convert", "import", "export", "pattern"}
