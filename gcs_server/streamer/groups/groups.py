@@ -28,8 +28,7 @@ LEAD_S = 0.5
 """Time from the last confirmation to the common start, if the request gives no start."""
 MAX_WAIT_S = 600.0
 """How long a member holds its position for the others before the start, at most."""
-FINDINGS_KEPT = 50
-GROUPS_KEPT = 20
+FINDINGS_KEPT, GROUPS_KEPT = 50, 20
 HOLD_TIMEOUT_S = 10.0
 
 

@@ -156,7 +156,7 @@ def test_every_shipped_world_loads():
         ("name: x\nbox: []", "line 2: box is not known; did you mean boxes?"),
         ("name: x\nname: y", "line 2: name stands here twice"),
         ("name: x\nwalls: [{from_ne_m: [1], to_ne_m: [1, 2], height_m: 1}]", "from_ne_m is [1]; give [north"),
-        ("name: x\nwalls: [{from_ne_m: [1, 2], to_ne_m: [1, 2], height_m: 1}]", "is where the wall begins"),
+        ("name: x\nwalls: [{from_ne_m: [1, 2], to_ne_m: [1, 2], height_m: 1}]", "also the start of the wall"),
         ("name: x\nlidars: {around: maybe}", "lidars.around is 'maybe'; give true or false"),
         ("name: x\nterrain: {grid: {north_m: 0, east_m: 0, spacing_m: 5, heights_m: [[1, 2], [3]]}}",
          "terrain.grid.heights_m must be at least two lists"),
