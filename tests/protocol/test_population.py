@@ -101,7 +101,7 @@ def test_a_vehicle_is_removed_once_it_is_silent_and_comes_back_as_a_new_one(jump
         pilot = world.offboard_pilot(link)
         pilot.fly()
         vehicle = await world.ready()
-        with pytest.raises(Refused, match="is heard"):
+        with pytest.raises(Refused, match="is connected"):
             world.fleet.remove("1", "test")
         await vehicle.offboard.start(order(valid_for_s=600.0))
         pilot.alive = False
