@@ -78,7 +78,7 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
             wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob's leaving")
         anna.keyboard.press("c")
         anna.get_by_role("button", name="Take control by force …").click()
-        expect(anna.get_by_role("alertdialog")).to_contain_text("Bob loses control and is told")
+        expect(anna.get_by_role("alertdialog")).to_contain_text("Bob loses control and is notified")
         hold_space(anna)
         expect(anna.get_by_role("button", name="You have control")).to_be_visible()
         with SyncGcs(url, client="look") as gcs:

@@ -108,8 +108,8 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         room.get_by_label("Valid for, seconds").fill("30")
         room.get_by_role("button", name="Send to group").click()
         wait_until(lambda: flown(8.4), "three metres more", 30)
-        expect(page.get_by_label("Sent setpoints").get_by_role("listitem").first).to_contain_text(
-            "Group · taken"
+        expect(page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first).to_contain_text(
+            "Group · accepted"
         )
         assert in_both_themes(page) == []
         tab_to(page, "Hold group")
@@ -139,7 +139,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
             orders = dict.fromkeys(IDS, setpoints.velocity_ned(0.5, 0, 0))
             with other.group(orders, minimum_separation_m=1, valid_for_s=60):
                 theirs = room.get_by_role("region", name="Group 3")
-                expect(theirs).to_contain_text("of pair")
+                expect(theirs).to_contain_text("from pair")
                 expect(theirs).to_contain_text("Flying")
                 room.get_by_role("button", name="Form", exact=True).click()
                 page.keyboard.press("p")

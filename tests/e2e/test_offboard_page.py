@@ -173,15 +173,15 @@ def test_flown_by_form(browser: Browser, hovering: Station) -> None:
         room.get_by_text("Limits", exact=True).click()
         room.get_by_label("Ground speed, limit").fill("1")
         room.get_by_role("button", name="Set limits").click()
-        expect(room.get_by_text("speed over ground 1 m/s")).to_be_visible()
+        expect(room.get_by_text("ground speed 1 m/s")).to_be_visible()
         room.get_by_role("button", name="Position local").click()
         expect(room.get_by_role("button", name=re.compile("^Thrust and torque"))).to_contain_text("MAVLink")
         assert in_both_themes(page) == []
         room.get_by_role("button", name=re.compile("^Velocity local")).click()
         room.get_by_label("Velocity, East").fill("4")
         room.get_by_role("button", name="Send").click()
-        sent = page.get_by_label("Sent setpoints").get_by_role("listitem").first
-        expect(sent).to_contain_text(re.compile("Velocity.*4.0.*taken:"))
+        sent = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
+        expect(sent).to_contain_text(re.compile("Velocity.*4.0.*accepted:"))
         wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the speed that the limit leaves")
         tab_to(page, "Stop")
         page.keyboard.press("Enter")
@@ -217,7 +217,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
             lambda: streamed(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0], "zero asked for", 5
         )
         wait_until(lambda: speed_m_s(drone) < 0.2, "it stands")
-        expect(page.get_by_label("Sent setpoints")).to_contain_text("Gamepad · taken")
+        expect(page.get_by_label("Sent setpoints", exact=True)).to_contain_text("Gamepad · accepted")
 
         page.evaluate("testPad.held = true")
         expect(room).to_contain_text("Sticks fly the vehicle")
