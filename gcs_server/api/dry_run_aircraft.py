@@ -10,6 +10,7 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import Attitude, Battery, GlobalPosition, Home
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.documents import Document
+from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
 from missions.values import HomePosition
 
@@ -20,9 +21,14 @@ NO_AVOIDANCE = "The dry run flies the path as planned: obstacle avoidance is not
 
 
 def aircraft_of(
-    vehicle: Vehicle | None, document: Document
+    vehicle: Vehicle | None, document: Document, role: str | None = None
 ) -> tuple[dict[str, Any], dict[str, float] | None, list[str]]:
     """`home`, `yaw_ned_rad`, `parameters` and `battery_share`, then its local origin, and what was assumed.
+
+    Args:
+        vehicle: the real one; None: PX4's defaults, at the planned start.
+        document: the plan.
+        role: of a mission of several vehicles: which one it flies.
 
     Raises:
         InvalidRequest: the start position is not known.
@@ -31,7 +37,7 @@ def aircraft_of(
     assumed = [NO_AVOIDANCE] if isinstance(document, OffboardMission) and document.avoidance else []
     if vehicle is None:
         assumed.append("No vehicle is named: PX4's defaults and a full battery are used.")
-        return {"home": _start(planned, document)}, None, assumed
+        return {"home": _start(planned, document, role)}, None, assumed
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
     }
@@ -40,7 +46,7 @@ def aircraft_of(
     place = _place(vehicle, assumed)
     if place is None:
         assumed.append(f"The position of vehicle {vehicle.id} is not known: the plan's home is used.")
-        aircraft["home"] = _start(planned, document)
+        aircraft["home"] = _start(planned, document, role)
         return aircraft, None, assumed
     aircraft["home"] = place
     attitude, battery = vehicle.topic("attitude"), vehicle.topic("battery")
@@ -72,14 +78,17 @@ def _of(value: GlobalPosition | Home | HomePosition) -> dict[str, float]:
     return {name: getattr(value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
-def _start(planned: HomePosition | None, document: Document) -> dict[str, float]:
-    """Start position of the plan."""
-    if planned is not None:
-        return _of(planned)
-    if isinstance(document, OffboardMission):
-        return dict(ANYWHERE)
-    raise InvalidRequest(
-        "plan.planned_home",
-        "The plan has no planned home, and no vehicle with a position is named: the start is not known.",
-        remedy="Give the plan a home, or name a vehicle.",
-    )
+def _start(planned: HomePosition | None, document: Document, role: str | None) -> dict[str, float]:
+    """Start position of the plan, or of one of its roles."""
+    if planned is None and not isinstance(document, OffboardMission):
+        raise InvalidRequest(
+            "plan.planned_home",
+            "The plan has no planned home, and no vehicle with a position is named: the start is not known.",
+            remedy="Give the plan a home, or name a vehicle.",
+        )
+    home = _of(planned) if planned is not None else dict(ANYWHERE)
+    if not isinstance(document, OffboardMission) or role is None:
+        return home
+    offset_ned_m = document.roles[role].start_ned_m or (0.0, 0.0, 0.0)
+    lat_deg, lon_deg, alt_amsl_m = LocalOrigin(**home).to_geodetic(offset_ned_m)
+    return {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": alt_amsl_m}

@@ -6,11 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from gcs_server.api.group_models import VehicleId
+from gcs_server.api.offboard_mission_models import Role
 from gcs_server.api.plan_models import DocumentBody, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import AnswerBody, StrictBody
 from missions.documents import Kind
 from missions.dry_run.spread import Chance, Quantiles
+from missions.offboard.document import MAX_ROLES
 
 MAX_FLIGHTS = 200
 MAX_OBSTACLES = 100
@@ -79,6 +82,12 @@ class DryRunRequest(StrictBody):
         description="Use this vehicle's parameters, position, heading and battery charge, as far as known; "
         "null: PX4's defaults, starting at the plan's home.",
     )
+    vehicles: dict[Role, VehicleId] | None = Field(
+        default=None,
+        max_length=MAX_ROLES,
+        description="Of a mission with roles: the vehicle of each role, used like `vehicle`; null: each role "
+        "starts at its planned position.",
+    )
     conditions: DryRunConditions = DryRunConditions()
     flights: int | None = Field(
         default=None,
@@ -107,6 +116,8 @@ class DryRunRequest(StrictBody):
             raise ValueError("give exactly one of plan_id and plan")
         if self.version is not None and self.plan_id is None:
             raise ValueError("version belongs to plan_id")
+        if self.vehicles is not None and self.vehicle is not None:
+            raise ValueError("give vehicle, or vehicles for a mission with roles, and not both")
         return self
 
 
@@ -241,6 +252,21 @@ class DryRunMonteCarlo(AnswerBody):
     times_real_time: float = Field(description="Simulated time of all flights divided by computing time.")
 
 
+class DryRunClosest(AnswerBody):
+    """Where two vehicles came nearest to each other."""
+
+    roles: tuple[str, str] = Field(description="Their roles.")
+    distance_m: float = Field(description="Between their centres [m].")
+    t_s: float = Field(description="Time since the common start [s].")
+
+
+class DryRunTogetherModel(AnswerBody):
+    """All vehicles of a mission with roles, flown together; all positions count from one `origin`."""
+
+    roles: dict[str, DryRunFlight] = Field(description="The flight of each role.")
+    closest: list[DryRunClosest] = Field(description="Of each two roles, as long as both flew.")
+
+
 class DryRunView(AnswerBody):
     """Result of a dry run."""
 
@@ -253,5 +279,9 @@ class DryRunView(AnswerBody):
         description="Vehicle whose parameters, position and battery charge were used."
     )
     assumed: list[str] = Field(description="What was not known, and what was assumed instead; sentences.")
-    nominal: DryRunFlight = Field(description="The flight in the requested conditions.")
+    nominal: DryRunFlight = Field(
+        description="The flight in the requested conditions; of a mission with roles that of the first role, "
+        "with the findings of all."
+    )
+    together: DryRunTogetherModel | None = Field(description="Null: one vehicle flew.")
     monte_carlo: DryRunMonteCarlo | None = Field(description="Null: only one flight was simulated.")

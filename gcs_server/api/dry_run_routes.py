@@ -9,6 +9,7 @@ from fastapi import APIRouter, Response
 from gcs_server.api import dry_run_models as m
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.dry_run_aircraft import aircraft_of
+from gcs_server.api.joint_mission_routes import require_roles
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.plan_checks import text_of
 from gcs_server.api.principals import PrincipalDep
@@ -16,11 +17,15 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.commands import API
-from gcs_server.errors import Refused
+from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import ReportProgress
 from missions import documents
 from missions.documents import Document
 from missions.errors import PlanError
+from missions.offboard.document import OffboardMission
+
+Flown = tuple[dict[str, Any], list[str]]
+"""Who flies in the dry run, and what was assumed about them."""
 
 router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES)
 
@@ -35,16 +40,12 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
     about_body = body.model_dump(include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True)
     with authorized_command(station, principal, "dry_runs/start", None, about_body):
         kept, document = await _chosen(station, body)
-        vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-        aircraft, origin, assumed = aircraft_of(vehicle, document)
+        flown, assumed = _roles(station, body, document) or _alone(station, body, document)
         kind = documents.kind_of(document)
         request = {
             "kind": kind,
             "plan": text_of(document),
-            "origin": origin,
-            "aircraft": {
-                **aircraft, "endurance_s": body.endurance_s, "battery_reserve": body.battery_reserve
-            },
+            **flown,
             "conditions": body.conditions.model_dump(),
             "obstacles": [each.model_dump() for each in body.obstacles],
             "seed": body.seed,
@@ -70,6 +71,49 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
 async def show_dry_run(d: str, station: StationDep) -> Response:
     """The result of a dry run; the last ten are kept until the server is shut down."""
     return answer(station.dry_runs.get(d))
+
+
+def _alone(station: Station, body: m.DryRunRequest, document: Document) -> Flown:
+    if body.vehicles is not None:
+        raise InvalidRequest(
+            "vehicles", "The plan has no roles: one vehicle flies it.", remedy="Name it in `vehicle`."
+        )
+    vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
+    aircraft, origin, assumed = aircraft_of(vehicle, document)
+    return {"roles": None, "aircraft": {**aircraft, **_battery(body)}, "origin": origin}, assumed
+
+
+def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Flown | None:
+    """Of a mission of several vehicles; None: it is none."""
+    if not isinstance(document, OffboardMission) or not document.roles:
+        return None
+    if body.vehicle is not None or body.flights is not None:
+        field = "vehicle" if body.vehicle is not None else "flights"
+        raise InvalidRequest(
+            field,
+            f"A mission with roles is flown in simulation once, by all its vehicles: {field} has no meaning.",
+            remedy="Leave it out, and name the vehicles in `vehicles`.",
+        )
+    if body.vehicles is not None:
+        require_roles(document, body.vehicles)
+    elif any(role.start_ned_m is None for role in document.roles.values()):
+        raise InvalidRequest(
+            "vehicles",
+            "Where the vehicles stand is not known: none is named, and not each role has `start_ned_m`.",
+            remedy="Name a vehicle for each role, or give each role `start_ned_m`.",
+        )
+    roles: dict[str, dict[str, Any]] = {}
+    assumed: list[str] = []
+    for role in document.roles:
+        vehicle = None if body.vehicles is None else station.fleet.get(body.vehicles[role])
+        aircraft, origin, unknown = aircraft_of(vehicle, document, role)
+        roles[role] = {"aircraft": {**aircraft, **_battery(body)}, "origin": origin}
+        assumed += [text for text in unknown if text not in assumed]
+    return {"roles": roles}, assumed
+
+
+def _battery(body: m.DryRunRequest) -> dict[str, Any]:
+    return {"endurance_s": body.endurance_s, "battery_reserve": body.battery_reserve}
 
 
 async def _chosen(station: Station, body: m.DryRunRequest) -> tuple[dict[str, Any], Document]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import pickle
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -82,6 +83,16 @@ def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, st
             f"{mission.name!r} has no roles: one vehicle flies it.",
             remedy="Start it with that vehicle (POST /vehicles/{v}/offboard_mission/start).",
         )
+    require_roles(mission, named)
+    vehicles = {role: station.fleet.get(named[role]) for role in mission.roles}
+    for vehicle in vehicles.values():
+        vehicle.require_commandable()
+        _require_ready(vehicle)
+    return vehicles
+
+
+def require_roles(mission: OffboardMission, named: Mapping[str, str]) -> None:
+    """Raises InvalidRequest unless each role of the mission is named, and no other."""
     missing = [role for role in mission.roles if role not in named]
     unknown = [role for role in named if role not in mission.roles]
     if missing or unknown:
@@ -91,11 +102,6 @@ def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, st
             f"vehicles: {what}.",
             remedy=f"Name a vehicle for each role: {', '.join(mission.roles)}.",
         )
-    vehicles = {role: station.fleet.get(named[role]) for role in mission.roles}
-    for vehicle in vehicles.values():
-        vehicle.require_commandable()
-        _require_ready(vehicle)
-    return vehicles
 
 
 def _require_ready(vehicle: Vehicle) -> None:

@@ -46,7 +46,8 @@ class SyncDryRuns:
             version: of that plan; the newest unless named.
             vehicle_id: whose parameters, place and charge are taken.
             flights: Monte Carlo: so many flights more, each in other conditions.
-            settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`.
+            settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`;
+                `vehicles` by role, of a mission of several vehicles.
         """
         return self._portal.call(
             lambda: self._inner.start(

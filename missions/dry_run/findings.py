@@ -17,6 +17,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "battery_reserve": ("warning", "less than the battery's reserve is left at the end"),
     "battery_unknown": ("warning", "how fast the battery drains is not known"),
     "obstacle_near": ("warning", "the flight comes within 2 m of an obstacle"),
+    "separation": ("error", "two vehicles of the mission come too near to each other"),
     "ends_in_air": ("warning", "the flight ends in the air; the vehicle holds there"),
 }
 """Every code: its severity, and what it means."""

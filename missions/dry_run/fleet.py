@@ -8,6 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+from missions.values import HomePosition
 from vehicle_sim.autopilot.announcer import EVENTS, Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.fleet import VehicleSim
@@ -24,10 +27,10 @@ DRAIN_EXPONENT = 1.5
 
 
 class Fleet:
-    """N vehicles that all start at home.
+    """N vehicles.
 
     Args:
-        aircraft: type and parameters of the vehicles.
+        aircraft: of each vehicle; all stand on the same level ground. Places count from the first one's home.
         conditions: of each.
         seed: seed of noise and gusts.
         first: number of the first flight, so that a flight has the same noise in any batch.
@@ -36,20 +39,20 @@ class Fleet:
 
     def __init__(
         self,
-        aircraft: Aircraft,
+        aircraft: Sequence[Aircraft],
         conditions: Sequence[Conditions],
         *,
         seed: int = 0,
         first: int = 0,
         obstacles: Sequence[Obstacle] = (),
     ) -> None:
-        home = aircraft.home
+        home = aircraft[0].home
         self.sim = VehicleSim(
             len(conditions), links=(), seed=seed, first_noise=first,
-            stores=[_store(aircraft, each) for each in conditions],
+            stores=[_store(*each) for each in zip(aircraft, conditions, strict=True)],
             home=Home(home.lat_deg, home.lon_deg, home.alt_amsl_m),
-            start_ned_m=np.zeros((len(conditions), 3)),
-            start_yaw_ned_rad=np.full(len(conditions), aircraft.yaw_ned_rad), world=_world(obstacles),
+            start_ned_m=np.array([_from_home(home, each.home) for each in aircraft]),
+            start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=_world(obstacles),
         )  # fmt: skip
         simulation = self.sim.simulation
         for row, each in enumerate(conditions):
@@ -58,7 +61,7 @@ class Fleet:
                 simulation.set_gusts(each.gusts_m_s, row)
             if each.sensor_noise != 1.0:
                 simulation.set_sensor_noise(row, each.sensor_noise)
-            simulation.set_battery_remaining(row, aircraft.battery_share)
+            simulation.set_battery_remaining(row, aircraft[row].battery_share)
         self.vehicles = [
             Vehicle(autopilot, node)
             for autopilot, node in zip(self.sim.autopilots, self.sim.nodes, strict=True)
@@ -124,6 +127,14 @@ class Vehicle:
     def last_warning(self) -> str:
         """Its last warning, to end a sentence."""
         return self.warnings[-1].rstrip(".") if self.warnings else "the vehicle reported no reason"
+
+
+def _from_home(home: HomePosition, place: HomePosition) -> Vector3:
+    if place == home:
+        return (0.0, 0.0, 0.0)
+    origin = LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+    north_m, east_m, _ = origin.to_ned(place.lat_deg, place.lon_deg, home.alt_amsl_m)
+    return (north_m, east_m, 0.0)
 
 
 def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:

@@ -56,9 +56,33 @@ def fly(
         obstacles: what stands around.
         report: is told how far it is; what it raises ends the batch.
     """
-    fleet = Fleet(aircraft, conditions, seed=seed, first=first, obstacles=obstacles)
+    of_each = [aircraft] * len(conditions)
+    fleet = Fleet(of_each, conditions, seed=seed, first=first, obstacles=obstacles)
     pilots = [pilot_of(vehicle) for vehicle in fleet.vehicles]
-    recorder = Recorder(fleet, pilots)
+    return fly_fleet(fleet, pilots, conditions, Recorder(fleet, pilots), longest_s=longest_s, report=report)
+
+
+def fly_fleet(
+    fleet: Fleet,
+    pilots: Sequence[Pilot],
+    conditions: Sequence[Conditions],
+    recorder: Recorder,
+    *,
+    longest_s: float,
+    report: Report | None = None,
+    look: Callable[[float], None] | None = None,
+) -> list[Flight]:
+    """Flies all vehicles until the last flight has ended.
+
+    Args:
+        fleet: the vehicles.
+        pilots: one each.
+        conditions: of each.
+        recorder: of these vehicles.
+        longest_s: a flight that takes longer is ended.
+        report: is told how far it is; what it raises ends the batch.
+        look: called after the pilots at each tick, for what they do together.
+    """
     flights: dict[int, Flight] = {}
     ticks, running = 0, list(enumerate(pilots))
     while running:
@@ -66,6 +90,8 @@ def fly(
         now_s = fleet.time_s
         for _, pilot in running:
             pilot.tick(now_s)
+        if look is not None:
+            look(now_s)
         ticks += 1
         if ticks % EVERY_TICKS == 0:
             recorder.sample()

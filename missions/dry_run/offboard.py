@@ -53,10 +53,11 @@ class OffboardPilot:
         vehicle: that it commands; its own local origin is where it stands.
         runner: of the mission.
         start_ned_m: where it stands in the mission's local frame.
+        alone: starts as soon as its vehicle is ready; else `begin` or `refuse` is called for it.
     """
 
-    def __init__(self, vehicle: Vehicle, runner: Runner, start_ned_m: Vector3) -> None:
-        self._vehicle, self._runner, self._start_ned_m = vehicle, runner, start_ned_m
+    def __init__(self, vehicle: Vehicle, runner: Runner, start_ned_m: Vector3, *, alone: bool = True) -> None:
+        self._vehicle, self.runner, self._start_ned_m, self._alone = vehicle, runner, start_ned_m, alone
         self._failsafe = FailsafeWatch(vehicle)
         self._player: Player | None = None
         self._stream: StreamPhase = "idle"
@@ -74,36 +75,44 @@ class OffboardPilot:
         if self.done:
             return
         if self.started_s is None:
-            self._start(now_s)
+            if self._alone and self.may_start(now_s):
+                self._start(now_s)
             return
         self._send(now_s)
         self._ticks += 1
         if self._ticks % LOOK_EVERY_TICKS == 0:
             self._look(now_s, self.started_s)
 
-    def _start(self, now_s: float) -> None:
+    def may_start(self, now_s: float) -> bool:
+        """Whether the vehicle is ready, or will not be any more."""
         estimate = self._vehicle.autopilot.view.estimate
         commander = self._vehicle.autopilot.commander
         ready = estimate.valid_position and commander.report.armable(NavState.TAKEOFF)
-        if not ready and now_s < READY_WITHIN_S:
-            return
-        try:
-            requests = self._runner.start(now_s, self._reading())
-        except CannotDo as error:
-            self.findings.append(
-                found("start_refused", f"The mission cannot start: {error}.", None, 0.0, self._vehicle)
-            )
-            self.done = True
-            return
+        return ready or now_s >= READY_WITHIN_S
+
+    def begin(self, now_s: float, requests: list[Request]) -> None:
+        """The runner has started; this is what it asks for first."""
         self.started_s = now_s
-        self._do(now_s, requests)
+        self.carry_out(now_s, requests)
+
+    def refuse(self, error: CannotDo) -> None:
+        """The runner cannot start."""
+        message = f"The mission cannot start: {error}."
+        self.findings.append(found("start_refused", message, None, 0.0, self._vehicle))
+        self.done = True
+
+    def _start(self, now_s: float) -> None:
+        try:
+            self.begin(now_s, self.runner.start(now_s, self.reading()))
+        except CannotDo as error:
+            self.refuse(error)
 
     def _look(self, now_s: float, started_s: float) -> None:
-        runner = self._runner
-        self._do(now_s, runner.tick(now_s, self._reading()))
-        status = runner.status(self._reading())
+        runner = self.runner
+        self.carry_out(now_s, runner.tick(now_s, self.reading()))
+        status = runner.status(self.reading())
         if status.question is not None:
-            self._do(now_s, runner.go_on(NOBODY))
+            self.carry_out(now_s, runner.go_on(NOBODY))
         if status.place is not None:
             self.step = Step(status.place, status.title or "", None)
         t_s = now_s - started_s
@@ -135,7 +144,8 @@ class OffboardPilot:
 
     # --- what the runner knows and asks for --------------------------------------------------------
 
-    def _reading(self) -> Reading:
+    def reading(self) -> Reading:
+        """What the runner is told of the vehicle now."""
         autopilot, simulation = self._vehicle.autopilot, self._vehicle.autopilot.view.simulation
         estimate, commander, row = autopilot.view.estimate, autopilot.commander, autopilot.view.row
         valid: set[Estimate] = set()
@@ -178,11 +188,12 @@ class OffboardPilot:
         n, e, d = (at + start for at, start in zip(estimate.position_ned_m, self._start_ned_m, strict=True))
         return (n, e, d)
 
-    def _do(self, now_s: float, requests: list[Request]) -> None:
+    def carry_out(self, now_s: float, requests: list[Request]) -> None:
+        """What the runner asks for; it is told what cannot be done."""
         for request in requests:
             refusal = self._carry_out(now_s, request)
             if refusal is not None:
-                self._do(now_s, self._runner.failed(request, self._reading(), refusal))
+                self.carry_out(now_s, self.runner.failed(request, self.reading(), refusal))
 
     def _carry_out(self, now_s: float, request: Request) -> str | None:
         """None, or why it was not done."""

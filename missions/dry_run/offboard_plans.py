@@ -41,6 +41,7 @@ class FlyableMission:
         aircraft: Aircraft,
         files: Mapping[str, bytes] | None = None,
         origin: LocalOrigin | None = None,
+        role: str | None = None,
     ) -> FlyableMission:
         """One mission for one vehicle.
 
@@ -49,6 +50,7 @@ class FlyableMission:
             aircraft: what flies, and from where.
             files: those that table steps name.
             origin: of the vehicle's local frame, which places count from; None: where it stands.
+            role: which one it flies, of a mission of several vehicles.
 
         Raises:
             PlanError: it is too large, or has no step that can be flown.
@@ -61,7 +63,7 @@ class FlyableMission:
             position_ned_m=start_ned_m, yaw_ned_rad=aircraft.yaw_ned_rad, origin=frame,
             home_alt_amsl_m=home.alt_amsl_m,
         )  # fmt: skip
-        timeline = compile_mission(mission, vehicle, start, files)
+        timeline = compile_mission(mission, vehicle, start, files, role=role)
         if not timeline.segments and timeline.decision is None:
             raise PlanError("the mission", "it has no step that can be flown", "See its findings.")
         motion = vehicle.within(mission.limits)
@@ -71,6 +73,7 @@ class FlyableMission:
             timeline, replace(motion, speed_m_s=speed_m_s), start_ned_m,
         )  # fmt: skip
 
-    def pilot(self, vehicle: Vehicle) -> OffboardPilot:
-        """The runner with this vehicle."""
-        return OffboardPilot(vehicle, Runner(self.timeline, self.name, self.motion), self.start_ned_m)
+    def pilot(self, vehicle: Vehicle, *, alone: bool = True) -> OffboardPilot:
+        """The runner with this vehicle; not `alone`: others begin with it."""
+        runner = Runner(self.timeline, self.name, self.motion)
+        return OffboardPilot(vehicle, runner, self.start_ned_m, alone=alone)

@@ -65,8 +65,8 @@ class DryRun:
     times_real_time: float
     """Simulation speed relative to real time."""
 
-    def document(self) -> dict[str, Any]:
-        """As JSON values, with a reduced path."""
+    def document(self, max_samples: int = MAX_SAMPLES) -> dict[str, Any]:
+        """As JSON values, with a path reduced to so many samples."""
         home = self.aircraft.home
         return {
             "origin": {"lat_deg": home.lat_deg, "lon_deg": home.lon_deg, "alt_amsl_m": home.alt_amsl_m},
@@ -80,10 +80,10 @@ class DryRun:
             "fence_distance_m": rounded(self.fence_distance_m, 2),
             "obstacle_distance_m": rounded(self.obstacle_distance_m, 2),
             "steps": [asdict(step) for step in self.steps],
-            "findings": [_finding(each) for each in self.findings],
+            "findings": [finding_document(each) for each in self.findings],
             "path": None
             if self.track is None
-            else _path(self.track, knows_battery=self.battery_end_share is not None),
+            else _path(self.track, max_samples, knows_battery=self.battery_end_share is not None),
             "times_real_time": round(self.times_real_time, 1),
         }
 
@@ -246,7 +246,8 @@ def _battery(track: Track, aircraft: Aircraft, end_share: float | None) -> list[
     return []
 
 
-def _finding(finding: DryRunFinding) -> dict[str, Any]:
+def finding_document(finding: DryRunFinding) -> dict[str, Any]:
+    """One finding as JSON values."""
     return {
         "code": finding.code,
         "severity": finding.severity,
@@ -257,9 +258,9 @@ def _finding(finding: DryRunFinding) -> dict[str, Any]:
     }
 
 
-def _path(track: Track, *, knows_battery: bool) -> dict[str, Any]:
+def _path(track: Track, max_samples: int, *, knows_battery: bool) -> dict[str, Any]:
     count = len(track.t_s)
-    kept = np.unique(np.linspace(0, count - 1, min(count, MAX_SAMPLES)).round().astype(int))
+    kept = np.unique(np.linspace(0, count - 1, min(count, max_samples)).round().astype(int))
 
     def rows(values: Array | None, digits: int) -> list[Any] | None:
         return None if values is None else np.round(values[kept], digits).tolist()

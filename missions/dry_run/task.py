@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from missions import plan as plan_document
@@ -12,6 +12,7 @@ from missions.dry_run.plans import Flyable, FlyablePlan
 from missions.dry_run.result import dry_run
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.spread import Spread
+from missions.dry_run.together import dry_run_together
 from missions.geodesy import LocalOrigin
 from missions.offboard import reader as mission_reader
 from missions.values import HomePosition
@@ -22,8 +23,17 @@ Progress = Callable[[str, float | None], None]
 def _flyable(request: Mapping[str, Any], aircraft: Aircraft) -> Flyable:
     if request["kind"] == "waypoint_plan":
         return FlyablePlan.of(plan_document.read(request["plan"]), aircraft)
-    origin = None if request["origin"] is None else LocalOrigin(**request["origin"])
-    return FlyableMission.of(mission_reader.read(request["plan"]), aircraft, origin=origin)
+    return FlyableMission.of(mission_reader.read(request["plan"]), aircraft, origin=_origin(request))
+
+
+def _aircraft(request: Mapping[str, Any]) -> Aircraft:
+    fields: dict[str, Any] = dict(request["aircraft"])
+    fields["home"] = HomePosition(**fields["home"])
+    return Aircraft(**fields)
+
+
+def _origin(request: Mapping[str, Any]) -> LocalOrigin | None:
+    return None if request["origin"] is None else LocalOrigin(**request["origin"])
 
 
 def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
@@ -32,22 +42,23 @@ def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     Args:
         request: `kind` (waypoint_plan, offboard_mission), `plan` (JSON text), `origin` (of the vehicle's
             local frame; null: where it stands), `aircraft`, `conditions`, `obstacles`, `seed`, `flights` and
-            `spread` (null: once).
+            `spread` (null: once). Of a mission of several vehicles: `roles`, with `aircraft` and `origin` of
+            each, instead of these two (absent or null: one vehicle).
         progress: is told what is happening, and how much is done.
 
     Returns:
-        `nominal`, and `monte_carlo` (null: once).
+        `nominal`, `monte_carlo` (null: once) and `together` (null: one vehicle).
 
     Raises:
         PlanError: the plan cannot be flown.
     """
-    aircraft_fields: dict[str, Any] = dict(request["aircraft"])
-    aircraft_fields["home"] = HomePosition(**aircraft_fields["home"])
-    aircraft = Aircraft(**aircraft_fields)
     conditions_fields: dict[str, Any] = dict(request["conditions"])
     conditions_fields["wind_ned_m_s"] = tuple(conditions_fields["wind_ned_m_s"])
     conditions = Conditions(**conditions_fields)
     obstacles = [Obstacle(**each) for each in request["obstacles"]]
+    if request.get("roles") is not None:
+        return _together(request, conditions, obstacles, progress)
+    aircraft = _aircraft(request)
     flyable = _flyable(request, aircraft)
     flights = request["flights"]
 
@@ -61,10 +72,33 @@ def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     seed = request["seed"]
     if flights is None:
         one = dry_run(flyable, aircraft, conditions, seed=seed, obstacles=obstacles, report=report)
-        return {"nominal": one.document(), "monte_carlo": None}
+        return {"nominal": one.document(), "monte_carlo": None, "together": None}
     many = monte_carlo(
         flyable, aircraft, conditions, Spread(**request["spread"]), flights=flights, seed=seed,
         obstacles=obstacles, report=report,
     )  # fmt: skip
     document = many.document()
-    return {"nominal": document.pop("nominal"), "monte_carlo": document}
+    return {"nominal": document.pop("nominal"), "monte_carlo": document, "together": None}
+
+
+def _together(
+    request: Mapping[str, Any], conditions: Conditions, obstacles: Sequence[Obstacle], progress: Progress
+) -> dict[str, Any]:
+    """Of the first role `nominal` has the path, and of all the findings."""
+    mission = mission_reader.read(request["plan"])
+    roles = request["roles"]
+    aircraft = {role: _aircraft(given) for role, given in roles.items()}
+    origins = {role: origin for role, given in roles.items() if (origin := _origin(given)) is not None}
+
+    def report(now_s: float, ended: int) -> None:
+        progress(f"{now_s:.0f} s are simulated; {ended} of {len(roles)} vehicles have ended.", None)
+
+    flown = dry_run_together(
+        mission, aircraft, conditions, origins=origins, seed=request["seed"], obstacles=obstacles,
+        report=report,
+    ).document()  # fmt: skip
+    nominal = dict(next(iter(flown["roles"].values())))
+    of_roles = [each for run in flown["roles"].values() for each in run["findings"]]
+    nominal["findings"] = [*flown.pop("findings"), *of_roles]
+    nominal["finished"] = all(run["finished"] for run in flown["roles"].values())
+    return {"nominal": nominal, "monte_carlo": None, "together": flown}

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.dry_run.fleet import Fleet
+from missions.dry_run.fleet import TICK_S, Fleet
 from missions.dry_run.pilot import Pilot, Step
 
 Array = NDArray[np.float64]
 EVERY_TICKS = 5
 """10 Hz."""
+EVERY_S = EVERY_TICKS * TICK_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +32,7 @@ class Track:
     steps: tuple[Step, ...]
     """Those that were flown, in the order of their first sample."""
     velocity_ned_m_s: Array | None = None
-    """(N, 3); these three only of a batch's first flight."""
+    """(N, 3); these three only of the flights that are recorded in detail."""
     q_ned_frd: Array | None = None
     """(N, 4)."""
     gimbal_rad: Array | None = None
@@ -46,19 +48,20 @@ class Recorder:
     """Of one batch.
 
     Args:
-        fleet: whose vehicles; of the first one velocity, attitude and gimbal are recorded as well.
+        fleet: whose vehicles.
         pilots: one each.
+        detailed: of so many of the first ones velocity, attitude and gimbal are recorded as well.
     """
 
-    def __init__(self, fleet: Fleet, pilots: list[Pilot]) -> None:
-        self._fleet, self._pilots = fleet, pilots
+    def __init__(self, fleet: Fleet, pilots: Sequence[Pilot], detailed: int = 1) -> None:
+        self._fleet, self._pilots, self._detailed = fleet, pilots, detailed
         count = len(pilots)
         self._times: list[float] = []
         self._positions: list[NDArray[np.float32]] = []
         self._batteries: list[NDArray[np.float32]] = []
         self._velocities: list[Array] = []
         self._attitudes: list[Array] = []
-        self._gimbals: list[tuple[float, float]] = []
+        self._gimbals: list[Array] = []
         self._steps: list[NDArray[np.int32]] = []
         self._indices: list[dict[Step, int]] = [{} for _ in range(count)]
         self._first = np.full(count, -1)
@@ -71,10 +74,10 @@ class Recorder:
         self._times.append(self._fleet.time_s)
         self._positions.append(truth.position_ned_m.astype(np.float32))
         self._batteries.append(simulation.battery.remaining.astype(np.float32))
-        self._velocities.append(truth.velocity_ned_m_s[0].copy())
-        self._attitudes.append(truth.q_ned_frd[0].copy())
-        gimbal = self._fleet.vehicles[0].autopilot.gimbal
-        self._gimbals.append((gimbal.actual.pitch_rad, gimbal.yaw_ned_rad))
+        self._velocities.append(truth.velocity_ned_m_s[: self._detailed].copy())
+        self._attitudes.append(truth.q_ned_frd[: self._detailed].copy())
+        gimbals = [vehicle.autopilot.gimbal for vehicle in self._fleet.vehicles[: self._detailed]]
+        self._gimbals.append(np.array([(each.actual.pitch_rad, each.yaw_ned_rad) for each in gimbals]))
         steps = np.full(count, -1, dtype=np.int32)
         for row, pilot in enumerate(self._pilots):
             if pilot.started_s is None or (pilot.done and self._last[row] >= 0):
@@ -95,14 +98,14 @@ class Recorder:
             return None
         part = slice(first, (last if last >= 0 else len(self._times) - 1) + 1)
         start_s = self._pilots[row].started_s or 0.0
-        is_first = row == 0
+        in_detail = row < self._detailed
         return Track(
             np.array(self._times[part]) - start_s,
             np.array([each[row] for each in self._positions[part]], dtype=float),
             np.array([each[row] for each in self._batteries[part]], dtype=float),
             np.array([each[row] for each in self._steps[part]]),
             tuple(self._indices[row]),
-            np.array(self._velocities[part]) if is_first else None,
-            np.array(self._attitudes[part]) if is_first else None,
-            np.array(self._gimbals[part]) if is_first else None,
+            np.array([each[row] for each in self._velocities[part]]) if in_detail else None,
+            np.array([each[row] for each in self._attitudes[part]]) if in_detail else None,
+            np.array([each[row] for each in self._gimbals[part]]) if in_detail else None,
         )

@@ -26,6 +26,16 @@ MISSION = {
     "name": "Hop",
     "steps": [{"step": "take_off", "height_m": 5}, {"step": "land"}],
 }
+ROLES = {
+    "format": "offboard-gcs-mission",
+    "name": "Show",
+    "home": HOME,
+    "roles": {
+        "lead": {"start_ned_m": [0, 0, 0], "steps": MISSION["steps"]},
+        "left": {"start_ned_m": [0, 10, 0], "steps": MISSION["steps"]},
+    },
+}
+UNPLACED = {**ROLES, "roles": {role: {"steps": MISSION["steps"]} for role in ROLES["roles"]}}
 MAST = {"name": "mast", "north_m": 5, "east_m": 0, "length_m": 1, "width_m": 1, "height_m": 30}
 WORKER = """
 import json, sys
@@ -33,7 +43,7 @@ request = json.loads(sys.stdin.readline())
 print(json.dumps({"text": "half", "progress": 0.5}), flush=True)
 names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
 nominal = {**dict.fromkeys(names, 1), "findings": [{"severity": "error"}], "asked": request}
-print(json.dumps({"result": {"nominal": nominal, "monte_carlo": None}}), flush=True)
+print(json.dumps({"result": {"nominal": nominal, "monte_carlo": None, "together": None}}), flush=True)
 """
 """Answers with what it was asked."""
 
@@ -92,6 +102,17 @@ def test_a_kept_plan_and_an_offboard_mission_are_flown(client):
     assert "obstacle avoidance is not simulated" in view["assumed"][0]
 
 
+def test_the_roles_of_a_mission_are_flown_from_where_they_are_planned_to_stand(client):
+    view = client.get(f"dry_runs/{flown(client, {'plan': ROLES})['result']['dry_run']}").json()
+    roles = view["nominal"]["asked"]["roles"]
+    assert list(roles) == ["lead", "left"]
+    lead, left = (roles[role]["aircraft"]["home"] for role in ("lead", "left"))
+    assert lead["lat_deg"] == pytest.approx(HOME["lat_deg"])
+    assert left["lat_deg"] == pytest.approx(HOME["lat_deg"], abs=1e-7)
+    assert (left["lon_deg"] - HOME["lon_deg"]) * 111_320 * 0.677 == pytest.approx(10.0, abs=0.1)
+    assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
+
+
 @pytest.mark.parametrize(
     ("body", "field"),
     [
@@ -102,6 +123,12 @@ def test_a_kept_plan_and_an_offboard_mission_are_flown(client):
         ({"plan": PLAN, "conditions": {"mass_scale": True}}, "mass_scale"),
         ({"plan": PLAN, "version": 2}, "version"),
         ({"plan": PLAN, "endurance_s": 0}, "endurance_s"),
+        ({"plan": PLAN, "vehicles": {"lead": "1", "left": "2"}}, "vehicles"),
+        ({"plan": PLAN, "vehicle": "1", "vehicles": {"lead": "1"}}, "vehicles"),
+        ({"plan": ROLES, "vehicles": {"lead": "1"}}, "role 'left' has no vehicle"),
+        ({"plan": ROLES, "vehicle": "1"}, "vehicle has no meaning"),
+        ({"plan": ROLES, "flights": 10}, "flights has no meaning"),
+        ({"plan": UNPLACED}, "Where the vehicles stand is not known"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_by_its_field(client, body, field):

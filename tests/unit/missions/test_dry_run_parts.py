@@ -131,7 +131,7 @@ def test_a_vehicle_whose_flight_is_over_costs_nothing_more():
     def decide() -> None:
         raise AssertionError("its autopilot still decides")
 
-    fleet = Fleet(AIRCRAFT, [Conditions(), Conditions()])
+    fleet = Fleet([AIRCRAFT, AIRCRAFT], [Conditions(), Conditions()])
     fleet.vehicles[1].autopilot.update = decide
     with pytest.raises(AssertionError):
         fleet.tick()

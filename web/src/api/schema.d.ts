@@ -3646,6 +3646,30 @@ export interface components {
             upper: number;
         };
         /**
+         * DryRunClosest
+         * @description Where two vehicles came nearest to each other.
+         */
+        DryRunClosest: {
+            /**
+             * Roles
+             * @description Their roles.
+             */
+            roles: [
+                string,
+                string
+            ];
+            /**
+             * Distance M
+             * @description Between their centres [m].
+             */
+            distance_m: number;
+            /**
+             * T S
+             * @description Time since the common start [s].
+             */
+            t_s: number;
+        };
+        /**
          * DryRunConditions
          * @description Wind, vehicle and battery of the simulated flight.
          */
@@ -4029,6 +4053,13 @@ export interface components {
              */
             vehicle?: string | null;
             /**
+             * Vehicles
+             * @description Of a mission with roles: the vehicle of each role, used like `vehicle`; null: each role starts at its planned position.
+             */
+            vehicles?: {
+                [key: string]: string;
+            } | null;
+            /**
              * @default {
              *       "wind_ned_m_s": [
              *         0,
@@ -4225,6 +4256,24 @@ export interface components {
             findings: string[];
         };
         /**
+         * DryRunTogetherModel
+         * @description All vehicles of a mission with roles, flown together; all positions count from one `origin`.
+         */
+        DryRunTogetherModel: {
+            /**
+             * Roles
+             * @description The flight of each role.
+             */
+            roles: {
+                [key: string]: components["schemas"]["DryRunFlight"];
+            };
+            /**
+             * Closest
+             * @description Of each two roles, as long as both flew.
+             */
+            closest: components["schemas"]["DryRunClosest"][];
+        };
+        /**
          * DryRunView
          * @description Result of a dry run.
          */
@@ -4265,7 +4314,10 @@ export interface components {
              * @description What was not known, and what was assumed instead; sentences.
              */
             assumed: string[];
+            /** @description The flight in the requested conditions; of a mission with roles that of the first role, with the findings of all. */
             nominal: components["schemas"]["DryRunFlight"];
+            /** @description Null: one vehicle flew. */
+            together: components["schemas"]["DryRunTogetherModel"] | null;
             /** @description Null: only one flight was simulated. */
             monte_carlo: components["schemas"]["DryRunMonteCarlo"] | null;
         };

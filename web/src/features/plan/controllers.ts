@@ -3,6 +3,7 @@
 import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
 import { Accepted } from './accepted.svelte';
+import { Cast } from './cast.svelte';
 import type { Home } from './document';
 import { PlanApi } from './api';
 import { DryRun } from './dry-run.svelte';
@@ -22,6 +23,7 @@ export const dryRun = new DryRun(page.api);
 // Also while another room is open: a dry run goes on.
 page.onEvent.push((event) => void dryRun.heard(event));
 export const accepted = new Accepted();
+export const cast = new Cast();
 
 /** Of the selected vehicle, where it is known and no recording. */
 export function vehicleHome(): Home | null {

@@ -11,6 +11,8 @@ type Schemas = components['schemas'];
 type Operation = Readonly<Schemas['Operation']>;
 export type DryRunView = Readonly<Schemas['DryRunView']>;
 
+export type FlownBy = { vehicle: string | null } | { vehicles: Readonly<Record<string, string>> | null };
+
 export class DryRun {
   operation = $state.raw<Operation | null>(null);
   problem = $state.raw<Problem | null>(null);
@@ -30,11 +32,14 @@ export class DryRun {
     return this.flown === document ? this.view : null;
   }
 
-  /** With a vehicle: by its parameters, from where it stands, with its charge. */
-  async start(document: Document, vehicle: string | null, conditions: Conditions): Promise<void> {
+  /**
+   * With a vehicle: by its parameters, from where it stands, with its charge. A mission with roles takes a vehicle for each; null:
+   * its planned places.
+   */
+  async start(document: Document, flownBy: FlownBy, conditions: Conditions): Promise<void> {
     this.problem = null;
     this.asked = document;
-    const answer = await this.api.post<Operation>('/dry_runs', { plan: document, vehicle, ...asDryRun(conditions) });
+    const answer = await this.api.post<Operation>('/dry_runs', { plan: document, ...flownBy, ...asDryRun(conditions) });
     if (!answer.ok) this.problem = answer.problem;
     else if (this.operation?.id !== answer.value.id) this.operation = answer.value;
   }

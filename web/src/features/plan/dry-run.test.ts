@@ -45,6 +45,17 @@ const VIEW = {
     },
   },
   monte_carlo: null,
+  together: null,
+} as unknown as DryRunView;
+const TOGETHER = {
+  ...VIEW,
+  together: {
+    roles: {
+      lead: VIEW.nominal,
+      left: { ...VIEW.nominal, path: { ...VIEW.nominal.path, position_ned_m: VIEW.nominal.path?.position_ned_m.map(([n = 0, , d = 0]) => [n, 9, d]) } },
+    },
+    closest: [{ roles: ['lead', 'left'], distance_m: 8.96, t_s: 65 }],
+  },
 } as unknown as DryRunView;
 const MANY = {
   ...VIEW,
@@ -100,6 +111,8 @@ describe('a dry run', () => {
     expect(groundDistance_m(ahead, placeAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
     expect(ghostPicture(VIEW, 20)?.areas).toEqual([]);
     expect(ghostPicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+    expect(ghostPicture(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['ghost', 'ghost 1']);
+    expect(flownPicture(TOGETHER).lines).toHaveLength(2);
   });
 
   it('is shown over time, with where 90 % of many flights lie', () => {
@@ -125,6 +138,7 @@ describe('a dry run', () => {
 
   it('says its result in numbers', () => {
     expect(resultLines(VIEW)).toEqual(['Flown: 01:05, 120 m, battery 100 % → 81 %.']);
+    expect(resultLines(TOGETHER)[1]).toBe('lead and left come no nearer than 9.0 m, after 01:05.');
     expect(resultLines(MANY)[1]).toBe('2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.');
   });
 
@@ -154,7 +168,7 @@ describe('a dry run', () => {
     });
     const run = new DryRun(api);
     const event = (one: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation: one });
-    await run.start(EMPTY, '1', CONDITIONS);
+    await run.start(EMPTY, { vehicle: '1' }, CONDITIONS);
     await run.heard(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
     expect([run.running, run.of(EMPTY)]).toEqual([true, null]);
     await run.heard(event(operation('succeeded', { dry_run: 'd7' })));

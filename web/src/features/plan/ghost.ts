@@ -6,6 +6,7 @@ import { placeAt, type Place } from '../../vehicle/geo';
 import type { DryRunView } from './dry-run.svelte';
 
 type Vector = readonly number[];
+type Flight = DryRunView['nominal'];
 
 export interface Ghost extends Place {
   /** Above where it started. */
@@ -27,8 +28,11 @@ const LOOK_M = { least: 4, most: 15 } as const;
 /** The corridor is drawn from places at least so far apart [m], so many of them in one area. */
 const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
 
+/** Of several vehicles that flew together each one's flight, else the one. */
+const flights = (view: DryRunView): readonly Flight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
+
 /** Where the vehicle is at a moment, between the samples; null: it never flew. */
-export function ghostAt({ nominal }: DryRunView, t_s: number): Ghost | null {
+export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): Ghost | null {
   const { path, origin } = nominal;
   const last = (path?.t_s.length ?? 0) - 1;
   if (path === null || last < 0) return null;
@@ -102,36 +106,49 @@ function corridorRings({ nominal, monte_carlo }: DryRunView): Place[][] {
 
 /** What stays while one scrubs: all in the colour of what is planned. */
 export function flownPicture(view: DryRunView): LayerPicture {
-  const flown = (view.nominal.path?.position_ned_m ?? []) as readonly Vector[];
-  const places = flown.map(([north_m = 0, east_m = 0]) => placeAt(view.nominal.origin, { north_m, east_m }));
+  const paths = flights(view).map(({ path, origin }) =>
+    ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => placeAt(origin, { north_m, east_m })),
+  );
   return {
-    lines: places.length > 1 ? [{ places, tone: 'target', style: 'dotted' }] : [],
+    lines: paths.filter((places) => places.length > 1).map((places) => ({ places, tone: 'target', style: 'dotted' })),
     areas: corridorRings(view).map((ring) => ({ ring, tone: 'target' })),
     points: [],
   };
 }
 
-/** The vehicle at a moment, and what its camera sees. */
+/** The vehicles at a moment, and what their cameras see. */
 export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null {
-  const ghost = ghostAt(view, t_s);
-  if (ghost === null) return null;
-  const { lat_deg, lon_deg } = ghost;
-  const ring = lookRing(ghost);
+  const ghosts = flights(view).flatMap((nominal) => ghostAt({ nominal }, t_s) ?? []);
+  if (ghosts.length === 0) return null;
   return {
     lines: [],
-    areas: ring.length > 2 ? [{ ring, tone: 'target' }] : [],
-    points: [{ id: 'ghost', lat_deg, lon_deg, mark: 'ghost', tone: 'target', text: '', selected: false, yaw_deg: ghost.yaw_deg }],
+    areas: ghosts
+      .map(lookRing)
+      .filter((ring) => ring.length > 2)
+      .map((ring) => ({ ring, tone: 'target' })),
+    points: ghosts.map(({ lat_deg, lon_deg, yaw_deg: yaw }, i) => ({
+      id: i === 0 ? 'ghost' : `ghost ${i}`,
+      lat_deg,
+      lon_deg,
+      mark: 'ghost',
+      tone: 'target',
+      text: '',
+      selected: false,
+      yaw_deg: yaw,
+    })),
   };
 }
 
 const percent = (share: number | null): string => (share === null ? 'not known' : `${fixed(100 * share, 0)} %`);
 
 /** The result in numbers, as sentences. */
-export function resultLines({ nominal, monte_carlo: many }: DryRunView): string[] {
+export function resultLines({ nominal, monte_carlo: many, together }: DryRunView): string[] {
   const length = metres(nominal.length_m);
   const battery = `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}`;
   const lines = [`${nominal.finished ? 'Flown' : 'Not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
+  for (const { roles, distance_m, t_s } of together?.closest ?? [])
+    lines.push(`${roles.join(' and ')} come no nearer than ${fixed(distance_m, 1)} m, after ${duration(t_s)}.`);
   if (many === null) return lines;
   const parts = [`95 % within ${fixed(Math.max(0, ...(many.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
   if (many.duration_s !== null) parts.push(`${duration(many.duration_s.p5)} to ${duration(many.duration_s.p95)}`);

@@ -1,0 +1,207 @@
+"""A mission of several vehicles flown in simulation: all roles in one batch, from where their vehicles stand.
+
+Nothing stops two vehicles that come too near, as the guard does in flight: the finding says where it would.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.dry_run.findings import DryRunFinding
+from missions.dry_run.fleet import Fleet
+from missions.dry_run.flight import Report, fly_fleet
+from missions.dry_run.offboard import LOOK_EVERY_TICKS, OffboardPilot
+from missions.dry_run.offboard_plans import FlyableMission
+from missions.dry_run.plans import longest_s
+from missions.dry_run.result import MAX_SAMPLES, DryRun, finding_document, judge
+from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.track import EVERY_S, Recorder, Track
+from missions.errors import PlanError
+from missions.geodesy import LocalOrigin
+from missions.offboard.document import OffboardMission
+from missions.runner.status import CannotDo
+from missions.runner.together import Together
+from missions.separation import kept_apart_m, planned_margin_m
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Closest:
+    """Where two vehicles came nearest to each other."""
+
+    roles: tuple[str, str]
+    distance_m: float
+    """Between their centres."""
+    t_s: float
+    """Since the common start."""
+
+
+@dataclass(frozen=True, slots=True)
+class DryRunTogether:
+    """Result of one dry run of all roles. Places count from the home of the first role's vehicle."""
+
+    roles: dict[str, DryRun]
+    closest: tuple[Closest, ...]
+    """Of each two roles that both flew."""
+    findings: tuple[DryRunFinding, ...]
+    """About their separation; all others are with their roles."""
+
+    def document(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "roles": {role: run.document(MAX_SAMPLES // len(self.roles)) for role, run in self.roles.items()},
+            "closest": [
+                {
+                    "roles": list(each.roles),
+                    "distance_m": round(each.distance_m, 2),
+                    "t_s": round(each.t_s, 2),
+                }
+                for each in self.closest
+            ],
+            "findings": [finding_document(each) for each in self.findings],
+        }
+
+
+class PilotsTogether:
+    """Begins all roles at one moment, and lets them leave their meetings together.
+
+    Args:
+        pilots: by role; none of them starts alone.
+    """
+
+    def __init__(self, pilots: Mapping[str, OffboardPilot]) -> None:
+        self._pilots = pilots
+        self._together = Together({role: pilot.runner for role, pilot in pilots.items()})
+        self._begun = False
+        self._ticks = 0
+
+    def look(self, now_s: float) -> None:
+        """Called after all pilots at each tick."""
+        if not self._begun:
+            self._begin(now_s)
+            return
+        self._ticks += 1
+        if self._ticks % LOOK_EVERY_TICKS == 0:
+            for role, requests in self._together.look(now_s, self._readings()).items():
+                self._pilots[role].carry_out(now_s, requests)
+
+    def _begin(self, now_s: float) -> None:
+        if not all(pilot.may_start(now_s) for pilot in self._pilots.values()):
+            return
+        self._begun = True
+        try:
+            begun = self._together.start(now_s, self._readings())
+        except CannotDo as error:
+            for pilot in self._pilots.values():
+                pilot.refuse(error)
+            return
+        for role, requests in begun.items():
+            self._pilots[role].begin(now_s, requests)
+
+    def _readings(self) -> dict[str, Any]:
+        return {role: pilot.reading() for role, pilot in self._pilots.items()}
+
+
+def dry_run_together(
+    mission: OffboardMission,
+    aircraft: Mapping[str, Aircraft],
+    conditions: Conditions | None = None,
+    *,
+    origins: Mapping[str, LocalOrigin] | None = None,
+    seed: int = 0,
+    obstacles: Sequence[Obstacle] = (),
+    report: Report | None = None,
+) -> DryRunTogether:
+    """Flies all roles of a mission once, together.
+
+    Args:
+        mission: with roles.
+        aircraft: by role, each where it stands.
+        conditions: of all; None: no wind, nominal vehicles.
+        origins: by role, of its vehicle's local frame; where one is missing, where it stands.
+        seed: of noise and gusts.
+        obstacles: around the first role's home.
+        report: is told how far it is; what it raises ends the dry run.
+
+    Raises:
+        PlanError: A role has no vehicle, or cannot be compiled.
+    """
+    missing = [role for role in mission.roles if role not in aircraft]
+    if missing or not mission.roles:
+        name = missing[0] if missing else ""
+        raise PlanError("vehicles", f"role {name!r} has no vehicle", "Name a vehicle for each role.")
+    conditions, origins = conditions or Conditions(), origins or {}
+    roles = list(mission.roles)
+    flyable = {
+        role: FlyableMission.of(mission, aircraft[role], origin=origins.get(role), role=role)
+        for role in roles
+    }
+    began_s = time.perf_counter()
+    of_each = [conditions] * len(roles)
+    fleet = Fleet([aircraft[role] for role in roles], of_each, seed=seed, obstacles=obstacles)
+    pilots = {
+        role: flyable[role].pilot(vehicle, alone=False)
+        for role, vehicle in zip(roles, fleet.vehicles, strict=True)
+    }
+    recorder = Recorder(fleet, list(pilots.values()), detailed=len(roles))
+    flights = fly_fleet(
+        fleet, list(pilots.values()), of_each, recorder, report=report, look=PilotsTogether(pilots).look,
+        longest_s=longest_s(sum(each.expected_s for each in flyable.values())),
+    )  # fmt: skip
+    spent_s = time.perf_counter() - began_s
+    home = aircraft[roles[0]].home
+    judged = {
+        role: judge(flight, flyable[role], replace(aircraft[role], home=home), obstacles, spent_s)
+        for role, flight in zip(roles, flights, strict=True)
+    }
+    tracks = {role: run.track for role, run in judged.items() if run.track is not None}
+    separation = list(_separation(tracks, mission.separation_m))
+    return DryRunTogether(
+        judged, tuple(each for each, _ in separation), tuple(found for _, found in separation if found)
+    )
+
+
+def _separation(
+    tracks: Mapping[str, Track], minimum_m: float
+) -> Iterator[tuple[Closest, DryRunFinding | None]]:
+    """Of each two roles; as long as both fly."""
+    least_m = minimum_m + planned_margin_m()
+    for one, other in itertools.combinations(tracks, 2):
+        count = min(len(tracks[one].t_s), len(tracks[other].t_s))
+        a, b = (tracks[role].position_ned_m[:count] for role in (one, other))
+        distance_m = np.linalg.norm(a - b, axis=1)
+        at = int(distance_m.argmin())
+        closest = Closest((one, other), float(distance_m[at]), float(tracks[one].t_s[at]))
+        kept_m = kept_apart_m(a, _velocity(a), b, _velocity(b), least_m)
+        near = np.flatnonzero(kept_m < least_m)
+        yield closest, _too_near(tracks, (one, other), kept_m, int(near[0]), least_m) if len(near) else None
+
+
+def _velocity(places: Array) -> Array:
+    return np.gradient(places, EVERY_S, axis=0) if len(places) > 1 else np.zeros_like(places)
+
+
+def _too_near(
+    tracks: Mapping[str, Track], roles: tuple[str, str], kept_m: Array, first: int, least_m: float
+) -> DryRunFinding:
+    one, other = (tracks[role] for role in roles)
+    t_s = float(one.t_s[first])
+    steps = [
+        track.steps[at].place if (at := int(track.step[first])) >= 0 else "its start"
+        for track in (one, other)
+    ]
+    north, east, down = one.position_ned_m[first].tolist()
+    message = (
+        f"After {t_s:.0f} s the vehicles of {roles[0]} ({steps[0]}) and {roles[1]} ({steps[1]}) come within "
+        f"{kept_m[first]:.1f} m of each other, braking included; in flight the guard holds both at "
+        f"{least_m:.1f} m."
+    )
+    return DryRunFinding("separation", message, steps[0], round(t_s, 2), (north, east, down))

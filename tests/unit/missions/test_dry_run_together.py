@@ -1,0 +1,98 @@
+"""A mission of several vehicles flown in simulation: all at once, by the runners that fly real ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import pytest
+
+from missions.dry_run.setup import Aircraft, Conditions
+from missions.dry_run.task import run
+from missions.dry_run.together import DryRunTogether, dry_run_together
+from missions.errors import PlanError
+from missions.offboard.reader import read
+from missions.values import HomePosition
+from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
+
+pytestmark = pytest.mark.flight
+
+APART_M = 12.0
+CROSSING = """
+name: Crossing
+minimum_separation_m: {apart_m}
+roles:
+  lead:
+    steps:
+      - {{step: take_off, height_m: 3}}
+      - {{step: meet, meeting: up}}
+      - {{step: fly, points: [{{offset_ned_m: [0, 12, -3]}}]}}
+      - {{step: land}}
+  left:
+    steps:
+      - {{step: take_off, height_m: {height_m}}}
+      - {{step: meet, meeting: up}}
+      - {{step: fly, points: [{{offset_ned_m: [0, -12, -{height_m}]}}]}}
+      - {{step: land}}
+"""
+
+
+def aircraft() -> dict[str, Aircraft]:
+    lat_deg, lon_deg, _ = ORIGIN.to_geodetic((0.0, APART_M, 0.0))
+    there = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m)
+    return {"lead": AIRCRAFT, "left": replace(AIRCRAFT, home=there)}
+
+
+def crossed(height_m: float, apart_m: float) -> DryRunTogether:
+    return dry_run_together(read(CROSSING.format(height_m=height_m, apart_m=apart_m)), aircraft())
+
+
+@pytest.fixture(scope="module")
+def one_above_the_other() -> DryRunTogether:
+    return crossed(9, 3)
+
+
+def test_all_fly_from_where_they_stand_and_wait_for_each_other(one_above_the_other):
+    lead, left = (one_above_the_other.roles[role] for role in ("lead", "left"))
+    assert (lead.finished, left.finished, lead.landed, left.landed) == (True,) * 4
+    assert lead.track is not None
+    assert left.track is not None
+    assert left.track.position_ned_m[0] == pytest.approx((0.0, APART_M, 0.0), abs=0.1)
+    assert left.track.position_ned_m[-1] == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
+    flies = [next(step for step in run.steps if step.place.endswith("step 3")) for run in (lead, left)]
+    assert flies[0].start_s == pytest.approx(flies[1].start_s, abs=1.0), "the lower one waited in the air"
+    assert left.track.q_ned_frd is not None, "each has a picture of its own"
+
+
+def test_the_nearest_two_are_stated_and_far_enough_apart(one_above_the_other):
+    (closest,) = one_above_the_other.closest
+    assert closest.roles == ("lead", "left")
+    assert 3.0 < closest.distance_m < 8.0
+    assert one_above_the_other.findings == ()
+
+
+def test_two_that_cross_at_one_height_are_found_with_place_and_time():
+    given = {role: {"aircraft": asdict(each), "origin": None} for role, each in aircraft().items()}
+    for each in given.values():
+        each["aircraft"]["home"] = each["aircraft"]["home"].model_dump()
+    text = CROSSING.format(height_m=4, apart_m=3)
+    request = {
+        "kind": "offboard_mission", "plan": text, "roles": given, "conditions": asdict(Conditions()),
+        "obstacles": [], "seed": 0, "flights": None,
+    }  # fmt: skip
+    told: list[str] = []
+    answer = json.loads(json.dumps(run(request, lambda text, share: told.append(text))))
+    found = answer["nominal"]["findings"][0]
+    assert (found["code"], found["severity"], found["step"]) == ("separation", "error", "lead, step 3")
+    assert "lead (lead, step 3) and left (left, step 3)" in found["text"]
+    assert 0.0 < found["position_ned_m"][1] < APART_M
+    assert answer["nominal"]["finished"] is True
+    assert answer["monte_carlo"] is None
+    assert list(answer["together"]["roles"]) == ["lead", "left"]
+    assert answer["together"]["closest"][0]["distance_m"] < 3.0
+    assert told[0] == "1 s are simulated; 0 of 2 vehicles have ended."
+
+
+def test_each_role_needs_a_vehicle():
+    with pytest.raises(PlanError, match="role 'left' has no vehicle"):
+        dry_run_together(read(CROSSING.format(height_m=4, apart_m=3)), {"lead": AIRCRAFT})
