@@ -42,7 +42,9 @@ DIALECT_SOURCES := gcs_server/mavlink/px4.xml vehicle_sim/mavlink/px4.xml tools/
 
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml hatch_build.py $(DIALECT_SOURCES)
 	@echo "installing the Python packages (the first time takes a minute) …"
-	@$(BIN)/pip install --quiet --disable-pip-version-check -e .
+	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[ros2]' || \
+	  { echo "no Cyclone DDS for this machine: everything but ROS 2 topics works without it"; \
+	    $(BIN)/pip install --quiet --disable-pip-version-check -e .; }
 	@touch $@
 
 $(VENV)/.tested: $(VENV)/.installed

@@ -1,0 +1,66 @@
+"""PX4's message types as Cyclone DDS knows them; samples stay bytes, which `ros2.messages` packs and unpacks.
+
+Cyclone's own Python encoder takes 30 µs to 300 µs a message, as often as 900 times a second and vehicle.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, Self
+
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl import types as idl
+
+from vehicle_sim.ros2.messages import CODES, MESSAGES, MessageType
+
+_PRIMITIVES: dict[str, Any] = {
+    "bool": bool, "char": idl.uint8, "int8": idl.int8, "uint8": idl.uint8, "int16": idl.int16,
+    "uint16": idl.uint16, "int32": idl.int32, "uint32": idl.uint32, "int64": idl.int64,
+    "uint64": idl.uint64, "float32": idl.float32, "float64": idl.float64,
+}  # fmt: skip
+
+
+class Sample(IdlStruct):
+    """A sample as it goes over the wire; `idl_type` makes a subclass for each type."""
+
+    cdr = b""
+    """With encapsulation header; not annotated, since Cyclone takes annotations for fields."""
+
+    def serialize(self, *_: Any, **__: Any) -> bytes:
+        """What Cyclone sends."""
+        return self.cdr
+
+    @classmethod
+    def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Self:
+        """What Cyclone received, unchecked."""
+        return cls.of(bytes(data))
+
+    @classmethod
+    def of(cls, cdr: bytes) -> Self:
+        """A sample of these bytes."""
+        sample = cls()
+        sample.cdr = cdr
+        return sample
+
+
+def _idl_field(kind: str, length: int) -> Any:
+    single = _PRIMITIVES[kind] if kind in CODES else idl_dataclass(MESSAGES[kind])
+    return idl.array[single, length] if length else single
+
+
+@cache
+def idl_dataclass(message: MessageType) -> type[IdlStruct]:
+    """The type with Cyclone's own encoder: for nested types, and to compare ours with."""
+    fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
+    return make_idl_struct(message.name, f"px4_msgs.msg.dds_.{message.name}_", fields)
+
+
+@cache
+def idl_type(message: MessageType, typename: str = "") -> type[Sample]:
+    """The type of a topic; `typename` where it has another name on the wire (services)."""
+    fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
+    made: Any = make_idl_struct(
+        message.name, typename or f"px4_msgs.msg.dds_.{message.name}_", fields, dataclassify=False,
+        bases=(Sample,),
+    )  # fmt: skip
+    return made

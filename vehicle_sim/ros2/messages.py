@@ -1,0 +1,185 @@
+"""The ROS 2 message types of PX4: fields, constants, byte layout and hash, from `px4_msgs.txt`.
+
+On the wire a message is little-endian CDR: each value aligned to its own size, nothing between types. All types
+of PX4 have a fixed size, so one `struct` format packs a message.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+CODES: Final = {
+    "bool": ("?", 1), "char": ("s", 1), "int8": ("b", 1), "uint8": ("B", 1), "int16": ("h", 2),
+    "uint16": ("H", 2), "int32": ("i", 4), "uint32": ("I", 4), "int64": ("q", 8), "uint64": ("Q", 8),
+    "float32": ("f", 4), "float64": ("d", 8),
+}  # fmt: skip
+"""`struct` code and size [bytes] by primitive type."""
+HEADER: Final = b"\x00\x01\x00\x00"
+"""Encapsulation header: plain CDR, little endian."""
+FLOAT32_MAX: Final = 3.4028234e38
+_FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193
+
+
+class MalformedMessage(ValueError):
+    """Bytes that are no message of the type."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field; length 0: a single value."""
+
+    type: str
+    name: str
+    length: int
+
+
+@dataclass(frozen=True, eq=False)
+class MessageType:
+    """One type; `nested` has the types that its fields may have."""
+
+    name: str
+    fields: tuple[Field, ...]
+    constants: Mapping[str, int]
+    nested: Mapping[str, MessageType]
+
+    @cached_property
+    def flat(self) -> tuple[Field, ...]:
+        """Primitive fields in wire order; those of nested types are called `outer.inner` or `outer[n].inner`."""
+        return tuple(self._flat(""))
+
+    def _flat(self, prefix: str) -> Iterator[Field]:
+        for field in self.fields:
+            if field.type in CODES:
+                yield Field(field.type, prefix + field.name, field.length)
+            elif field.length:
+                for n in range(field.length):
+                    yield from self.nested[field.type]._flat(f"{prefix}{field.name}[{n}].")
+            else:
+                yield from self.nested[field.type]._flat(f"{prefix}{field.name}.")
+
+    @cached_property
+    def index(self) -> Mapping[str, int]:
+        """Position of each field's first value among the values of `pack`."""
+        index: dict[str, int] = {}
+        at = 0
+        for field in self.flat:
+            index[field.name] = at
+            at += 1 if field.type == "char" else field.length or 1
+        return index
+
+    @cached_property
+    def _struct(self) -> struct.Struct:
+        codes, at = ["<"], 0
+        for field in self.flat:
+            code, size = CODES[field.type]
+            padding = -at % size
+            codes.append("x" * padding + (f"{field.length}{code}" if field.length else code))
+            at += padding + size * (field.length or 1)
+        return struct.Struct("".join(codes))
+
+    @property
+    def size(self) -> int:
+        """Bytes without header and padding at the end."""
+        return self._struct.size
+
+    @cached_property
+    def hash(self) -> int:
+        """What PX4 answers for this type in message_format_response: FNV-1a over its fields' declarations."""
+        value = _FNV_OFFSET
+        for byte in self._declarations().encode():
+            value = (value ^ byte) * _FNV_PRIME & 0xFFFFFFFF
+        return value
+
+    def _declarations(self) -> str:
+        out: list[str] = []
+        for field in self.fields:
+            out.append(f"{field.type}{f'[{field.length}]' if field.length else ''} {field.name}\n")
+            if field.type not in CODES:
+                out.append(self.nested[field.type]._declarations())
+        return "".join(out)
+
+    def blank(self) -> list[Any]:
+        """Values of `pack` that are all zero."""
+        values: list[Any] = []
+        for field in self.flat:
+            values += [b""] if field.type == "char" else [0] * (field.length or 1)
+        return values
+
+    def pack(self, values: Sequence[Any]) -> bytes:
+        """Values in order, arrays spread out, as bytes with header.
+
+        Raises:
+            struct.error, OverflowError: a value does not fit its field.
+        """
+        return HEADER + self._struct.pack(*values)
+
+    def encode(self, values: Mapping[str, Any]) -> bytes:
+        """Named values as bytes with header; what is not given is zero.
+
+        Raises:
+            KeyError: no such field.
+            struct.error, OverflowError: a value does not fit its field.
+        """
+        flat, index = self.blank(), self.index
+        for name, value in values.items():
+            at = index[name]
+            if isinstance(value, str):
+                flat[at] = value.encode()
+            elif isinstance(value, list | tuple):
+                flat[at : at + len(value)] = value
+            else:
+                flat[at] = value
+        return self.pack(flat)
+
+    def decode(self, data: bytes) -> dict[str, Any]:
+        """Bytes with header as named values; a text ends at its first NUL.
+
+        Raises:
+            MalformedMessage: too short, or another encoding.
+        """
+        if data[:2] != HEADER[:2]:
+            raise MalformedMessage(f"{self.name}: encapsulation {data[:2].hex()} is not little-endian CDR")
+        if len(data) < len(HEADER) + self.size:
+            raise MalformedMessage(f"{self.name}: {len(data)} bytes; needs {len(HEADER) + self.size}")
+        flat, values = self._struct.unpack_from(data, len(HEADER)), dict[str, Any]()
+        at = 0
+        for field in self.flat:
+            if field.type == "char":
+                values[field.name] = flat[at].split(b"\0")[0].decode("utf-8", "replace")
+                at += 1
+            elif field.length:
+                values[field.name] = flat[at : at + field.length]
+                at += field.length
+            else:
+                values[field.name] = flat[at]
+                at += 1
+        return values
+
+
+def parse(text: str) -> dict[str, MessageType]:
+    """The types of a text like `px4_msgs.txt`; a nested type goes before the types that use it."""
+    types: dict[str, MessageType] = {}
+    for section in text.split("\n[")[1:]:
+        name, _, body = section.partition("]\n")
+        fields: list[Field] = []
+        constants: dict[str, int] = {}
+        for line in filter(None, body.splitlines()):
+            head, equals, value = line.partition(" = ")
+            if equals:
+                constants[head] = int(value)
+                continue
+            kind, _, field_name = line.partition(" ")
+            kind, _, length = kind.rstrip("]").partition("[")
+            fields.append(Field(kind, field_name, int(length or 0)))
+        nested = {field.type: types[field.type] for field in fields if field.type not in CODES}
+        types[name] = MessageType(name, tuple(fields), constants, nested)
+    return types
+
+
+MESSAGES: Final = parse((Path(__file__).parent / "px4_msgs.txt").read_text(encoding="utf-8"))
+"""By name."""
