@@ -1,4 +1,4 @@
-"""The ROS 2 message types: bytes of a real PX4 decode to what was recorded, and ours are those of Cyclone DDS."""
+"""The ROS 2 message types: recorded bytes decode to recorded fields, and ours are those of Cyclone DDS."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ def test_layout_constants_and_hash_are_those_of_the_published_types(shared):
 
 @pytest.mark.parametrize(
     ("name", "answer"),
-    [("ArmingCheckRequest", 2071694766), ("RegisterExtComponentRequest", 902686241), ("ActuatorMotors", 3401338181),
-     ("ArmingCheckReply", 65702502)],
+    [("ArmingCheckRequest", 2071694766), ("RegisterExtComponentRequest", 902686241),
+     ("ActuatorMotors", 3401338181), ("ArmingCheckReply", 65702502)],
 )  # fmt: skip
 def test_the_hash_is_what_px4_answers(name, answer):
     assert MESSAGES[name].hash == answer
