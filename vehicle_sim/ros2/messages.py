@@ -1,7 +1,7 @@
 """The ROS 2 message types of PX4: fields, constants, byte layout and hash, from `px4_msgs.txt`.
 
-On the wire a message is little-endian CDR: each value is aligned to its own size. All types of PX4 have a fixed
-size, so one `struct` format packs a message.
+On the wire a message is little-endian CDR: each value is aligned to its own size. All types of PX4 have
+a fixed size, so one `struct` format packs a message.
 """
 
 from __future__ import annotations
