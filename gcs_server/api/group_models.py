@@ -7,16 +7,15 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gcs_server.api.offboard_models import AnyOnExpiry, HoldOnExpiry
 from gcs_server.api.offboard_views import LimitsModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoint_fields import example
 from gcs_server.api.setpoint_models import AnySetpoint
+from gcs_server.api.setpoint_request import Validity
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.control.principal import Principal
 from gcs_server.streamer.groups import status
 from gcs_server.streamer.groups.checks import GroupOrder
-from gcs_server.streamer.values.order import OnExpiry
 
 MAX_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]
@@ -29,7 +28,7 @@ class MemberBody(StrictBody):
     setpoint: AnySetpoint
 
 
-class _Together(StrictBody):
+class _Together(Validity):
     valid_for_s: float = Field(
         default=1.0,
         allow_inf_nan=False,
@@ -38,16 +37,6 @@ class _Together(StrictBody):
         description="How long all setpoints are valid without being renewed, counted from the end of the "
         "longest path [s]; then `on_expiry` applies to all members at once.",
     )
-    on_expiry: AnyOnExpiry = Field(
-        default=HoldOnExpiry(action="hold"),
-        description="Action of the server when the setpoints have expired.",
-    )
-
-    def expiry(self) -> OnExpiry:
-        """Converts to the streamer's type."""
-        on_expiry = self.on_expiry
-        hold_for_s = on_expiry.hold_for_s if isinstance(on_expiry, HoldOnExpiry) else 0.0
-        return OnExpiry(on_expiry.action, hold_for_s)
 
 
 class StartGroup(_Together):

@@ -9,10 +9,11 @@ from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 from gcs_server.api import offboard_models as models
 from gcs_server.api import offboard_views as views
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.offboard_stream import OrderSocket, apply, arguments_of
+from gcs_server.api.offboard_stream import SetpointSocket, apply, arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer, fields_of
+from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.api.station import OffboardDep, StationDep
 
 router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
@@ -32,7 +33,7 @@ async def show(offboard: OffboardDep) -> Response:
 
 
 @router.post("/start", response_model=views.OffboardStarted)
-async def start(v: str, body: models.StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
+async def start(v: str, body: StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
 
     In the answer, `if_stream_stops` is the vehicle's own action if the stream stops; `limits` has the limits,
@@ -45,7 +46,7 @@ async def start(v: str, body: models.StartRequest, station: StationDep, principa
 
 
 @router.post("/setpoint", response_model=views.OffboardModel)
-async def setpoint(v: str, body: models.AnyOrder, station: StationDep, principal: PrincipalDep) -> Response:
+async def setpoint(v: str, body: SetpointRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """A new target, sent at once; refused (409) if no stream runs."""
     return answer(await apply(station, principal, v, body))
 
@@ -109,10 +110,10 @@ async def set_failsafe(
 
 @router.websocket("/stream")
 async def stream(socket: WebSocket, v: str, station: StationDep, principal: PrincipalDep) -> None:
-    """Receives orders and answers each with the applied setpoint; see "Offboard stream" in docs/api.md."""
+    """Receives setpoints and answers each with the applied setpoint; see "Offboard stream" in docs/api.md."""
     await socket.accept()
     try:
         with station.authority.connected(principal):
-            await OrderSocket(station.clock, station, principal, v, socket).serve()
+            await SetpointSocket(station.clock, station, principal, v, socket).serve()
     except* (WebSocketDisconnect, RuntimeError):
         pass  # the client disconnected; sending to a closed socket raises RuntimeError

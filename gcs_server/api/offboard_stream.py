@@ -1,8 +1,8 @@
 """Setpoints over a WebSocket at up to 100 Hz; each is answered with the applied setpoint.
 
-The newest order wins: older ones that still wait are answered `superseded` and not sent. If a client does not
-read its answers, the oldest are dropped. Closing the socket does not stop the stream; the setpoint's validity
-does.
+The newest setpoint wins: older ones that still wait are answered `superseded` and not sent. If a client does
+not read its answers, the oldest are dropped. Closing the socket does not stop the stream; the setpoint's
+validity does.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from collections import deque
 from typing import Any, Protocol, cast
 
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ValidationError
 
-from gcs_server.api import offboard_models as models
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.bodies import json_fault
 from gcs_server.api.problems import validation_errors
+from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.api.station import Station
 from gcs_server.clock import Clock
 from gcs_server.control.principal import Principal
@@ -31,16 +31,15 @@ ANSWERS_KEPT = 200
 ANSWERS_BYTES = 131_072
 """Total size of answers that wait to be read."""
 UNPARSED_BYTES = 2 << 20
-"""Total size of orders that wait to be parsed."""
+"""Total size of messages that wait to be parsed."""
 LARGE = 4096
-"""An order with more characters waits for its own turn of the event loop."""
+"""A message with more characters waits for its own turn of the event loop."""
 MAX_BACKLOG = 200
-"""Orders that wait to be parsed; older ones would be superseded anyway."""
+"""Messages that wait to be parsed; older ones would be superseded anyway."""
 FLOOD_PER_S = 2000
 CLOSE_FLOOD = 1008
 
 Answer = dict[str, object]
-_order: TypeAdapter[Any] = TypeAdapter(models.AnyOrder)
 
 
 class Socket(Protocol):
@@ -51,12 +50,12 @@ class Socket(Protocol):
     async def close(self, code: int = 1000, reason: str | None = None) -> None: ...
 
 
-class OrderSocket:
-    """One client's orders to one vehicle.
+class SetpointSocket:
+    """One client's setpoints for one vehicle.
 
     Args:
         clock: the server's.
-        station: what the orders work on.
+        station: what the setpoints work on.
         principal: the caller.
         vehicle_id: the vehicle.
         socket: accepted.
@@ -74,7 +73,7 @@ class OrderSocket:
         self._backlog_size = 0
         self._answers: deque[bytes] = deque()
         self._answers_size = 0
-        self._ordered = asyncio.Event()
+        self._received = asyncio.Event()
         self._answered = asyncio.Event()
 
     async def serve(self) -> None:
@@ -94,7 +93,7 @@ class OrderSocket:
                 window_s, count = now_s, 0
             count += 1
             if count > FLOOD_PER_S:
-                await self._socket.close(CLOSE_FLOOD, f"more than {FLOOD_PER_S} orders in a second")
+                await self._socket.close(CLOSE_FLOOD, f"more than {FLOOD_PER_S} setpoints in a second")
                 return
             self._backlog.append(text)
             self._backlog_size += len(text)
@@ -102,16 +101,16 @@ class OrderSocket:
                 overtaken = self._backlog.popleft()
                 self._backlog_size -= len(overtaken)
                 self._answer(_superseded(overtaken))
-            self._ordered.set()
+            self._received.set()
 
     async def _apply(self) -> None:
         next_s = 0.0
         while True:
-            await self._ordered.wait()
+            await self._received.wait()
             await self._clock.sleep(next_s - self._clock.monotonic_s())
-            self._ordered.clear()
+            self._received.clear()
             applied = False
-            while self._backlog:  # from the newest: an invalid order must not replace a valid one
+            while self._backlog:  # from the newest: an invalid setpoint must not replace a valid one
                 text = self._backlog.pop()
                 self._backlog_size -= len(text)
                 if applied:
@@ -149,7 +148,7 @@ class OrderSocket:
             return {"error": {"code": "invalid_request", "detail": str(error), "field": "body"}}
         head: Answer = {} if seq is None else {"seq": seq}
         try:
-            body = _order.validate_python(data)
+            body = SetpointRequest.model_validate(data)
         except ValidationError as error:
             faults = validation_errors(RequestValidationError(error.errors(include_url=False)))
             detail = "; ".join(f"{fault['field']}: {fault['message']}" for fault in faults)
@@ -169,9 +168,9 @@ class OrderSocket:
 
 
 async def apply(
-    station: Station, principal: Principal, vehicle_id: str, body: models.AnyOrder
+    station: Station, principal: Principal, vehicle_id: str, body: SetpointRequest
 ) -> OffboardStatus:
-    """Applies one order, from HTTP or WebSocket."""
+    """Applies one setpoint, from HTTP or WebSocket."""
     with authorized_command(station, principal, "offboard/setpoint", vehicle_id, arguments_of(body)):
         return await station.offboard(vehicle_id).setpoint(body.to_order(principal))
 
@@ -179,9 +178,9 @@ async def apply(
 def arguments_of(body: BaseModel) -> dict[str, object]:
     """Arguments for the journal; of a path only its length."""
     arguments: dict[str, Any] = body.model_dump(exclude_none=True)
-    for part in (arguments, arguments.get("setpoint", {})):
-        if "points" in part:
-            part["points"] = f"{len(part['points'])} points"
+    setpoint = arguments["setpoint"]
+    if "points" in setpoint:
+        setpoint["points"] = f"{len(setpoint['points'])} points"
     return arguments
 
 
@@ -194,7 +193,7 @@ def _parsed(text: str) -> tuple[int | None, dict[str, Any]]:
     except json.JSONDecodeError as error:
         raise ValueError(f"not JSON: {error.msg} at {error.pos}") from error
     if not isinstance(data, dict):
-        raise ValueError("An order is a JSON object with a type.")
+        raise ValueError("A message is a JSON object with a setpoint.")
     fields = cast(dict[str, Any], data)
     seq = fields.pop("seq", None)
     if seq is not None and (not isinstance(seq, int) or isinstance(seq, bool)):

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from gcs_server.api.offboard_models import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
 from gcs_server.api.reflect import model_of
+from gcs_server.api.setpoint_request import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
 from gcs_server.api.strict_body import AnswerBody
 from gcs_server.streamer.offboard import status
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin

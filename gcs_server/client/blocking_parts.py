@@ -274,7 +274,7 @@ class SyncOffboard(Steering[Answer]):
 
 
 class SyncLiveOffboard(Steering[Answer]):
-    """Orders over a WebSocket."""
+    """Setpoints over a WebSocket."""
 
     def __init__(self, inner: offboard.LiveOffboard, portal: BlockingPortal) -> None:
         self._inner = inner

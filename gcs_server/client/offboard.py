@@ -207,7 +207,7 @@ class Offboard(Steering[Awaitable[Answer]]):
             Invalid: a value is not acceptable.
             Refused: it cannot be flown, or no stream runs any more.
         """
-        return await self._vehicle.request("POST", "/offboard/setpoint", {**body, **self._life})
+        return await self._vehicle.request("POST", "/offboard/setpoint", {"setpoint": body, **self._life})
 
     async def follow_path(self, points: PathPoints) -> None:
         """Flies a curve through points in time and returns at its end; its last point is then held.
@@ -245,7 +245,7 @@ class Offboard(Steering[Awaitable[Answer]]):
 
 
 class LiveOffboard(Steering[Awaitable[Answer]]):
-    """Orders over a WebSocket."""
+    """Setpoints over a WebSocket."""
 
     def __init__(self, socket: ClientConnection, life: Body) -> None:
         self._socket = socket
@@ -261,7 +261,7 @@ class LiveOffboard(Steering[Awaitable[Answer]]):
         """
         self._seq += 1
         try:
-            await self._socket.send(json.dumps({**body, **self._life, "seq": self._seq}))
+            await self._socket.send(json.dumps({"setpoint": body, **self._life, "seq": self._seq}))
             while True:
                 answer = json.loads(await self._socket.recv())
                 if answer.get("seq") == self._seq:

@@ -24,6 +24,10 @@ def client(tmp_path_factory):
         yield client
 
 
+def setpoint(kind, name, values):
+    return f'{{"setpoint": {{"type": "{kind}", "{name}": {values}}}}}'
+
+
 POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
 
 
@@ -38,11 +42,29 @@ POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
         ("takeoff", "{", "body"),
         ("goto", '{"lat_deg": 91, "lon_deg": 0, "alt_home_m": 5}', "lat_deg"),
         ("goto", '{"lat_deg": 1, "lon_deg": 0}', "body"),
-        ("offboard/setpoint", '{"type": "position", "position_ned_m": [0, NaN, 0]}', "position_ned_m.1"),
-        ("offboard/setpoint", '{"type": "velocity", "velocity_ned_m_s": [0, 21, 0]}', "velocity_ned_m_s.1"),
-        ("offboard/setpoint", '{"type": "velocity", "velocity_ned_m_s": [0, 1]}', "velocity_ned_m_s.2"),
-        ("offboard/setpoint", json.dumps({**POSITION, "valid_for_s": 0.01}), "valid_for_s"),
-        ("offboard/setpoint", json.dumps({**POSITION, "on_expiry": {"action": "wait"}}), "on_expiry"),
+        (
+            "offboard/setpoint",
+            setpoint("position", "position_ned_m", "[0, NaN, 0]"),
+            "setpoint.position_ned_m.1",
+        ),
+        (
+            "offboard/setpoint",
+            setpoint("velocity", "velocity_ned_m_s", "[0, 21, 0]"),
+            "setpoint.velocity_ned_m_s.1",
+        ),
+        (
+            "offboard/setpoint",
+            setpoint("velocity", "velocity_ned_m_s", "[0, 1]"),
+            "setpoint.velocity_ned_m_s.2",
+        ),
+        ("offboard/setpoint", json.dumps({"setpoint": POSITION, "valid_for_s": 0.01}), "valid_for_s"),
+        (
+            "offboard/setpoint",
+            json.dumps({"setpoint": POSITION, "on_expiry": {"action": "wait"}}),
+            "on_expiry",
+        ),
+        ("offboard/setpoint", json.dumps({**POSITION, "valid_for_s": 1}), "body"),
+        ("offboard/start", json.dumps(POSITION), "body"),
         ("offboard/start", json.dumps({"setpoint": POSITION, "rate_hz": 1}), "rate_hz"),
         ("offboard/start", json.dumps({"rate_hz": 10}), "setpoint"),
         ("gimbal/angles", '{"pitch_deg": NaN, "yaw_deg": 0}', "pitch_deg"),

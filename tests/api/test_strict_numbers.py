@@ -9,7 +9,7 @@ from fastapi.routing import APIRoute
 from fastapi.testclient import TestClient
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from gcs_server.api.offboard_models import AnyOrder
+from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.app import create_app
 from gcs_server.settings import Settings
@@ -74,7 +74,7 @@ def scalars(schema, strict=False):
             yield from scalars(part, strict)
 
 
-ADAPTERS = [*bodies(), ("WS …/offboard/stream", TypeAdapter(AnyOrder))]
+ADAPTERS = [*bodies(), ("WS …/offboard/stream", TypeAdapter(SetpointRequest))]
 
 
 def all_models():
@@ -168,7 +168,11 @@ def client(tmp_path_factory):
         ("takeoff", '{"alt_home_m": %s}', "alt_home_m"),
         ("goto", '{"lat_deg": 47, "lon_deg": 8, "alt_home_m": %s}', "alt_home_m"),
         ("gimbal/angles", '{"pitch_deg": %s, "yaw_deg": 0}', "pitch_deg"),
-        ("offboard/setpoint", '{"type": "position", "position_ned_m": [0, %s, -5]}', "position_ned_m.1"),
+        (
+            "offboard/setpoint",
+            '{"setpoint": {"type": "position", "position_ned_m": [0, %s, -5]}}',
+            "setpoint.position_ned_m.1",
+        ),
     ],
 )
 def test_over_http_it_is_refused_and_named(client, path, body, field, text):

@@ -22,9 +22,10 @@ LOST_AFTER_S = 1.0
 CLIENT = {"X-Client": "bench", "X-Client-Id": "bench"}
 
 
-def order(north_m: float) -> dict[str, object]:
-    """A place that no other order of the run names."""
-    return {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0, "valid_for_s": 60}
+def request(north_m: float) -> dict[str, object]:
+    """A place that no other setpoint of the run names."""
+    place = {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0}
+    return {"setpoint": place, "valid_for_s": 60}
 
 
 def leaves_s(relay: Relay, since: int, north_m: float) -> float | None:
@@ -40,12 +41,12 @@ def leaves_s(relay: Relay, since: int, north_m: float) -> float | None:
 
 
 def latencies_s(relay: Relay, say: Callable[[dict[str, object]], None], first: int) -> list[float]:
-    """Of `ROUNDS` orders, 50 a second."""
+    """Of `ROUNDS` setpoints, 50 a second."""
     taken: list[float] = []
     for index in range(first, first + ROUNDS):
         north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]
         since, said_s = len(relay.setpoints), time.monotonic()
-        say(order(north_m))
+        say(request(north_m))
         left_s = leaves_s(relay, since, north_m)
         if left_s is not None:
             taken.append(left_s - said_s)
@@ -77,7 +78,7 @@ def measure() -> dict[str, list[float]]:
                 socket.send(json.dumps(body))
                 assert "applied" in json.loads(socket.recv(timeout=LOST_AFTER_S))
 
-            post(order(0.0))
+            post(request(0.0))
             return {
                 "REST": latencies_s(relay, post, 1),
                 "WebSocket": latencies_s(relay, send, 10_000),

@@ -148,7 +148,7 @@ def largest_json(target: Target) -> None:
         b"[" + b"{}," * 300_000 + b"{}]",
         b'{"alt_home_m": ' + b"9" * 1_000_000 + b"}",
         b'{"alt_home_m": "' + b"," * 1_000_000 + b'"}',
-        b'{"type":"path","points":[' + b",".join([b'{"t":0,"a":[0,0,0]}'] * 5000) + b"]}",
+        b'{"setpoint":{"type":"path","points":[' + b",".join([b'{"t":0,"a":[0,0,0]}'] * 5000) + b"]}}",
     ]
     for _ in range(5):
         for body in bodies:

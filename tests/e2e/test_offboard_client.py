@@ -70,4 +70,4 @@ async def flight(url: str) -> None:
             assert status["failsafe"]["action"] == "hold"
         assert (await drone.status())["mode"] == "hold"
         with pytest.raises(Refused, match="no setpoint stream"):
-            await drone.request("POST", "/offboard/setpoint", setpoints.position_ned(0, 0, -10))
+            await drone.request("POST", "/offboard/setpoint", {"setpoint": setpoints.position_ned(0, 0, -10)})

@@ -5,7 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from gcs_server.api import control_models
-from gcs_server.api.offboard_models import StartRequest
+from gcs_server.api.setpoint_request import StartRequest
 from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal

@@ -1,13 +1,11 @@
 """Who may command a vehicle, through the API's own functions: refusals send nothing; some is open to all."""
 
 import contextlib
-from typing import Any
 
 import pytest
-from pydantic import TypeAdapter
 
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
-from gcs_server.api.offboard_models import AnyOrder
+from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import ANNA, BOB, MISSION, START, YES, desk, lines, station_of, view
@@ -15,8 +13,8 @@ from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
 from tests.protocol.offboard_world import POSITION, OffboardWorld, asks, order, seconds, silent
 from vehicle_sim.mavlink import generated_dialect as sim
 
-ORDER: Any = TypeAdapter(AnyOrder).validate_python(
-    {"type": "position", "position_ned_m": [0, 0, -6], "valid_for_s": 60}
+SETPOINT = SetpointRequest.model_validate(
+    {"setpoint": {"type": "position", "position_ned_m": [0, 0, -6]}, "valid_for_s": 60}
 )
 
 
@@ -343,7 +341,7 @@ def test_a_stream_says_by_key_which_of_two_clients_of_one_name_has_set_it(jump):
         )  # as the streams' process tells it: a name alone has no key any more
         assert (status.client, status.client_key) == ("anna", first.key)
         await control_routes.release("1", at.station, first)
-        await offboard_routes.setpoint("1", ORDER, at.station, second)
+        await offboard_routes.setpoint("1", SETPOINT, at.station, second)
         await seconds(0.5)
         assert at.vehicle.offboard.status().client_key == second.key != first.key
 

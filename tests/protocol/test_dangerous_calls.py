@@ -4,18 +4,22 @@ import json
 import math
 
 import pytest
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from gcs_server.api import models, offboard_models, offboard_routes, vehicle_routes
+from gcs_server.api import models, offboard_routes, vehicle_routes
+from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import lines, station_of
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, order, seconds
 
-ORDER = TypeAdapter(offboard_models.AnyOrder)
 ME, ANNA, BERT, CARLA = (Principal.of(name, name) for name in ("me", "anna", "bert", "carla"))
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
+
+
+def asked(setpoint, **more):
+    return SetpointRequest.model_validate({"setpoint": setpoint, **more})
 
 
 def twins(jump, story):
@@ -122,25 +126,25 @@ def test_a_vehicle_that_turns_out_to_be_another_loses_its_stream_with_a_word(jum
 
 def test_two_clients_that_hand_over_stand_both_in_the_journal(jump):
     async def story(world, station, first, second):
-        body = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         for number in range(30):
-            target = {"type": "position", "position_ned_m": [number, 0, -5], "valid_for_s": 60}
+            target = asked({"type": "position", "position_ned_m": [number, 0, -5]}, valid_for_s=60)
             client, other = (ANNA, BERT) if number < 15 else (BERT, ANNA)
             if number == 15:
                 lease = station.authority.control("1").lease
                 lease.request(BERT)
                 lease.grant(ANNA, "bert")
-            done = await offboard_routes.setpoint("1", ORDER.validate_python(target), station, client)
+            done = await offboard_routes.setpoint("1", target, station, client)
             assert json.loads(done.body)["client"] == client.name
             with pytest.raises(NotInControl, match=f"{client} has control"):
-                await offboard_routes.setpoint("1", ORDER.validate_python(target), station, other)
+                await offboard_routes.setpoint("1", target, station, other)
             await seconds(0.1)
         with pytest.raises(NotInControl, match="bert has control"):
             await offboard_routes.stop("1", station, CARLA)
         await offboard_routes.stop("1", station, BERT)
         with pytest.raises(Refused, match="no setpoint stream"):
-            await offboard_routes.setpoint("1", ORDER.validate_python(PLACE), station, BERT)
+            await offboard_routes.setpoint("1", asked(PLACE), station, BERT)
         said = lines(station)
         assert said[0] == ("anna", "offboard/start", "1", "ok")
         setpoints = {(who, result) for who, command, _, result in said if command == "offboard/setpoint"}
@@ -159,7 +163,7 @@ def test_two_clients_that_hand_over_stand_both_in_the_journal(jump):
 
 def test_hold_by_another_client_ends_the_stream_and_nothing_more_is_sent(jump):
     async def story(world, station, first, second):
-        body = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         assert first.mode == OFFBOARD
         await vehicle_routes.hold("1", station, BERT)
@@ -199,13 +203,13 @@ BAD = [
 @pytest.mark.parametrize("bad", BAD)
 def test_nonsense_setpoints_do_not_come_past_the_door(bad):
     with pytest.raises(ValidationError):
-        ORDER.validate_python(PLACE | bad)
+        SetpointRequest.model_validate({"setpoint": PLACE} | bad)
 
 
 @pytest.mark.parametrize("bad", [{"rate_hz": r} for r in (0, -5, 1.9, 101, 1e30, math.nan)])
 def test_nonsense_rates_do_not_come_past_the_door(bad):
     with pytest.raises(ValidationError):
-        offboard_models.StartRequest.model_validate({"setpoint": PLACE} | bad)
+        StartRequest.model_validate({"setpoint": PLACE} | bad)
 
 
 @pytest.mark.parametrize(
@@ -215,13 +219,13 @@ def test_places_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, pl
     async def story(world, station, first, second):
         far = {"type": "position", "position_ned_m": place}
         with pytest.raises(Refused, match="at most 1000 m"):
-            body = offboard_models.StartRequest.model_validate({"setpoint": far})
+            body = StartRequest.model_validate({"setpoint": far})
             await offboard_routes.start("1", body, station, ME)
         assert not first.setpoints
-        start = offboard_models.StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        start = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", start, station, ME)
         with pytest.raises(Refused, match="at most 1000 m"):
-            await offboard_routes.setpoint("1", ORDER.validate_python(far), station, ME)
+            await offboard_routes.setpoint("1", asked(far), station, ME)
         await seconds(0.2)
         assert first.setpoints[-1][1].z == -5.0
 

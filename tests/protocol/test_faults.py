@@ -4,23 +4,21 @@ Each narrative is the list of what the vehicle's feed says, from the first comma
 """
 
 import pytest
-from pydantic import TypeAdapter
 
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
-from gcs_server.api.offboard_models import AnyOrder, StartRequest
+from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
 from tests.protocol.api_calls import ANNA, BOB, MISSION, YES, desk
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import POSITION, asks, seconds, silent
 from vehicle_sim.mavlink import generated_dialect as sim
 
-ORDER = TypeAdapter(AnyOrder)
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
 FIRST = StartRequest.model_validate(
     {"setpoint": PLACE, "valid_for_s": 1.0, "on_expiry": {"action": "hold", "hold_for_s": 2.0}}
 )
 LONG = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 3600.0})
-AGAIN = ORDER.validate_python({**PLACE, "valid_for_s": 1.0})
+AGAIN = SetpointRequest.model_validate({"setpoint": PLACE, "valid_for_s": 1.0})
 LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
 
 
@@ -143,7 +141,8 @@ def test_a_second_client_takes_over_and_the_first_one_moves_nothing_any_more(jum
             await control_routes.take("1", at.station, BOB, YES)
             assert at.pilot.mode == OFFBOARD, "it flies on as it did"
             sent = at.pilot.setpoints[-1][1].z
-            moved = ORDER.validate_python({"type": "position", "position_ned_m": [9, 0, -9]})
+            there = {"type": "position", "position_ned_m": [9, 0, -9]}
+            moved = SetpointRequest.model_validate({"setpoint": there})
             for work in (
                 lambda: offboard_routes.setpoint("1", moved, at.station, ANNA),
                 lambda: offboard_routes.stop("1", at.station, ANNA),

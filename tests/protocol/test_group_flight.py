@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.api import group_routes
-from gcs_server.api import offboard_models as models
+from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from tests.protocol.api_calls import station_of, view
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
@@ -240,7 +240,7 @@ def test_simulated_vehicles_spread_hold_in_one_call_and_are_stopped_head_on_abov
         await seconds(1)
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
             # as the group's own, past its look ahead, so that only the guard of the flight can know
-            order = models.VelocityOrder.model_validate({**velocity(0, towards), "valid_for_s": 60})
+            order = SetpointRequest.model_validate({"setpoint": velocity(0, towards), "valid_for_s": 60})
             await vehicle.offboard.setpoint(replace(order.to_order(ANNA), owner="group"))
         nearest_m, fastest_m_s = math.inf, 0.0
         for _ in range(120):

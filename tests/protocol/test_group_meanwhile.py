@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.api import group_routes, offboard_routes
-from gcs_server.api import offboard_models as models
+from gcs_server.api.setpoint_request import StartRequest
 from gcs_server.errors import NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupChecks
 from tests.protocol.api_calls import view
@@ -84,7 +84,7 @@ def test_held_while_the_start_is_looked_ahead_nobody_begins(jump, monkeypatch):
 def test_one_that_is_streamed_to_while_it_is_looked_ahead_is_refused_and_left_alone(jump, monkeypatch):
     async def story(at):
         async def meanwhile():
-            alone = models.StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
+            alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
             await offboard_routes.start("3", alone, at.station, ANNA)
 
         during_plan(monkeypatch, 1, meanwhile)

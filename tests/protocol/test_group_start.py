@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_server.api import group_routes, offboard_routes, vehicle_routes
-from gcs_server.api import offboard_models as models
+from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, Refused, UnknownGroup, UnknownVehicle
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import lines, view
@@ -159,7 +159,7 @@ def test_what_one_cannot_fly_is_refused_before_anything_is_sent(jump):
 
 def test_a_vehicle_that_flies_offboard_or_in_a_group_already_is_named_and_left_alone(jump):
     async def story(at):
-        alone = models.StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
+        alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
         await offboard_routes.start("3", alone, at.station, ANNA)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await begin(at, ALL_NORTH)
@@ -251,7 +251,7 @@ def test_a_setpoint_for_a_member_alone_is_refused_and_the_group_flies_on(jump):
         await begin(at, ALL_NORTH)
         await seconds(1)
         member = at.vehicles["1"].offboard
-        alone = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
+        alone = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
         with pytest.raises(Refused, match="Vehicle 1 is already in a group") as refused:
             await member.setpoint(alone.to_order(ANNA))
         assert "hold the group first" in refused.value.remedy
@@ -269,7 +269,7 @@ def test_a_setpoint_for_a_member_alone_is_refused_and_the_group_flies_on(jump):
 def test_a_member_given_another_setpoint_before_the_instant_moves_nobody(jump):
     async def story(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
-        other = models.PositionOrder.model_validate({**place(0, 0, -6), "valid_for_s": 60})
+        other = SetpointRequest.model_validate({"setpoint": place(0, 0, -6), "valid_for_s": 60})
         # As the group's own: an operator's is refused before it gets so far.
         await at.vehicles["1"].offboard.setpoint(replace(other.to_order(ANNA), owner="group"))
         await seconds(12)

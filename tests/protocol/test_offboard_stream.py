@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from gcs_server.api.offboard_stream import ANSWERS_BYTES, CLOSE_FLOOD, FLOOD_PER_S, OrderSocket
+from gcs_server.api.offboard_stream import ANSWERS_BYTES, CLOSE_FLOOD, FLOOD_PER_S, SetpointSocket
 from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of
 from tests.protocol.fake_autopilot import OFFBOARD
@@ -45,7 +45,8 @@ class FakeSocket:
 
 
 def north(metres, **more):
-    return {"type": "position", "position_ned_m": [metres, 0, -5], "valid_for_s": 60, **more}
+    place = {"type": "position", "position_ned_m": [metres, 0, -5]}
+    return {"setpoint": place, "valid_for_s": 60, **more}
 
 
 def streamed(jump, story, *, start=True):
@@ -54,7 +55,7 @@ def streamed(jump, story, *, start=True):
         if start:
             await vehicle.offboard.start(order())
         socket = FakeSocket()
-        server = OrderSocket(world.clock, station, Principal.of("pad", "pad"), vehicle.id, socket)
+        server = SetpointSocket(world.clock, station, Principal.of("pad", "pad"), vehicle.id, socket)
         serving = asyncio.ensure_future(server.serve())
         try:
             await story(vehicle, pilot, socket)
@@ -86,10 +87,10 @@ def test_of_a_pile_the_newest_good_one_is_sent_and_the_rest_is_named(jump):
     async def story(vehicle, pilot, socket):
         for seq in range(10):
             socket.say(seq=seq, **north(seq))
-        socket.say(seq=10, type="position", position_ned_m=["far", 0, 0])
+        socket.say(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
         await seconds(0.1)
         answers = {a["seq"]: a for a in socket.heard}
-        assert answers[10]["error"]["field"] == "position_ned_m.0"
+        assert answers[10]["error"]["field"] == "setpoint.position_ned_m.0"
         assert answers[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
         assert all(answers[seq] == {"seq": seq, "superseded": True} for seq in range(9))
         assert {m.x for _, m in pilot.setpoints[-3:]} == {9.0}
@@ -102,31 +103,56 @@ def test_of_a_pile_the_newest_good_one_is_sent_and_the_rest_is_named(jump):
     [
         ("not json", "not JSON", "body"),
         ("[1, 2]", "JSON object", "body"),
+        ('{"type": "position", "position_ned_m": [1, 1, -5]}', "setpoint is missing: put type", "body"),
         ('{"seq": "x"}', "seq", "body"),
-        ('{"type": "warp", "seq": 1}', "warp", "body"),
+        ('{"setpoint": {"type": "warp"}, "seq": 1}', "warp", "setpoint"),
         (
-            '{"type": "position", "position_ned_m": [null, null, null], "yaw_ned_rad": 1}',
+            '{"setpoint": {"type": "position", "position_ned_m": [null, null, null], "yaw_ned_rad": 1}}',
             "Only yaw is controlled",
             None,
         ),
-        ('{"type": "position", "position_ned_m": [1, null, -5]}', "north and east are needed together", None),
-        ('{"type": "velocity", "velocity_ned_m_s": [1, 1, null]}', "down is not controlled", None),
-        ('{"type": "position", "position_ned_m": [1, 1, -5], "frame": 7}', "frame: PX4 follows", None),
         (
-            '{"type": "acceleration", "acceleration_ned_m_s2": [1, 0, 0], "force": true}',
+            '{"setpoint": {"type": "position", "position_ned_m": [1, null, -5]}}',
+            "north and east are needed together",
+            None,
+        ),
+        (
+            '{"setpoint": {"type": "velocity", "velocity_ned_m_s": [1, 1, null]}}',
+            "down is not controlled",
+            None,
+        ),
+        (
+            '{"setpoint": {"type": "position", "position_ned_m": [1, 1, -5], "frame": 7}}',
+            "frame: PX4 follows",
+            None,
+        ),
+        (
+            '{"setpoint": {"type": "acceleration", "acceleration_ned_m_s2": [1, 0, 0], "force": true}}',
             "force: PX4 does not support",
             None,
         ),
-        ('{"type": "attitude", "q_ned_frd": [1, 1, 0, 0], "thrust": 0.5}', "length 1", None),
-        ('{"type": "rates", "rates_frd_rad_s": [0, 0, NaN], "thrust": 0.5}', "finite", "rates_frd_rad_s.2"),
+        ('{"setpoint": {"type": "attitude", "q_ned_frd": [1, 1, 0, 0], "thrust": 0.5}}', "length 1", None),
         (
-            '{"type": "thrust_torque", "thrust_frd": [0, 0, -1], "torque_frd": [0, 0, 0]}',
+            '{"setpoint": {"type": "rates", "rates_frd_rad_s": [0, 0, NaN], "thrust": 0.5}}',
+            "finite",
+            "setpoint.rates_frd_rad_s.2",
+        ),
+        (
+            '{"setpoint": {"type": "thrust_torque", "thrust_frd": [0, 0, -1], "torque_frd": [0, 0, 0]}}',
             "MAVLink link",
             None,
         ),
-        ('{"type": "actuators", "motors": [0.5]}', "MAVLink link carries no actuators", None),
-        ('{"type": "follow", "vehicle": "1", "offset_ned_m": [3, 0, 0]}', "cannot follow itself", "vehicle"),
-        ('{"type": "follow", "vehicle": "9", "offset_ned_m": [3, 0, 0]}', "no vehicle '9'", None),
+        ('{"setpoint": {"type": "actuators", "motors": [0.5]}}', "MAVLink link carries no actuators", None),
+        (
+            '{"setpoint": {"type": "follow", "vehicle": "1", "offset_ned_m": [3, 0, 0]}}',
+            "cannot follow itself",
+            "setpoint.vehicle",
+        ),
+        (
+            '{"setpoint": {"type": "follow", "vehicle": "9", "offset_ned_m": [3, 0, 0]}}',
+            "no vehicle '9'",
+            None,
+        ),
     ],
 )
 def test_what_is_wrong_is_said_in_words_and_nothing_changes(jump, message, words, field):
@@ -143,7 +169,7 @@ def test_what_is_wrong_is_said_in_words_and_nothing_changes(jump, message, words
     streamed(jump, story)
 
 
-def test_without_a_stream_an_order_is_refused_with_the_way_to_one(jump):
+def test_without_a_stream_a_setpoint_is_refused_with_the_way_to_one(jump):
     async def story(vehicle, pilot, socket):
         socket.say(seq=1, **north(1))
         await seconds(0.1)

@@ -162,9 +162,9 @@ const refuse = (status, body) => ({ status, body: { type: 'about:blank', status,
 
 function post(v, what, body) {
   const s = (b) => {
-    v.stream = { setpoint: b, until: now() + b.valid_for_s, valid: b.valid_for_s, on_expiry: b.on_expiry };
-    v.goal = b.position_ned_m;
-    v.yaw = b.yaw_ned_rad ?? v.yaw;
+    v.stream = { setpoint: b.setpoint, until: now() + b.valid_for_s, valid: b.valid_for_s, on_expiry: b.on_expiry };
+    v.goal = b.setpoint.position_ned_m;
+    v.yaw = b.setpoint.yaw_ned_rad ?? v.yaw;
   };
   switch (what) {
     case 'arm':
@@ -208,7 +208,7 @@ function post(v, what, body) {
       v.pos[2] = 0;
       break;
     case 'offboard/start':
-      s({ ...body.setpoint, valid_for_s: body.valid_for_s, on_expiry: body.on_expiry });
+      s(body);
       v.mode = 'offboard';
       break;
     case 'offboard/setpoint':

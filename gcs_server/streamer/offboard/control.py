@@ -346,7 +346,7 @@ class OffboardControl:
 
     def _check_leader(self, follow: Follow) -> None:
         if follow.vehicle == self.vehicle.id:
-            raise InvalidRequest("vehicle", "A vehicle cannot follow itself.")
+            raise InvalidRequest("setpoint.vehicle", "A vehicle cannot follow itself.")
         self._find(follow.vehicle)
         leader = self._snapshots.leader(follow)
         if leader is None or (follow.offset_frd_m is not None and leader.yaw_ned_rad is None):

@@ -1976,59 +1976,6 @@ export interface components {
             then: "hold" | "return" | "land";
         };
         /**
-         * AccelerationOrder
-         * @description A new acceleration, sent at once.
-         * @example {
-         *       "acceleration_ned_m_s2": [
-         *         0.5,
-         *         0,
-         *         0
-         *       ],
-         *       "type": "acceleration"
-         *     }
-         */
-        AccelerationOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
-             */
-            yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            yaw_rate_ned_rad_s?: number | null;
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "acceleration";
-            /**
-             * Acceleration Ned M S2
-             * @description North, east, down [m/s²], gravity left out; each at most 20.
-             */
-            acceleration_ned_m_s2: [
-                number | null,
-                number | null,
-                number | null
-            ];
-        };
-        /**
          * AccelerationSetpoint
          * @description An acceleration in the vehicle's local frame; zero keeps the velocity, not the position.
          * @example {
@@ -2099,53 +2046,6 @@ export interface components {
              * @enum {string}
              */
             control_lost: "continue" | "hold" | "return" | "land";
-        };
-        /**
-         * ActuatorsOrder
-         * @description Motors and servos; refused on MAVLink links.
-         * @example {
-         *       "motors": [
-         *         0.5,
-         *         0.5,
-         *         0.5,
-         *         0.5
-         *       ],
-         *       "type": "actuators"
-         *     }
-         */
-        ActuatorsOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "actuators";
-            /**
-             * Motors
-             * @description Each -1 to 1; null is disarmed.
-             * @default []
-             */
-            motors: (number | null)[];
-            /**
-             * Servos
-             * @description Each -1 to 1; null is disarmed.
-             * @default []
-             */
-            servos: (number | null)[];
         };
         /**
          * ActuatorsSetpoint
@@ -2273,74 +2173,6 @@ export interface components {
                 number,
                 number
             ] | null;
-        };
-        /**
-         * AttitudeOrder
-         * @description A new attitude, sent at once.
-         * @example {
-         *       "pitch_rad": -0.1,
-         *       "roll_rad": 0,
-         *       "thrust": 0.5,
-         *       "type": "attitude",
-         *       "yaw_ned_rad": 0
-         *     }
-         */
-        AttitudeOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "attitude";
-            /**
-             * Q Ned Frd
-             * @description w, x, y, z of unit length, taking body FRD to NED; or the three angles.
-             */
-            q_ned_frd?: [
-                number,
-                number,
-                number,
-                number
-            ] | null;
-            /**
-             * Roll Rad
-             * @description Right side down is positive [rad].
-             */
-            roll_rad?: number | null;
-            /**
-             * Pitch Rad
-             * @description Nose up is positive [rad].
-             */
-            pitch_rad?: number | null;
-            /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad].
-             */
-            yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Feed-forward for the yaw, clockwise about the earth's down [rad/s].
-             */
-            yaw_rate_ned_rad_s?: number | null;
-            /**
-             * Thrust
-             * @description Total thrust, 0 to 1, along the body's up axis.
-             */
-            thrust: number;
         };
         /**
          * AttitudeSample
@@ -4888,72 +4720,6 @@ export interface components {
             corner_m: number;
         };
         /**
-         * FollowOrder
-         * @description Follow another vehicle from now on.
-         * @example {
-         *       "offset_frd_m": [
-         *         -5,
-         *         0,
-         *         -2
-         *       ],
-         *       "type": "follow",
-         *       "vehicle": "2",
-         *       "yaw": "same"
-         *     }
-         */
-        FollowOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "follow";
-            /**
-             * Vehicle
-             * @description Id of the vehicle to follow.
-             */
-            vehicle: string;
-            /**
-             * Offset Ned M
-             * @description Offset north, east, down of that vehicle [m].
-             */
-            offset_ned_m?: [
-                number,
-                number,
-                number
-            ] | null;
-            /**
-             * Offset Frd M
-             * @description Offset forward, right, down along that vehicle's heading, level [m].
-             */
-            offset_frd_m?: [
-                number,
-                number,
-                number
-            ] | null;
-            /**
-             * Yaw
-             * @description Heading: kept, that of the followed vehicle, or towards it.
-             * @default keep
-             * @enum {string}
-             */
-            yaw: "keep" | "same" | "face";
-        };
-        /**
          * FollowSetpoint
          * @description A position relative to another vehicle, moving with it; exactly one offset, at least 2 m long.
          * @example {
@@ -5737,7 +5503,7 @@ export interface components {
             valid_for_s: number;
             /**
              * On Expiry
-             * @description Action of the server when the setpoints have expired.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -8981,66 +8747,6 @@ export interface components {
             params: components["schemas"]["ParameterView"][];
         };
         /**
-         * PathOrder
-         * @description A path, started at once.
-         * @example {
-         *       "points": [
-         *         {
-         *           "position_ned_m": [
-         *             0,
-         *             0,
-         *             -10
-         *           ],
-         *           "t_s": 0
-         *         },
-         *         {
-         *           "position_ned_m": [
-         *             10,
-         *             0,
-         *             -10
-         *           ],
-         *           "t_s": 5
-         *         },
-         *         {
-         *           "position_ned_m": [
-         *             10,
-         *             10,
-         *             -10
-         *           ],
-         *           "t_s": 10
-         *         }
-         *       ],
-         *       "type": "path"
-         *     }
-         */
-        PathOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "path";
-            /**
-             * Points
-             * @description In the order of their times; the last is held.
-             */
-            points: components["schemas"]["PathPointBody"][];
-        };
-        /**
          * PathPointBody
          * @description A position and its time.
          */
@@ -9790,54 +9496,6 @@ export interface components {
             ][];
         };
         /**
-         * PositionBodyOrder
-         * @description An offset from the vehicle's current position.
-         * @example {
-         *       "offset_frd_m": [
-         *         5,
-         *         0,
-         *         0
-         *       ],
-         *       "type": "position_body"
-         *     }
-         */
-        PositionBodyOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "position_body";
-            /**
-             * Offset Frd M
-             * @description Forward, right, down of the heading, level [m].
-             */
-            offset_frd_m: [
-                number,
-                number,
-                number
-            ];
-            /**
-             * Yaw Offset Rad
-             * @description Yaw offset, clockwise [rad]; without it the heading is kept.
-             */
-            yaw_offset_rad?: number | null;
-        };
-        /**
          * PositionBodySetpoint
          * @description An offset from the vehicle's position when the server takes the setpoint, along its heading at that
          *     time.
@@ -9870,68 +9528,6 @@ export interface components {
              * @description Yaw offset, clockwise [rad]; without it the heading is kept.
              */
             yaw_offset_rad?: number | null;
-        };
-        /**
-         * PositionGlobalOrder
-         * @description A new global position, sent at once.
-         * @example {
-         *       "alt_home_m": 12,
-         *       "lat_deg": 47.3979,
-         *       "lon_deg": 8.5458,
-         *       "type": "position_global"
-         *     }
-         */
-        PositionGlobalOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
-             */
-            yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            yaw_rate_ned_rad_s?: number | null;
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "position_global";
-            /**
-             * Lat Deg
-             * @description Degrees north, WGS 84.
-             */
-            lat_deg: number;
-            /**
-             * Lon Deg
-             * @description Degrees east, WGS 84.
-             */
-            lon_deg: number;
-            /**
-             * Alt Amsl M
-             * @description Above mean sea level [m].
-             */
-            alt_amsl_m?: number | null;
-            /**
-             * Alt Home M
-             * @description Above home [m].
-             */
-            alt_home_m?: number | null;
         };
         /**
          * PositionGlobalSetpoint
@@ -9979,59 +9575,6 @@ export interface components {
              * @description Above home [m].
              */
             alt_home_m?: number | null;
-        };
-        /**
-         * PositionOrder
-         * @description A new position, sent at once.
-         * @example {
-         *       "position_ned_m": [
-         *         0,
-         *         0,
-         *         -10
-         *       ],
-         *       "type": "position"
-         *     }
-         */
-        PositionOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
-             */
-            yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            yaw_rate_ned_rad_s?: number | null;
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "position";
-            /**
-             * Position Ned M
-             * @description North, east, down of the vehicle's local origin [m]; down is negative above it.
-             */
-            position_ned_m: [
-                number | null,
-                number | null,
-                number | null
-            ];
         };
         /**
          * PositionSetpoint
@@ -10230,55 +9773,6 @@ export interface components {
              */
             lon_deg: number;
             altitude: components["schemas"]["Altitude"];
-        };
-        /**
-         * RatesOrder
-         * @description New body rates, sent at once.
-         * @example {
-         *       "rates_frd_rad_s": [
-         *         0,
-         *         0,
-         *         0.5
-         *       ],
-         *       "thrust": 0.5,
-         *       "type": "rates"
-         *     }
-         */
-        RatesOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "rates";
-            /**
-             * Rates Frd Rad S
-             * @description Roll, pitch, yaw rate [rad/s].
-             */
-            rates_frd_rad_s: [
-                number,
-                number,
-                number
-            ];
-            /**
-             * Thrust
-             * @description Total thrust, 0 to 1, along the body's up axis.
-             */
-            thrust: number;
         };
         /**
          * RatesSetpoint
@@ -11052,6 +10546,44 @@ export interface components {
             pulse_us: number | null;
         };
         /**
+         * SetpointRequest
+         * @description A setpoint, sent at once; it replaces the one before.
+         * @example {
+         *       "on_expiry": {
+         *         "action": "hold",
+         *         "hold_for_s": 5
+         *       },
+         *       "setpoint": {
+         *         "type": "velocity",
+         *         "velocity_ned_m_s": [
+         *           1,
+         *           0,
+         *           0
+         *         ]
+         *       },
+         *       "valid_for_s": 3
+         *     }
+         */
+        SetpointRequest: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description Action of the server when the setpoint has expired.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /** Setpoint */
+            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+        };
+        /**
          * SigningReport
          * @description Signing of a link, and its refused frames.
          */
@@ -11218,7 +10750,7 @@ export interface components {
             valid_for_s: number;
             /**
              * On Expiry
-             * @description Action of the server when the setpoints have expired.
+             * @description Action of the server when the setpoint has expired.
              * @default {
              *       "action": "hold",
              *       "hold_for_s": 5
@@ -11894,63 +11426,6 @@ export interface components {
             value: components["schemas"]["TargetLocal"];
         };
         /**
-         * ThrustTorqueOrder
-         * @description Thrust and torque; refused on MAVLink links.
-         * @example {
-         *       "thrust_frd": [
-         *         0,
-         *         0,
-         *         -0.5
-         *       ],
-         *       "torque_frd": [
-         *         0,
-         *         0,
-         *         0
-         *       ],
-         *       "type": "thrust_torque"
-         *     }
-         */
-        ThrustTorqueOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "thrust_torque";
-            /**
-             * Thrust Frd
-             * @description Forward, right, down, each -1 to 1.
-             */
-            thrust_frd: [
-                number,
-                number,
-                number
-            ];
-            /**
-             * Torque Frd
-             * @description Roll, pitch, yaw, each -1 to 1.
-             */
-            torque_frd: [
-                number,
-                number,
-                number
-            ];
-        };
-        /**
          * ThrustTorqueSetpoint
          * @description Body thrust and torque, which bypass all controllers; no MAVLink message carries them.
          * @example {
@@ -12033,98 +11508,6 @@ export interface components {
             obstacle_distance?: components["schemas"]["ObstacleDistanceSample"] | null;
             /** @description Newest `wind`. */
             wind?: components["schemas"]["WindSample"] | null;
-        };
-        /**
-         * TrajectoryOrder
-         * @description Position with feed-forward, sent at once.
-         * @example {
-         *       "position_ned_m": [
-         *         5,
-         *         0,
-         *         -10
-         *       ],
-         *       "type": "trajectory",
-         *       "velocity_ned_m_s": [
-         *         1,
-         *         0,
-         *         0
-         *       ],
-         *       "yaw_ned_rad": 0
-         *     }
-         */
-        TrajectoryOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
-             */
-            yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            yaw_rate_ned_rad_s?: number | null;
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "trajectory";
-            /**
-             * Position Ned M
-             * @description North, east, down of the vehicle's local origin [m]; down is negative above it. null: not controlled.
-             * @default [
-             *       null,
-             *       null,
-             *       null
-             *     ]
-             */
-            position_ned_m: [
-                number | null,
-                number | null,
-                number | null
-            ];
-            /**
-             * Velocity Ned M S
-             * @description North, east, down [m/s]; each at most 20. null: not controlled.
-             * @default [
-             *       null,
-             *       null,
-             *       null
-             *     ]
-             */
-            velocity_ned_m_s: [
-                number | null,
-                number | null,
-                number | null
-            ];
-            /**
-             * Acceleration Ned M S2
-             * @description North, east, down [m/s²], gravity left out; each at most 20. null: not controlled.
-             * @default [
-             *       null,
-             *       null,
-             *       null
-             *     ]
-             */
-            acceleration_ned_m_s2: [
-                number | null,
-                number | null,
-                number | null
-            ];
         };
         /**
          * TrajectorySetpoint
@@ -12575,60 +11958,6 @@ export interface components {
             vehicle: string;
         };
         /**
-         * VelocityBodyOrder
-         * @description A new velocity along the heading, sent at once.
-         * @example {
-         *       "type": "velocity_body",
-         *       "velocity_frd_m_s": [
-         *         1,
-         *         0,
-         *         0
-         *       ],
-         *       "yaw_rate_ned_rad_s": 0.2
-         *     }
-         */
-        VelocityBodyOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
-             */
-            yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            yaw_rate_ned_rad_s?: number | null;
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "velocity_body";
-            /**
-             * Velocity Frd M S
-             * @description Forward, right, down of the heading [m/s]; each at most 20.
-             */
-            velocity_frd_m_s: [
-                number,
-                number,
-                number
-            ];
-        };
-        /**
          * VelocityBodySetpoint
          * @description A velocity along the heading, level: it turns with the vehicle.
          * @example {
@@ -12665,59 +11994,6 @@ export interface components {
                 number,
                 number,
                 number
-            ];
-        };
-        /**
-         * VelocityOrder
-         * @description A new velocity, sent at once.
-         * @example {
-         *       "type": "velocity",
-         *       "velocity_ned_m_s": [
-         *         1,
-         *         0,
-         *         0
-         *       ]
-         *     }
-         */
-        VelocityOrder: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
-             */
-            yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            yaw_rate_ned_rad_s?: number | null;
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            type: "velocity";
-            /**
-             * Velocity Ned M S
-             * @description North, east, down [m/s]; each at most 20.
-             */
-            velocity_ned_m_s: [
-                number | null,
-                number | null,
-                number | null
             ];
         };
         /**
@@ -13162,35 +12438,6 @@ export interface components {
             despite: string[];
         };
         /**
-         * StartRequest
-         * @description The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed.
-         */
-        gcs_server__api__offboard_models__StartRequest: {
-            /**
-             * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
-             * @default 1
-             */
-            valid_for_s: number;
-            /**
-             * On Expiry
-             * @description Action of the server when the setpoint has expired.
-             * @default {
-             *       "action": "hold",
-             *       "hold_for_s": 5
-             *     }
-             */
-            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
-            /** Setpoint */
-            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
-            /**
-             * Rate Hz
-             * @description Setpoints a second [Hz].
-             * @default 50
-             */
-            rate_hz: number;
-        };
-        /**
          * Gimbal
          * @description The gimbal as its manager and device report it (281, 285, 265, 280).
          */
@@ -13281,6 +12528,47 @@ export interface components {
              * @description Yaw max [rad].
              */
             yaw_max_rad: number | null;
+        };
+        /**
+         * StartRequest
+         * @description The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed.
+         * @example {
+         *       "rate_hz": 50,
+         *       "setpoint": {
+         *         "position_ned_m": [
+         *           0,
+         *           0,
+         *           -10
+         *         ],
+         *         "type": "position"
+         *       },
+         *       "valid_for_s": 10
+         *     }
+         */
+        gcs_server__api__setpoint_request__StartRequest: {
+            /**
+             * Valid For S
+             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
+             * @default 1
+             */
+            valid_for_s: number;
+            /**
+             * On Expiry
+             * @description Action of the server when the setpoint has expired.
+             * @default {
+             *       "action": "hold",
+             *       "hold_for_s": 5
+             *     }
+             */
+            on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
+            /** Setpoint */
+            setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+            /**
+             * Rate Hz
+             * @description Setpoints a second [Hz].
+             * @default 50
+             */
+            rate_hz: number;
         };
         /**
          * Land
@@ -15375,7 +14663,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["gcs_server__api__offboard_models__StartRequest"];
+                "application/json": components["schemas"]["gcs_server__api__setpoint_request__StartRequest"];
             };
         };
         responses: {
@@ -15438,7 +14726,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["PositionOrder"] | components["schemas"]["PositionGlobalOrder"] | components["schemas"]["PositionBodyOrder"] | components["schemas"]["VelocityOrder"] | components["schemas"]["VelocityBodyOrder"] | components["schemas"]["AccelerationOrder"] | components["schemas"]["TrajectoryOrder"] | components["schemas"]["AttitudeOrder"] | components["schemas"]["RatesOrder"] | components["schemas"]["ThrustTorqueOrder"] | components["schemas"]["ActuatorsOrder"] | components["schemas"]["PathOrder"] | components["schemas"]["FollowOrder"];
+                "application/json": components["schemas"]["SetpointRequest"];
             };
         };
         responses: {

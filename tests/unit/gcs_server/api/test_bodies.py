@@ -15,15 +15,17 @@ from gcs_server.settings import Settings
 from tests.jump_time import in_jumps
 
 LONGEST_PATH = {
-    "type": "path",
-    "points": [
-        {
-            "t_s": n / 10 + 0.012345,
-            "position_ned_m": [n * 0.1234567, -n * 0.7654321, -10.123456],
-            "yaw_ned_rad": 1.23,
-        }
-        for n in range(5000)
-    ],
+    "setpoint": {
+        "type": "path",
+        "points": [
+            {
+                "t_s": n / 10 + 0.012345,
+                "position_ned_m": [n * 0.1234567, -n * 0.7654321, -10.123456],
+                "yaw_ned_rad": 1.23,
+            }
+            for n in range(5000)
+        ],
+    }
 }
 
 
@@ -87,7 +89,8 @@ def test_a_hundred_thousand_unknown_keys_make_one_complaint(client):
     "body",
     [
         {"alt_home_m": 5, **{f"{'k' * 5000}{n}": 1 for n in range(90)}},
-        {"type": "path", "points": [{"t": n, "p": 1, "q": 2} for n in range(5000)]},
+        {"setpoint": {"type": "path", "points": [{"t": n, "p": 1, "q": 2} for n in range(5000)]}},
+        {"setpoint": {"type": "x" * 900_000}},
         {"type": "x" * 900_000},
         {"members": [{f"k{n}": 1 for n in range(90)}] * 10},
     ],
@@ -103,11 +106,11 @@ def test_complaints_about_the_worst_that_is_parsed_are_few_and_short(client, bod
 
 
 def test_a_path_of_a_thousand_bad_points_makes_one_complaint(client):
-    body = {"type": "path", "points": [{"t": n, "p": 1} for n in range(1000)]}
+    body = {"setpoint": {"type": "path", "points": [{"t": n, "p": 1} for n in range(1000)]}}
     answer = client.post("/api/v1/vehicles/1/offboard/setpoint", json=body)
     assert answer.status_code == 422
     fields = {error["field"] for error in answer.json()["errors"]}
-    assert fields == {f"points.0.{name}" for name in ("t", "p", "t_s", "position_ned_m")}
+    assert fields == {f"setpoint.points.0.{name}" for name in ("t", "p", "t_s", "position_ned_m")}
 
 
 def test_a_body_that_is_too_large_is_413_whether_it_says_so_or_not(client):
@@ -122,7 +125,9 @@ def test_a_body_that_is_too_large_is_413_whether_it_says_so_or_not(client):
 
 
 def test_the_longest_path_there_may_be_comes_in(client):
-    body = {**LONGEST_PATH, "points": [{**p, "t_s": n / 10} for n, p in enumerate(LONGEST_PATH["points"])]}
+    longest = LONGEST_PATH["setpoint"]
+    points = [{**point, "t_s": n / 10} for n, point in enumerate(longest["points"])]
+    body = {**LONGEST_PATH, "setpoint": {**longest, "points": points}}
     assert client.post("/api/v1/vehicles/1/offboard/setpoint", json=body).status_code == 404
 
 

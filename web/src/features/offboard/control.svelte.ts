@@ -121,7 +121,7 @@ export class OffboardControl {
   }
 
   private say(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Lasting): Promise<Outcome<unknown>> {
-    return this.turns.run([id], () => this.api.post(`${base(id)}/setpoint`, { ...setpoint, valid_for_s, on_expiry }));
+    return this.turns.run([id], () => this.api.post(`${base(id)}/setpoint`, { setpoint, valid_for_s, on_expiry }));
   }
 
   private renewer(id: string): SetpointRenewer {

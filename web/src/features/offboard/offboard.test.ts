@@ -125,7 +125,7 @@ describe('offboard', () => {
     const said: unknown[] = [];
     let answer: () => Response = () => Response.json({});
     const api = new ApiClient('me', undefined, (_, init) => {
-      said.push((JSON.parse(init.body as string) as { position_ned_m: unknown }).position_ned_m);
+      said.push((JSON.parse(init.body as string) as { setpoint: PositionSetpoint }).setpoint.position_ned_m);
       return Promise.resolve().then(answer);
     });
     let now_s = 0;

@@ -240,7 +240,7 @@ class SetpointEditor {
   sendByHand(way: Way, setpoint: AnySetpoint, lasting: Lasting = HAND): void {
     if (this.socket === null) return;
     const { valid_for_s, on_expiry } = lasting;
-    const seq = this.socket.stream.send({ ...setpoint, valid_for_s, on_expiry });
+    const seq = this.socket.stream.send({ setpoint, valid_for_s, on_expiry });
     if (seq === null) return;
     offboard.forget(this.socket.id);
     this.waiting.set(seq, this.noteSent(way, setpoint));

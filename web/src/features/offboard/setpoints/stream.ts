@@ -59,7 +59,7 @@ export class SetpointStream {
   }
 
   /** Sends it now; returns its number, or null if it could not be sent. */
-  send(order: object): number | null {
+  send(request: object): number | null {
     if (this.socket.readyState !== OPEN) return null;
     if (this.socket.bufferedAmount > MOST_WAITING) {
       this.dropped += 1;
@@ -68,7 +68,7 @@ export class SetpointStream {
     const seq = ++this.seq;
     this.sent.set(seq, this.nowS());
     if (this.sent.size > MOST_PENDING) this.sent.delete(this.sent.keys().next().value ?? seq);
-    this.socket.send(JSON.stringify({ ...order, seq }));
+    this.socket.send(JSON.stringify({ ...request, seq }));
     return seq;
   }
 
