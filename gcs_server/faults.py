@@ -20,11 +20,11 @@ class FaultLog:
     """The faults of one part: catch the exception, `add` it, continue.
 
     Args:
-        where: name of the part: "link radio".
+        part: name of the part: "link radio".
     """
 
-    def __init__(self, where: str) -> None:
-        self.where = where
+    def __init__(self, part: str) -> None:
+        self.part = part
         self.count = 0
         self.newest = ""
         """The newest fault as `Type: text`, shortened."""
@@ -33,25 +33,25 @@ class FaultLog:
         self._next_line_s = float("-inf")
         self._not_logged = 0
 
-    def add(self, error: BaseException, doing: str) -> None:
+    def add(self, error: BaseException, action: str) -> None:
         """Counts a fault and logs it within the limits; never raises.
 
         Args:
             error: the exception.
-            doing: what failed: "handling a message".
+            action: what failed: "handling a message".
         """
         now_s = time.monotonic()
         self.count += 1
         self._newest_s = now_s
         self.newest = _text(error)
-        kind = f"{doing} {type(error).__name__} {_line(error)}"
+        kind = f"{action} {type(error).__name__} {_line(error)}"
         if kind not in self._logged and len(self._logged) < TRACEBACKS:
             self._logged.add(kind)
-            log.error("%s: %s failed, it goes on without", self.where, doing, exc_info=error)
+            log.error("%s: %s failed; the rest continues", self.part, action, exc_info=error)
         elif now_s >= self._next_line_s:
             self._next_line_s = now_s + LOG_EVERY_S
             log.warning(
-                "%s: %s failed again: %s (%d not logged)", self.where, doing, self.newest, self._not_logged
+                "%s: %s failed again: %s (%d not logged)", self.part, action, self.newest, self._not_logged
             )
             self._not_logged = 0
         else:

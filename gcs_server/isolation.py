@@ -27,25 +27,25 @@ class Isolation:
     Args:
         clock: limits the log.
         log: receives faults with traceback.
-        whose: start of each sentence about a fault: "Vehicle 1", "The 3D view".
+        owner: start of each sentence about a fault: "Vehicle 1", "The 3D view".
     """
 
-    def __init__(self, clock: Clock, log: logging.Logger, whose: str) -> None:
+    def __init__(self, clock: Clock, log: logging.Logger, owner: str) -> None:
         self._clock = clock
         self._log = log
-        self._whose = whose
+        self._owner = owner
         self._faults: dict[str, str] = {}
         self._logged_s: dict[str, float] = {}
 
-    def run(self, what: str, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | None:
-        """Result of the work; None if it failed. `what` is the name of the work."""
+    def run(self, work_name: str, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | None:
+        """Result of the work; None if it failed."""
         try:
             result = work(*args, **kwargs)
         except Exception as error:  # any error: the other vehicles must not be affected
-            self._note(what, error)
+            self._note(work_name, error)
             return None
         if self._faults:
-            self._faults.pop(what, None)
+            self._faults.pop(work_name, None)
         return result
 
     @property
@@ -53,12 +53,12 @@ class Isolation:
         """Sentences about currently failing work."""
         return list(self._faults.values())
 
-    def _note(self, what: str, error: Exception) -> None:
-        if what not in self._logged_s and len(self._logged_s) >= MAX_FAULTS:
+    def _note(self, work_name: str, error: Exception) -> None:
+        if work_name not in self._logged_s and len(self._logged_s) >= MAX_FAULTS:
             return
-        said = f"{self._whose}: {what} failed ({type(error).__name__}: {error})"
-        self._faults[what] = f"{said[:300]}. This is an error in the server; everything else continues."
+        text = f"{self._owner}: {work_name} failed ({type(error).__name__}: {error})"
+        self._faults[work_name] = f"{text[:300]}. This is an error in the server; everything else continues."
         now_s = self._clock.monotonic_s()
-        if now_s - self._logged_s.get(what, float("-inf")) >= LOG_EVERY_S:
-            self._logged_s[what] = now_s
-            self._log.error("%s: %s failed", self._whose, what, exc_info=error)
+        if now_s - self._logged_s.get(work_name, float("-inf")) >= LOG_EVERY_S:
+            self._logged_s[work_name] = now_s
+            self._log.error("%s: %s failed", self._owner, work_name, exc_info=error)

@@ -76,7 +76,7 @@ def authorized_command(
             station.authority.admit(principal, command, vehicle_id)
         yield outcome
         if vehicle_id is not None:
-            station.authority.carried_out(principal, command, vehicle_id)
+            station.authority.report_command(principal, command, vehicle_id)
     except GcsError as error:
         result, detail = error.code, str(error)
         raise

@@ -34,14 +34,14 @@ from gcs_server.api import (
 )
 from gcs_server.api.described import describe_documents, describe_refusals, flatten_unions
 from gcs_server.api.permission import permitted
-from gcs_server.api.station import heard
+from gcs_server.api.station import renew_control
 from gcs_server.control.commands import API, BY_CALL
 from gcs_server.version import __version__
 
 
 def api_router() -> APIRouter:
     """Everything under /api/v1."""
-    router = APIRouter(prefix=API, dependencies=[Depends(heard)])
+    router = APIRouter(prefix=API, dependencies=[Depends(renew_control)])
     for part in (
         station_routes,
         vehicle_routes,

@@ -95,9 +95,9 @@ async def get_station(connection: HTTPConnection) -> Station:
 StationDep = Annotated[Station, Depends(get_station)]
 
 
-async def heard(station: StationDep, principal: PrincipalDep) -> None:
+async def renew_control(station: StationDep, principal: PrincipalDep) -> None:
     """Dependency of all routes: any request of a caller renews the control that it holds."""
-    station.authority.heard(principal)
+    station.authority.renew(principal)
 
 
 async def get_vehicle(v: str, station: StationDep) -> Vehicle:

@@ -44,8 +44,10 @@ class ControlStatus:
     """Distinguishes clients of the same name; `GET /me` returns the caller's own."""
     since_unix_s: float | None
     expires_in_s: float | None
-    """Time until control ends if the holder stays silent; a request renews it, an open telemetry socket
-    keeps it [s]."""
+    """Time until control ends if the holder sends no request [s]. A request renews it; with an open
+    telemetry socket
+    it does not expire.
+    """
     can_be_asked: bool
     """Whether the holder can see a request: its telemetry socket is open."""
     on_expiry: OnControlLost | None
@@ -128,15 +130,15 @@ class Authority:
         try:
             yield
         finally:
-            self.heard(client)
+            self.renew(client)
             self._connected[client.key] -= 1
             self._connected += Counter()  # forgets clients without open sockets
 
-    def heard(self, client: Principal) -> None:
+    def renew(self, client: Principal) -> None:
         """Called with each request of a client: renews its leases."""
         for lease in self._leases():
             lease.expire_due()
-            lease.heard(client)
+            lease.renew(client)
 
     def held_by(self, client: Principal) -> list[str]:
         """Ids of the vehicles that the client controls."""
@@ -184,7 +186,7 @@ class Authority:
                 return refused
         return None
 
-    def carried_out(self, principal: Principal, command: Command, vehicle_id: str) -> None:
+    def report_command(self, principal: Principal, command: Command, vehicle_id: str) -> None:
         """Called after each successful command: informs the holder of commands by other clients."""
         if command.control != "open":
             return
@@ -263,23 +265,23 @@ class Authority:
     async def _act(self, vehicle: Vehicle, change: ControlChange) -> None:
         """Carries out `on_expiry` of a holder that is no longer connected; never while a person flies the
         vehicle."""
-        wanted, began_s = change.on_expiry, self._clock.monotonic_s()
+        action, began_s = change.on_expiry, self._clock.monotonic_s()
         await vehicle.command.kill_over()  # afterwards the action may not be needed
         status = vehicle.status
-        ours = status.mode != "offboard" or vehicle.streaming
-        goes_on = status.mode in ON_ITS_WAY and ours
-        standing = status.mode == "hold" and wanted != "hold"
-        if not status.armed or status.landed_state not in FLYING or not (goes_on or standing):
+        commanded_here = status.mode != "offboard" or vehicle.streaming
+        moves_by_itself = status.mode in ON_ITS_WAY and commanded_here
+        holds_position = status.mode == "hold" and action != "hold"
+        if not status.armed or status.landed_state not in FLYING or not (moves_by_itself or holds_position):
             return
         command = {"hold": vehicle.command.hold, "land": vehicle.command.land, "rtl": vehicle.command.rtl}
         result, detail = "ok", change.text
         try:
-            await command[wanted](by=f"The server ({change.client} is no longer connected)")
+            await command[action](by=f"The server ({change.client} is no longer connected)")
         except GcsError as error:
             result, detail = error.code, str(error)
-            log.warning("vehicle %s: control ended, and %s failed: %s", vehicle.id, wanted, error)
+            log.warning("vehicle %s: control ended, and %s failed: %s", vehicle.id, action, error)
         self._journal.add(
-            "server", wanted, vehicle.id, {}, result, detail, self._clock.monotonic_s() - began_s
+            "server", action, vehicle.id, {}, result, detail, self._clock.monotonic_s() - began_s
         )
 
     async def _expire_for_ever(self) -> None:

@@ -77,18 +77,18 @@ class Command:
         assert self.words is not None
         return self.words.format(**names)
 
-    def require_confirmation(self, said: str, **names: str) -> None:
+    def require_confirmation(self, confirmation: str, **names: str) -> None:
         """Checks the confirmation before anything is sent.
 
         Raises:
         InvalidRequest: `said` is something else.
         """
-        wanted = self.confirmation_text(**names)
-        if said != wanted:
+        expected = self.confirmation_text(**names)
+        if confirmation != expected:
             raise InvalidRequest(
                 "confirm",
                 "The confirmation does not name this vehicle; nothing was sent.",
-                remedy=f"Send exactly {wanted!r}.",
+                remedy=f"Send exactly {expected!r}.",
             )
 
 

@@ -129,9 +129,9 @@ class Journal:
             if kept.log is not None:
                 lines = await asyncio.to_thread(kept.log.tail, TAIL_BYTES)
                 newest = lines[-kept.in_memory :]
-                found = [entry for line in newest if (entry := _entry(line)) is not None]
+                entries = [entry for line in newest if (entry := _entry(line)) is not None]
                 room = kept.in_memory - len(kept.tail)
-                kept.tail.extendleft(reversed(found[-room:] if room else []))
+                kept.tail.extendleft(reversed(entries[-room:] if room else []))
 
     def start(self, supervisor: Supervisor) -> None:
         """Starts writing."""
@@ -280,7 +280,7 @@ def _entry(line: bytes) -> JournalEntry | None:
         return None
     texts = [fields.get(name) or "" for name in ("client", "command", "result", "vehicle", "detail")]
     numbers = [fields.get(name, 1) for name in ("unix_s", "duration_s", "repeated")]
-    sound = all(isinstance(text, str) for text in texts) and all(
+    is_valid = all(isinstance(text, str) for text in texts) and all(
         isinstance(number, int | float) and abs(number) < 1e12 for number in numbers
     )
-    return entry if sound and isinstance(fields["arguments"], dict) else None
+    return entry if is_valid and isinstance(fields["arguments"], dict) else None

@@ -1,10 +1,14 @@
 """Control of a vehicle: one client at a time, for as long as it stays connected. Pure, on an injected clock.
 
-A lease is taken by asking for it or by commanding a vehicle that nobody holds. It lasts `lease_s` from the
-holder's last request; while the holder's telemetry socket is open it does not run out. Another client asks;
-the holder grants or denies. A client that was denied, or got no answer within `answer_s`, or cannot ask the
-holder, may take it by force. A client without an id (a call from a shell) that only commanded blocks nobody:
-the next client that commands gets control.
+A client takes control explicitly, or by commanding a vehicle that nobody controls. The lease lasts `lease_s`
+from the
+holder's last request; while the holder's telemetry socket is open, it does not expire. Another client
+requests
+control; the holder grants or denies the request. A client may take control by force if it was denied, if it
+got no
+answer within `answer_s`, or if the holder cannot be asked. A client without an id (a call from a shell) that
+took
+control only by a command does not keep it: the next client that commands gets control.
 """
 
 from __future__ import annotations
@@ -40,7 +44,7 @@ class ControlChange:
     """The client that acted, or whose control expired."""
     text: str
     holder: Principal | None
-    """Afterwards."""
+    """The holder after the change."""
     previous: Principal | None = None
     """The previous holder, if it changed."""
     reason: str | None = None
@@ -68,9 +72,9 @@ class ControlRequest:
 class _Holding:
     client: Principal
     since_unix_s: float
-    heard_s: float
+    last_request_s: float
     on_expiry: OnControlLost
-    asked_for: bool
+    taken_explicitly: bool
     """Whether control was taken explicitly, not by a command alone."""
 
 
@@ -82,7 +86,7 @@ class Lease:
         vehicle_id: used in texts.
         terms: durations of leases and answers.
         reachable: whether a client has an open telemetry socket, so that it can be asked.
-        tell: called with each change.
+        on_change: called with each change.
     """
 
     clock: Clock
@@ -91,7 +95,7 @@ class Lease:
     reachable: Callable[[Principal], bool]
     on_change: Callable[[ControlChange], None]
     _holding: _Holding | None = None
-    _asking: dict[str, PendingRequest] = field(default_factory=dict[str, PendingRequest])
+    _requests: dict[str, PendingRequest] = field(default_factory=dict[str, PendingRequest])
 
     # --- state ----------------------------------------------------------------------------------
 
@@ -103,7 +107,7 @@ class Lease:
 
     @property
     def since_unix_s(self) -> float | None:
-        """Since when the holder has control."""
+        """Time when the holder got control [s since 1970 UTC]."""
         return None if self._holding is None else self._holding.since_unix_s
 
     @property
@@ -113,10 +117,10 @@ class Lease:
 
     @property
     def expires_in_s(self) -> float | None:
-        """Time until control ends if the holder stays silent [s]."""
+        """Time until control ends if the holder sends no request [s]."""
         if self._holding is None:
             return None
-        return max(0.0, self._holding.heard_s + self.terms.lease_s - self.clock.monotonic_s())
+        return max(0.0, self._holding.last_request_s + self.terms.lease_s - self.clock.monotonic_s())
 
     @property
     def can_be_asked(self) -> bool:
@@ -126,13 +130,13 @@ class Lease:
     @property
     def has_most_requests(self) -> bool:
         """Whether no more clients can ask for control."""
-        return len(self._asking) >= MAX_REQUESTS
+        return len(self._requests) >= MAX_REQUESTS
 
     def requests(self) -> tuple[ControlRequest, ...]:
         """Clients that wait for an answer, the earliest first."""
         return tuple(
             ControlRequest(str(a.client), a.client.key, a.reason, a.since_unix_s, self._answer_left_s(a))
-            for a in self._asking.values()
+            for a in self._requests.values()
             if not a.denied
         )
 
@@ -150,7 +154,7 @@ class Lease:
                 client, "taken", client, f"{client} commands vehicle {self.vehicle_id} and has control."
             )
         elif self._holding.client.key == client.key:
-            self.heard(client)
+            self.renew(client)
         elif self._yields(self._holding):
             before = self._holding.client
             text = f"{client} commands vehicle {self.vehicle_id} and has taken control from {before}."
@@ -166,10 +170,10 @@ class Lease:
             return None
         return self._not_in_control(holding)
 
-    def heard(self, client: Principal) -> None:
+    def renew(self, client: Principal) -> None:
         """The client made a request: if it is the holder, its lease is renewed."""
         if self._holding is not None and self._holding.client.key == client.key:
-            self._holding.heard_s = self.clock.monotonic_s()
+            self._holding.last_request_s = self.clock.monotonic_s()
 
     def take(self, client: Principal, *, force: bool = False, on_expiry: OnControlLost | None = None) -> None:
         """Takes control that nobody holds, or by force from its holder.
@@ -199,9 +203,9 @@ class Lease:
                     f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client} by force."
                 )
                 self._give(client, "forced", client, text)
-        self.heard(client)
+        self.renew(client)
         assert self._holding is not None
-        self._holding.asked_for = True
+        self._holding.taken_explicitly = True
         if on_expiry is not None:
             self._holding.on_expiry = on_expiry
 
@@ -217,31 +221,31 @@ class Lease:
             Refused: no client of that name has requested control.
         """
         holding = self._own(client)
-        asking = self._who_asks(to)
-        text = f"{holding.client} has given control of vehicle {self.vehicle_id} to {asking.client}."
-        self._give(asking.client, "granted", client, text)
+        pending = self._request_of(to)
+        text = f"{holding.client} has given control of vehicle {self.vehicle_id} to {pending.client}."
+        self._give(pending.client, "granted", client, text)
 
     def deny(self, client: Principal, to: str, reason: str | None = None) -> None:
         """Denies a request; the requesting client may then take control by force. Raises as `grant`."""
         holding = self._own(client)
-        asking = self._who_asks(to)
-        asking.denied, asking.lifetime_start_s = True, self.clock.monotonic_s()
-        why = f": {reason}" if reason else ""
-        text = (
-            f"{holding.client} keeps control of vehicle {self.vehicle_id}; {asking.client} requested it{why}."
+        pending = self._request_of(to)
+        pending.denied, pending.lifetime_start_s = True, self.clock.monotonic_s()
+        because = f": {reason}" if reason else ""
+        text = f"{holding.client} keeps control of vehicle {self.vehicle_id}; {pending.client} requested it{because}."
+        self.on_change(
+            ControlChange("denied", client, text, holding.client, reason=reason, to=pending.client)
         )
-        self.on_change(ControlChange("denied", client, text, holding.client, reason=reason, to=asking.client))
 
     def release(self, client: Principal) -> None:
         """Releases control (the first requesting client gets it), or withdraws a request; otherwise does
         nothing."""
         self.expire_due()
-        asking = self._asking.pop(client.key, None)
+        pending = self._requests.pop(client.key, None)
         holding = self._holding
         if holding is not None and holding.client.key == client.key:
             text = f"{client} has released control of vehicle {self.vehicle_id}."
             self._end(ControlChange("released", client, text, None, previous=client))
-        elif asking is not None and not asking.denied:
+        elif pending is not None and not pending.denied:
             text = f"{client} has withdrawn the request for control of vehicle {self.vehicle_id}."
             self.on_change(ControlChange("withdrawn", client, text, self.holder))
 
@@ -255,40 +259,40 @@ class Lease:
             self.take(client)
             return
         if holding.client.key == client.key:
-            self.heard(client)
+            self.renew(client)
             return
         now_s = self.clock.monotonic_s()
-        known = self._asking.get(client.key)
+        known = self._requests.get(client.key)
         if known is not None and not known.denied:
             known.reason = reason or known.reason
             return
-        make_room(self._asking, client, self.vehicle_id)
-        self._asking[client.key] = PendingRequest(client, reason, self.clock.unix_s(), now_s, now_s)
-        why = f": {reason}" if reason else ""
-        text = f"{client} requests control from {holding.client} of vehicle {self.vehicle_id}{why}."
+        make_room(self._requests, client, self.vehicle_id)
+        self._requests[client.key] = PendingRequest(client, reason, self.clock.unix_s(), now_s, now_s)
+        because = f": {reason}" if reason else ""
+        text = f"{client} requests control from {holding.client} of vehicle {self.vehicle_id}{because}."
         self.on_change(ControlChange("requested", client, text, holding.client, reason=reason))
 
-    def intervened(self, client: Principal, what: str) -> None:
+    def intervened(self, client: Principal, command_label: str) -> None:
         """A client used a command that is open to all."""
         self.expire_due()
         holding = self._holding
         if holding is None or holding.client.key == client.key:
             return
-        text = f"{client} commanded {what} of vehicle {self.vehicle_id}; {holding.client} still has control."
+        text = f"{client} commanded {command_label} of vehicle {self.vehicle_id}; {holding.client} still has control."
         self.on_change(ControlChange("intervened", client, text, holding.client))
 
     def expire_due(self) -> None:
         """Ends what has expired. Called before each step and periodically."""
         now_s = self.clock.monotonic_s()
-        for key, asking in list(self._asking.items()):
-            if now_s - asking.lifetime_start_s > REQUEST_LIFETIME_S:
-                del self._asking[key]
+        for key, pending in list(self._requests.items()):
+            if now_s - pending.lifetime_start_s > REQUEST_LIFETIME_S:
+                del self._requests[key]
         holding = self._holding
         if holding is None:
             return
         if self.reachable(holding.client):
-            holding.heard_s = now_s
-        elif now_s - holding.heard_s > self.terms.lease_s:
+            holding.last_request_s = now_s
+        elif now_s - holding.last_request_s > self.terms.lease_s:
             text = (
                 f"{holding.client} sent nothing for {self.terms.lease_s:g} s: "
                 f"its control of vehicle {self.vehicle_id} has ended."
@@ -304,25 +308,27 @@ class Lease:
     def _give(self, client: Principal, action: str, by: Principal, text: str) -> None:
         previous = None if self._holding is None else self._holding.client
         now_s = self.clock.monotonic_s()
-        self._holding = _Holding(client, self.clock.unix_s(), now_s, "nothing", asked_for=action != "taken")
-        self._asking.pop(client.key, None)
-        for key, asking in list(self._asking.items()):  # the new holder gets the remaining requests
-            if asking.denied:
-                del self._asking[key]
-            asking.asked_s = now_s
+        self._holding = _Holding(
+            client, self.clock.unix_s(), now_s, "nothing", taken_explicitly=action != "taken"
+        )
+        self._requests.pop(client.key, None)
+        for key, pending in list(self._requests.items()):  # the new holder gets the remaining requests
+            if pending.denied:
+                del self._requests[key]
+            pending.holder_asked_s = now_s
         self.on_change(ControlChange(action, by, text, client, previous))
 
     def _end(self, change: ControlChange) -> None:
         self._holding = None
         self.on_change(change)
-        waiting = next((a for a in self._asking.values() if not a.denied), None)
+        waiting = next((a for a in self._requests.values() if not a.denied), None)
         if waiting is not None:
             text = f"{waiting.client} requested control of vehicle {self.vehicle_id} and has it now."
             self._give(waiting.client, "taken", waiting.client, text)
 
     def _yields(self, holding: _Holding) -> bool:
         """Whether the holder has no id of its own and never took control explicitly."""
-        return not (holding.asked_for or holding.client.identified or self.reachable(holding.client))
+        return not (holding.taken_explicitly or holding.client.identified or self.reachable(holding.client))
 
     def _own(self, client: Principal) -> _Holding:
         self.expire_due()
@@ -330,42 +336,42 @@ class Lease:
             raise Refused(f"Nobody controls vehicle {self.vehicle_id}.", remedy="Take control of it first.")
         if self._holding.client.key != client.key:
             raise self._not_in_control(self._holding)
-        self.heard(client)
+        self.renew(client)
         return self._holding
 
-    def _who_asks(self, to: str) -> PendingRequest:
-        asking = [a for a in self._asking.values() if not a.denied]
-        found = [a for a in asking if a.client.key == to] or [a for a in asking if str(a.client) == to]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            keys = ", ".join(a.client.key for a in found)
+    def _request_of(self, to: str) -> PendingRequest:
+        pending = [a for a in self._requests.values() if not a.denied]
+        matching = [a for a in pending if a.client.key == to] or [a for a in pending if str(a.client) == to]
+        if len(matching) == 1:
+            return matching[0]
+        if matching:
+            keys = ", ".join(a.client.key for a in matching)
             raise Refused(
-                f"{len(found)} clients named {to!r} request it.", remedy=f"Give the key of one: {keys}."
+                f"{len(matching)} clients named {to!r} request it.", remedy=f"Give the key of one: {keys}."
             )
-        names = ", ".join(f"{a.client} ({a.client.key})" for a in asking) or "nobody"
+        names = ", ".join(f"{a.client} ({a.client.key})" for a in pending) or "nobody"
         raise Refused(
             f"{to!r} has not requested control of vehicle {self.vehicle_id}.", remedy=f"Requests: {names}."
         )
 
-    def _answer_left_s(self, asking: PendingRequest) -> float:
+    def _answer_left_s(self, pending: PendingRequest) -> float:
         if not self.can_be_asked:
             return 0.0
-        return max(0.0, asking.asked_s + self.terms.answer_s - self.clock.monotonic_s())
+        return max(0.0, pending.holder_asked_s + self.terms.answer_s - self.clock.monotonic_s())
 
     def _may_force(self, client: Principal, holding: _Holding) -> None:
         if not self.can_be_asked:
             return
-        asking = self._asking.get(client.key)
-        if asking is None:
+        pending = self._requests.get(client.key)
+        if pending is None:
             raise Refused(
                 f"{holding.client} has control of vehicle {self.vehicle_id} and has not been asked for it.",
                 remedy="Request control first (control/request); a denial, or "
                 f"{self.terms.answer_s:g} s without an answer, lets you force it. Hold, Land now and Kill "
                 "need no control.",
             )
-        left_s = self._answer_left_s(asking)
-        if not asking.denied and left_s > 0:
+        left_s = self._answer_left_s(pending)
+        if not pending.denied and left_s > 0:
             raise Refused(
                 f"{holding.client} has {left_s:.0f} s left to answer.",
                 remedy="Wait for the answer. Hold, Land now and Kill need no control.",

@@ -1,6 +1,6 @@
-"""Decides who may close a link to a flying vehicle, and who may let another station in.
+"""Decides who may close a link to a flying vehicle, and who may add a link to another ground station.
 
-Closing a link takes a vehicle away from its pilot. A link to another ground station (`forward=1`) lets that
+Closing a link disconnects a vehicle from its pilot. A link to another ground station (`forward=1`) lets that
 station command without control. Neither is allowed to clients without control.
 """
 
@@ -36,7 +36,7 @@ class LinkGuard:
         self._authority = authority
 
     def may_close(self, name: str, principal: Principal, confirm: str | None) -> None:
-        """Before a link is closed.
+        """Checks before a link is closed.
 
         Args:
             name: name of the link.
@@ -52,39 +52,39 @@ class LinkGuard:
         if link.replay:
             return
         if link.forward:
-            self._refuse_unless_ours(principal, CLOSE, [v for v in self._live() if is_flown(v)])
+            self._require_control(principal, CLOSE, [v for v in self._live() if is_flown(v)])
             return
-        heard_there = [v for v in self._live() if name in v.known_links]
-        self._refuse_unless_ours(principal, CLOSE, heard_there)
-        last = [v.id for v in heard_there if is_flown(v) and not self._heard_elsewhere(v, name)]
-        if last and confirm != (wanted := closing_confirmation(name, last)):
+        vehicles_on_link = [v for v in self._live() if name in v.known_links]
+        self._require_control(principal, CLOSE, vehicles_on_link)
+        last = [v.id for v in vehicles_on_link if is_flown(v) and not self._has_other_link(v, name)]
+        if last and confirm != (expected := closing_confirmation(name, last)):
             many = len(last) > 1
             raise Refused(
                 f"Vehicle{'s' if many else ''} {', '.join(last)} {'are' if many else 'is'} armed or flown by "
-                f"setpoints, and link {name!r} is the last one. The link stays open.",
-                remedy=f"To close it anyway, send confirm={wanted!r}.",
+                f"setpoints, and link {name!r} is its last link. The link stays open.",
+                remedy=f"To close it anyway, send confirm={expected!r}.",
             )
 
     def may_forward(self, principal: Principal) -> None:
-        """Checks before another ground station is let in.
+        """Checks before a link to another ground station is added.
 
         Raises:
-        NotInControl: another client controls a vehicle, which that station could command.
+            NotInControl: another client controls a vehicle, which that station could command.
         """
-        self._refuse_unless_ours(principal, ADD, self._live())
+        self._require_control(principal, ADD, self._live())
 
     def _live(self) -> list[Vehicle]:
         return [v for v in self._fleet.all() if not v.identity.replayed]
 
-    def _refuse_unless_ours(self, principal: Principal, command: str, vehicles: Iterable[Vehicle]) -> None:
+    def _require_control(self, principal: Principal, command: str, vehicles: Iterable[Vehicle]) -> None:
         refused = self._authority.refusal(principal, command, [v.id for v in vehicles])
         if refused is not None:
             raise refused
 
-    def _heard_elsewhere(self, vehicle: Vehicle, name: str) -> bool:
+    def _has_other_link(self, vehicle: Vehicle, name: str) -> bool:
         now_s = vehicle.clock.monotonic_s()
         return any(
-            e.connection.name != name and now_s - e.heard_s <= SILENT_AFTER_S for e in vehicle.endpoints
+            e.connection.name != name and now_s - e.received_s <= SILENT_AFTER_S for e in vehicle.endpoints
         )
 
 

@@ -21,24 +21,24 @@ class PendingRequest:
     client: Principal
     reason: str | None
     since_unix_s: float
-    asked_s: float
-    """When the current holder was asked."""
+    holder_asked_s: float
+    """Time when the current holder was asked [s, monotonic]."""
     lifetime_start_s: float
     """Start of the request's lifetime: its arrival, or its denial."""
     denied: bool = False
 
 
-def make_room(asking: dict[str, PendingRequest], client: Principal, vehicle_id: str) -> None:
+def make_room(pending: dict[str, PendingRequest], client: Principal, vehicle_id: str) -> None:
     """Removes the oldest denied request if the limit is reached.
 
     Raises:
         Refused: the limit is reached, and no request is denied.
     """
-    same = [a for a in asking.values() if a.client.address == client.address]
+    same = [a for a in pending.values() if a.client.address == client.address]
     if client.address and len(same) >= MAX_REQUESTS_PER_ADDRESS:
         limited, where = same, " at your address"
-    elif len(asking) >= MAX_REQUESTS:
-        limited, where = list(asking.values()), ""
+    elif len(pending) >= MAX_REQUESTS:
+        limited, where = list(pending.values()), ""
     else:
         return
     denied = next((a for a in limited if a.denied), None)
@@ -48,4 +48,4 @@ def make_room(asking: dict[str, PendingRequest], client: Principal, vehicle_id: 
             remedy="Wait until the holder has answered some (control/grant, control/deny); a request is "
             f"forgotten after {REQUEST_LIFETIME_S:g} s. Hold, Land now and Kill need no control.",
         )
-    del asking[denied.client.key]
+    del pending[denied.client.key]

@@ -266,12 +266,12 @@ class Link(ABC):
         self._retry_s = FIRST_RETRY_S
         self._set_state("open", "")
 
-    def _lost(self, why: str) -> None:
+    def _lost(self, reason: str) -> None:
         """Closes the link and schedules a retry."""
         self._shut()
         if not self._wanted:
             return
-        self._set_state("waiting", why)
+        self._set_state("waiting", reason)
         if self._retry is not None:
             self._retry.cancel()
         self._retry = self._loop.call_later(self._retry_s, self._try)

@@ -49,18 +49,18 @@ class ThrottledReader:
 
     def _read(self) -> None:
         self._timer = None
-        came = 1  # if it fails, read again soon, not at once
+        pieces = 1  # if it fails, read again soon, not at once
         try:
-            came = self._drain()
+            pieces = self._drain()
         except Exception as error:
             self._faults.add(error, "reading")
         finally:
             if not self._closed:  # by the number of pieces
-                self._again(came)
+                self._again(pieces)
 
-    def _again(self, came: int) -> None:
-        if came:
-            self._waited_s = pace(came / self._waited_s)
+    def _again(self, pieces: int) -> None:
+        if pieces:
+            self._waited_s = pace(pieces / self._waited_s)
             self._timer = self._loop.call_later(self._waited_s, self._read)
         else:
             self._waited_s = WAKE_INTERVAL_S

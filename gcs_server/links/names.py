@@ -52,14 +52,14 @@ def checked_key_name(name: str) -> str:
 def shown_url(url: str) -> str:
     """A link's URL for journal and log: hides anything that is not a key's name."""
 
-    def shown(match: re.Match[str]) -> str:
+    def hidden(match: re.Match[str]) -> str:
         try:
             checked_key_name(unquote(match[2]))
         except InvalidRequest:
             return f"{match[1]}(not shown)"
         return match[0]
 
-    return re.sub(r"([?&]key=)([^&#]*)", shown, url, flags=re.IGNORECASE)
+    return re.sub(r"([?&]key=)([^&#]*)", hidden, url, flags=re.IGNORECASE)
 
 
 def derived_name(text: str) -> str:

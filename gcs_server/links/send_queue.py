@@ -35,7 +35,7 @@ class Packet:
         peer: the receiver.
         size_bytes: largest size when completed.
         finish: returns the bytes to send now (numbered and signed); called again if they could not be sent.
-        left: called with the bytes once they are sent; then the frame's number is used.
+        on_sent: called with the bytes once they are sent; only then the frame's number is used.
         priority: its class.
         expires_s: it is not sent after this time, on the link's clock.
         key: it replaces the waiting packet with the same peer and key; None: it replaces nothing.
@@ -46,7 +46,7 @@ class Packet:
     peer: Peer
     size_bytes: int
     finish: Callable[[], bytes]
-    left: Callable[[bytes], None] = _nothing
+    on_sent: Callable[[bytes], None] = _nothing
     priority: int = LAST
     expires_s: float = math.inf
     key: Hashable = None

@@ -42,7 +42,7 @@ class StreamSession:
         self._read = read
         self._received = received
         self._ended = ended
-        self._over = False
+        self._closed = False
         self.writer = LinkWriter(
             loop,
             lambda data, _peer: write(data),
@@ -57,14 +57,14 @@ class StreamSession:
 
     def close(self) -> None:
         """Stops; the descriptor may be closed afterwards."""
-        self._over = True
+        self._closed = True
         self._reader.close()
         self.writer.close()
 
     def _drain(self) -> int:
-        came, end_s = 0, self._now_s() + MAX_READ_S
+        pieces, end_s = 0, self._now_s() + MAX_READ_S
         for _ in range(READS_PER_WAKE):
-            if self._over or self._now_s() > end_s:
+            if self._closed or self._now_s() > end_s:
                 break
             try:
                 data = self._read(READ_BYTES)
@@ -76,11 +76,11 @@ class StreamSession:
             if not data:
                 self._end("The other side closed the connection.")
                 break
-            came += 1
+            pieces += 1
             self._received(data)
-        return came
+        return pieces
 
     def _end(self, why: str) -> None:
-        if not self._over:
+        if not self._closed:
             self.close()
             self._ended(why)

@@ -79,8 +79,8 @@ class TcpLink(Link):
             data = self._first_bytes.accept(data)
         except ForeignProtocol as error:
             self._retry_s = MAX_RETRY_S  # it is unlikely to speak MAVLink later
-            who = f"{self._peer.name} speaks {error.protocol}, not MAVLink."
-            self._lost(f"{who} Check the port; this is tried again.")
+            reason = f"{self._peer.name} speaks {error.protocol}, not MAVLink."
+            self._lost(f"{reason} Check the port; this is tried again.")
             return
         if data:
             self._received(data, self._peer)

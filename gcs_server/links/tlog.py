@@ -271,26 +271,26 @@ class TlogLink(Link):
         assert index is not None
         assert wanted_us is not None
 
-        def fetched(there: Moment) -> None:
+        def fetched(moment: Moment) -> None:
             if self._timeline is None or self._file is not file:
                 return
             if self._jump_to_us != wanted_us:  # another jump came meanwhile
                 self._fetch()
                 return
-            self._arrive(there, index, wanted_us)
+            self._arrive(moment, index, wanted_us)
 
         self._in_background(lambda: moment(file, index, wanted_us), fetched)
 
-    def _arrive(self, there: Moment, index: Index, time_us: int) -> None:
+    def _arrive(self, moment: Moment, index: Index, time_us: int) -> None:
         self._take += 1
         take = self._take
-        self._pending = deque(there.following)
-        self._cursor, self._at_end = there.after, there.at_end
+        self._pending = deque(moment.following)
+        self._cursor, self._at_end = moment.after, moment.at_end
         self._forget(self._peer)
         self._replay_clock = self.clock = clock = ReplayClock(index.begin_us, self._take)
         self._peers[self._peer.name] = self._peer
         self.quiet = True
-        self._rebuild(deque(there.records), clock, time_us, take)
+        self._rebuild(deque(moment.records), clock, time_us, take)
 
     def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, take: int) -> None:
         """Feeds the frames that restore the vehicles' state, in several turns of the event loop."""

@@ -44,7 +44,7 @@ class UdpLink(Link):
         self._reader: ThrottledReader | None = None
         self._datagrams: LinkWriter | None = None
         self._by_address: dict[Address, Peer] = {}
-        self._heard_s: dict[str, float] = {}
+        self._last_received_s: dict[str, float] = {}
         self._fixed: str | None = None
         self._full_until_s = float("-inf")
         self._sweep: asyncio.TimerHandle | None = None
@@ -101,8 +101,8 @@ class UdpLink(Link):
         return super()._explain(error)
 
     def _drain(self) -> int:
-        sock, came, now_s = self._socket, 0, self._loop.time()
-        by_address, heard_s, received = self._by_address, self._heard_s, self._received
+        sock, count, now_s = self._socket, 0, self._loop.time()
+        by_address, last_received_s, received = self._by_address, self._last_received_s, self._received
         end_s = now_s + MAX_READ_S
         for _ in range(DATAGRAMS_PER_WAKE):
             if sock is None or self._socket is not sock:  # the receiver closed the link
@@ -118,23 +118,25 @@ class UdpLink(Link):
             except OSError as error:
                 self._lost(self._explain(error))
                 break
-            came += 1
-            peer = by_address.get(address) or self._newcomer(address, now_s)
+            count += 1
+            peer = by_address.get(address) or self._add_peer(address, now_s)
             if peer is None:
                 continue
-            heard_s[peer.name] = now_s
+            last_received_s[peer.name] = now_s
             received(data, peer, now_s)
-        return came
+        return count
 
-    def _newcomer(self, address: Address, now_s: float) -> Peer | None:
+    def _add_peer(self, address: Address, now_s: float) -> Peer | None:
         """Adds a new peer; None if there are too many already."""
         if len(self._peers) < MAX_PEERS:
             return self._peer(address)
         if now_s < self._full_until_s:
             return None
-        quietest = min((n for n in self._heard_s if n != self._fixed), key=self._heard_s.__getitem__)
-        if now_s - self._heard_s[quietest] > EVICT_AFTER_S:
-            self._forget_peer(quietest)
+        longest_silent = min(
+            (n for n in self._last_received_s if n != self._fixed), key=self._last_received_s.__getitem__
+        )
+        if now_s - self._last_received_s[longest_silent] > EVICT_AFTER_S:
+            self._forget_peer(longest_silent)
             return self._peer(address)
         self._full_until_s = now_s + LOOK_AGAIN_S
         self._set_state("open", f"{MAX_PEERS} addresses send on this link; further ones are ignored.")
@@ -144,7 +146,7 @@ class UdpLink(Link):
         peer = Peer(f"{address[0]}:{address[1]}", address)
         self._by_address[address] = peer
         self._peers[peer.name] = peer
-        self._heard_s[peer.name] = self._loop.time()
+        self._last_received_s[peer.name] = self._loop.time()
         self._changed()
         return peer
 
@@ -152,7 +154,7 @@ class UdpLink(Link):
         peer = self._peers[name]
         if peer.address is not None:
             self._by_address.pop(peer.address, None)
-        self._heard_s.pop(name, None)
+        self._last_received_s.pop(name, None)
         self._forget(peer)
 
     def _forget_silent(self) -> None:
@@ -160,7 +162,11 @@ class UdpLink(Link):
         before_s = self._loop.time() - FORGET_AFTER_S
         if self._loop.time() > self._full_until_s + FORGET_AFTER_S:
             self._set_state("open", "")
-        for name in [n for n, heard_s in self._heard_s.items() if heard_s < before_s and n != self._fixed]:
+        for name in [
+            n
+            for n, last_received_s in self._last_received_s.items()
+            if last_received_s < before_s and n != self._fixed
+        ]:
             self._forget_peer(name)
 
     def _writer(self, peer: Peer) -> LinkWriter | None:
@@ -188,5 +194,5 @@ class UdpLink(Link):
         if sock is not None:
             sock.close()
         self._by_address.clear()
-        self._heard_s.clear()
+        self._last_received_s.clear()
         self._fixed = None

@@ -51,7 +51,7 @@ class LinkWriter:
         self._pacer = pacer or Unpaced()
         self._failed = failed
         self._queue = SendQueue(counts)
-        self._begun: tuple[Packet, bytes] | None = None
+        self._partial: tuple[Packet, bytes] | None = None
         """The partly sent frame, and its remaining bytes."""
         self._lost: Packet | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -72,23 +72,23 @@ class LinkWriter:
             now_s = self._now_s()
             self._lost = None
             kept = self._queue.put(packet, now_s)
-            self._pump(now_s)
+            self._write_waiting(now_s)
             return kept and not self._was_lost(packet)
 
     def close(self) -> None:
         """Drops waiting packets; call before the descriptor is closed. Afterwards nothing is written."""
         with self._counts.lock:
             self._closed = True
-            self._begun = None
+            self._partial = None
             self._queue.clear()
         if self._timer is not None:
             self._timer.cancel()
 
     # --- with the lock held -----------------------------------------------------------------------
 
-    def _pump(self, now_s: float) -> None:
+    def _write_waiting(self, now_s: float) -> None:
         wait_s = 0.0
-        while not self._closed and wait_s <= 0 and (self._begun is not None or len(self._queue)):
+        while not self._closed and wait_s <= 0 and (self._partial is not None or len(self._queue)):
             wait_s = self._pacer.wait_s(now_s)
             if wait_s <= 0 and not self._write_one(now_s):
                 wait_s = LOOK_AGAIN_S
@@ -96,14 +96,14 @@ class LinkWriter:
             if now_s >= self._next_purge_s:
                 self._next_purge_s = now_s + PURGE_EVERY_S
                 self._queue.purge(now_s)
-            if self._begun is not None or len(self._queue):
+            if self._partial is not None or len(self._queue):
                 self._wake_in(wait_s)
 
     def _write_one(self, now_s: float) -> bool:
         """Writes the rest of a frame, or the next one; False if the descriptor is blocked."""
-        begun = self._begun
-        if begun is not None:
-            packet, data = begun
+        partial = self._partial
+        if partial is not None:
+            packet, data = partial
             if packet.expires_s < now_s:
                 data = data[:-1] + bytes([data[-1] ^ 0xFF])
                 packet.expires_s = math.inf  # spoilt once
@@ -126,18 +126,18 @@ class LinkWriter:
             self._fail(error)
             return True
         if not written:
-            if begun is None:
+            if partial is None:
                 self._queue.put_back(packet)
             else:
-                self._begun = packet, data
+                self._partial = packet, data
             return False
         self._pacer.wrote(written, now_s)
         self._counts.bytes_sent += written
-        self._begun = (packet, data[written:]) if written < len(data) else None
-        if begun is None:
+        self._partial = (packet, data[written:]) if written < len(data) else None
+        if partial is None:
             self._counts.frames_sent += 1
             try:
-                packet.left(data)
+                packet.on_sent(data)
             except Exception as error:
                 self._faults.add(error, "recording a sent frame")
         return True
@@ -153,7 +153,7 @@ class LinkWriter:
     def _fail(self, error: OSError) -> None:
         if self._failed is not None and self._loop is not None:
             self._closed = True
-            self._begun = None
+            self._partial = None
             self._queue.clear()
             self._in_loop(self._failed, error)
 
@@ -177,7 +177,7 @@ class LinkWriter:
         with self._counts.lock:
             self._timer_wanted = False
             try:
-                self._pump(self._now_s())
+                self._write_waiting(self._now_s())
             except Exception as error:
                 self._faults.add(error, "sending")
                 self._wake_in(LOOK_AGAIN_S)

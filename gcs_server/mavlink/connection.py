@@ -43,7 +43,7 @@ class FrameSender:
     """The only place that completes outgoing frames, so that all threads share the sequence numbers.
 
     A frame is completed when it is sent, with the link's lock held: `_finish` returns the bytes to send now,
-    `_left` uses their number. Numbers count per peer; otherwise each of several vehicles on one link would
+    `_on_sent` uses their number. Numbers count per peer; otherwise each of several vehicles on one link would
     count frames to the others as lost.
     """
 
@@ -83,7 +83,7 @@ class FrameSender:
             peer,
             len(payload) + MIN_V2_BYTES + SIGNATURE,
             lambda: self._finish(msg_id, payload, peer),
-            lambda raw: self._left(raw, peer),
+            lambda raw: self._on_sent(raw, peer),
             urgency.priority,
             expires_s if until_s is None else min(expires_s, until_s),
             urgency.key,
@@ -113,7 +113,7 @@ class FrameSender:
         seq = self._seq.get(peer.name, 0)
         return encode_frame(msg_id, payload, seq, self._system_id, self._component_id, self._signer)
 
-    def _left(self, raw: bytes, peer: Peer) -> None:
+    def _on_sent(self, raw: bytes, peer: Peer) -> None:
         self._seq[peer.name] = (self._seq.get(peer.name, 0) + 1) & 0xFF
         self._record(raw)
 
@@ -158,7 +158,7 @@ class Connection:
         self._parsers: dict[str, FrameParser] = {}
         self._stamped_s, self._stamp = -1.0, b""
         """When the newest bytes arrived, on both clocks."""
-        self._gone = ParserCounts(0, 0, 0, 0, 0)
+        self._former = ParserCounts(0, 0, 0, 0, 0)
         """Sum of the counts of former peers."""
         signer = None if signing is None else signing.signer
         self.sender = FrameSender(link, system_id, component_id, self._record, signer)
@@ -189,7 +189,7 @@ class Connection:
         if self._recording is not None:
             self._recording.append(stamp(time_us), raw)
 
-    def speaking_peers(self) -> tuple[Peer, ...]:
+    def mavlink_peers(self) -> tuple[Peer, ...]:
         """Peers that get heartbeats: all except those that sent only garbage."""
         return tuple(
             peer
@@ -199,7 +199,7 @@ class Connection:
 
     def info(self) -> LinkInfo:
         """The link's state with frame counts and recording."""
-        total = self._gone
+        total = self._former
         for counts in self.counts().values():
             total = total.plus(counts)
         return replace(
@@ -250,7 +250,7 @@ class Connection:
     def _peer_gone(self, peer: Peer) -> None:
         parser = self._parsers.pop(peer.name, None)
         if parser is not None:
-            self._gone = self._gone.plus(_counts_of(parser))
+            self._former = self._former.plus(_counts_of(parser))
         self.sender.forget(peer)
         self._on_peer_gone(self, peer)
 

@@ -21,7 +21,7 @@ SILENT_AFTER_S = 2.0
 class _Route:
     connection: Connection
     peer: Peer
-    heard_s: float
+    last_received_s: float
 
 
 class Forwarder:
@@ -48,11 +48,11 @@ class Forwarder:
             self._to_vehicles(frame)
             return
         route = self._routes.get(frame.system_id)
-        if route is None or frame.received_monotonic_s - route.heard_s > SILENT_AFTER_S:
+        if route is None or frame.received_monotonic_s - route.last_received_s > SILENT_AFTER_S:
             route = self._routes[frame.system_id] = _Route(connection, peer, frame.received_monotonic_s)
         elif route.connection is not connection or route.peer is not peer:
             return
-        route.heard_s = frame.received_monotonic_s
+        route.last_received_s = frame.received_monotonic_s
         for other in self.stations:
             for station in other.link.peers():
                 other.forward(frame, station)

@@ -257,7 +257,7 @@ class Router:
                 if connection.link.replay or connection.link.forward:
                     continue
                 try:  # a fault of one link must not stop heartbeats on the others
-                    for peer in connection.speaking_peers():
+                    for peer in connection.mavlink_peers():
                         connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
                 except Exception as error:
                     connection.link.faults.add(error, "sending a heartbeat")

@@ -3,7 +3,7 @@
 Rules and layout are those of the MAVLink guide ("Message signing"): after the checksum a frame carries a link
 id (one byte), a timestamp (48 bits, 10 us since 2015-01-01) and the first 48 bits of the SHA-256 over the
 secret key and all that comes before them. A stream is one (link id, system, component): its timestamps rise
-with each frame; a stream that was not heard before may be at most a minute behind.
+with each frame; a new stream may be at most a minute behind.
 """
 
 from __future__ import annotations
@@ -97,9 +97,9 @@ class SigningClock:
         self._last = min(at_least, MAX_ADOPTED_TIMESTAMP)
         self._lock = threading.Lock()
         self.ahead_ticks = 0
-        """Ticks by which the timestamps are ahead of the system clock."""
+        """Difference between the timestamps and the system clock [ticks]."""
         if at_least:
-            self._run_ahead_of(self._last)
+            self._run_ahead_to(self._last)
 
     def next(self) -> int:
         """The timestamp of the next frame."""
@@ -115,14 +115,14 @@ class SigningClock:
         """Adopts the timestamp of a correctly signed frame: this server's next ones are larger."""
         if self.now() < timestamp <= MAX_ADOPTED_TIMESTAMP:
             with self._lock:
-                self._run_ahead_of(timestamp)
+                self._run_ahead_to(timestamp)
 
     def run_ahead(self, ticks: int) -> None:
-        """Sets the ticks ahead of the system clock, as used by another process of this server."""
+        """Adopts the difference to the system clock that another process of this server uses [ticks]."""
         with self._lock:
             self.ahead_ticks = max(self.ahead_ticks, ticks)
 
-    def _run_ahead_of(self, timestamp: int) -> None:
+    def _run_ahead_to(self, timestamp: int) -> None:
         # Never rounded up: vehicle and server adopt each other's time, and each exchange would add to it.
         self.ahead_ticks = max(self.ahead_ticks, timestamp - self._machine_ticks())
 

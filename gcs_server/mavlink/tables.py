@@ -48,7 +48,7 @@ def _layout(msg_id: int, cls: Any) -> Layout:
 
 
 RENAMED = frozenset({296})
-"""Messages of another name, and so another checksum, in PX4 v1.17 (GLOBAL_POSITION): taken as unknown."""
+"""Messages of another name, and so another checksum, in PX4 v1.17 (GLOBAL_POSITION): treated as unknown."""
 LAYOUTS: dict[int, Layout] = {
     msg_id: _layout(msg_id, cls) for msg_id, cls in mavlink_map.items() if msg_id not in RENAMED
 }

@@ -24,8 +24,10 @@ log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
 BACKLOG_LIMIT_FRAMES = 150_000
-"""Most frames of a link that wait for a stalled disk (15 MB, half a minute of fifty vehicles); more stops the
-recording."""
+"""Most frames of a link that may wait for a stalled disk (15 MB, half a minute of fifty vehicles). With
+more, the
+recording stops.
+"""
 TRY_AGAIN_FLUSHES = 40
 """A stopped recording is tried again after this many flushes."""
 
@@ -190,7 +192,7 @@ class TlogRecorder:
 
     def _write(self, channel: TlogChannel) -> None:
         if channel.backlog_frames >= BACKLOG_LIMIT_FRAMES:
-            self._stopped(channel, "The disk is too slow: too much waits to be written.")
+            self._stopped(channel, "The disk is too slow: too many frames wait to be written.")
             return
         data = channel.take()
         if not data:
@@ -212,7 +214,7 @@ class TlogRecorder:
         if free >= self._keep_free_bytes:
             return ""
         return (
-            f"Only {free // 1_000_000} MB are free where recordings go ({self._directory}); "
+            f"Only {free // 1_000_000} MB are free on the disk of the recordings ({self._directory}); "
             f"{self._keep_free_bytes // 1_000_000} MB are kept free. Free some space, and recording "
             f"continues."
         )

@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 MAX_RUNNING = 20
 LINK_GRACE_S = 1.0
-"""Time for work on a lost vehicle to fail with its own error; then it is stopped [s]."""
+"""Time in which work on a lost vehicle may fail with its own error before it is stopped [s]."""
 MAX_RESULT = 16_384
 """Size as JSON [characters]."""
 MAX_ENDED = 50
@@ -81,7 +81,7 @@ class _Running:
     task: asyncio.Task[Any]
     ended: asyncio.Event
     needs_vehicle: bool
-    told_s: float
+    reported_s: float
     stop_error: GcsError | None = None
     """Why it is being stopped, if that is a failure."""
 
@@ -92,7 +92,7 @@ class Operations:
     Args:
         clock: the server's.
         supervisor: owns the tasks.
-        tell: called with each change; nothing of an operation is kept in a vehicle's history.
+        on_change: called with each change. Operations are not part of a vehicle's history.
     """
 
     def __init__(self, clock: Clock, supervisor: Supervisor, on_change: Callable[[Operation], None]) -> None:
@@ -206,7 +206,7 @@ class Operations:
         await running.ended.wait()
         return self._known.get(operation_id, operation)
 
-    def vehicle_lost(self, vehicle_id: str, why: str) -> None:
+    def vehicle_lost(self, vehicle_id: str, reason: str) -> None:
         """The vehicle's link is lost, or it was removed: operations that need it fail."""
         concerned = [
             running
@@ -214,7 +214,7 @@ class Operations:
             if running.needs_vehicle and self._known[operation_id].vehicle == vehicle_id
         ]
         if concerned:
-            self._supervisor.spawn("operations of a lost vehicle", self._fail(concerned, vehicle_id, why))
+            self._supervisor.spawn("operations of a lost vehicle", self._fail(concerned, vehicle_id, reason))
 
     async def close(self) -> None:
         """Cancels all operations and waits for them; starts no more."""
@@ -227,11 +227,11 @@ class Operations:
 
     # --- inside -------------------------------------------------------------------------------------
 
-    async def _fail(self, concerned: list[_Running], vehicle_id: str, why: str) -> None:
+    async def _fail(self, concerned: list[_Running], vehicle_id: str, reason: str) -> None:
         await self._clock.sleep(LINK_GRACE_S)
         for running in concerned:
             if not running.ended.is_set():
-                running.stop_error = Disconnected(f"Vehicle {vehicle_id} was lost: {why}")
+                running.stop_error = Disconnected(f"Vehicle {vehicle_id} was lost: {reason}")
                 running.task.cancel()
 
     async def _run(self, operation_id: str, work: Work) -> None:
@@ -244,15 +244,15 @@ class Operations:
             if error is not None:
                 self._end(operation_id, "failed", str(error), error=error)
             else:
-                why = "The server stopped." if self._closed else "Cancelled."
-                self._end(operation_id, "cancelled", why)
+                reason = "The server stopped." if self._closed else "Cancelled."
+                self._end(operation_id, "cancelled", reason)
             raise
         except GcsError as error:
             self._end(operation_id, "failed", str(error), error=error)
         except Exception as error:
             log.exception("operation %s failed", operation_id)
-            words = f"The server failed: {type(error).__name__}."
-            self._end(operation_id, "failed", words, error=GcsError(words, remedy="See the server's log."))
+            text = f"The server failed: {type(error).__name__}."
+            self._end(operation_id, "failed", text, error=GcsError(text, remedy="See the server's log."))
         else:
             self._end(operation_id, "succeeded", "Done.", result=result)
 
@@ -267,12 +267,12 @@ class Operations:
         running = self._running.get(operation_id)
         if running is None:
             return
-        share = None if progress is None else min(1.0, max(0.0, progress))
-        changed = replace(self._known[operation_id], text=text[:MAX_TEXT_LENGTH], progress=share)
+        fraction = None if progress is None else min(1.0, max(0.0, progress))
+        changed = replace(self._known[operation_id], text=text[:MAX_TEXT_LENGTH], progress=fraction)
         self._known[operation_id] = changed
         now_s = self._clock.monotonic_s()
-        if now_s - running.told_s >= TELL_PERIOD_S:
-            running.told_s = now_s
+        if now_s - running.reported_s >= TELL_PERIOD_S:
+            running.reported_s = now_s
             self._on_change(changed)
 
     def _end(
@@ -295,7 +295,9 @@ class Operations:
         )
         if state == "succeeded":
             ended = replace(ended, progress=1.0)
-        self._known[operation_id] = ended  # moved to the end: dropped in the order in which they ended
+        self._known[operation_id] = (
+            ended  # moved to the end: operations are dropped in the order in which they ended
+        )
         done = [key for key in self._known if key not in self._running]
         for key in done[: max(0, len(done) - MAX_ENDED)]:
             del self._known[key]

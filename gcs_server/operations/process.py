@@ -61,18 +61,20 @@ async def run_process(
                 process.stdin.write(request + b"\n")
                 await process.stdin.drain()
         while line := await process.stdout.readline():
-            said = _object(line)
-            if "result" in said and isinstance(said["result"], dict):
-                return cast(dict[str, object], said["result"])
-            if "problem" in said:
-                raise WorkerFailed(str(said["problem"])[:MAX_LINE_LENGTH])
-            progress = said.get("progress")
+            value = _object(line)
+            if "result" in value and isinstance(value["result"], dict):
+                return cast(dict[str, object], value["result"])
+            if "problem" in value:
+                raise WorkerFailed(str(value["problem"])[:MAX_LINE_LENGTH])
+            progress = value.get("progress")
             share = progress if isinstance(progress, int | float) and 0 <= progress <= 1 else None
-            report(str(said.get("text", "")), share)
+            report(str(value.get("text", "")), share)
         code = await process.wait()
         raise WorkerFailed(f"The process of this operation ended without a result (exit status {code}).")
     except ValueError as error:
-        raise WorkerFailed(f"The process of this operation wrote what cannot be read: {error}.") from error
+        raise WorkerFailed(
+            f"The process of this operation wrote output that cannot be read: {error}."
+        ) from error
     finally:
         await _end(process)
 
@@ -92,10 +94,10 @@ async def _end(process: asyncio.subprocess.Process) -> None:
 
 
 def _object(line: bytes) -> dict[str, Any]:
-    said = json.loads(line)
-    if not isinstance(said, dict):
+    value = json.loads(line)
+    if not isinstance(value, dict):
         raise ValueError("a line is not an object")
-    return cast(dict[str, Any], said)
+    return cast(dict[str, Any], value)
 
 
 # --- in the process -----------------------------------------------------------------------------------
@@ -135,6 +137,6 @@ def _end_with_the_server() -> None:
     os._exit(1)
 
 
-def _write(said: dict[str, object]) -> None:
-    sys.stdout.write(json.dumps(said) + "\n")
+def _write(value: dict[str, object]) -> None:
+    sys.stdout.write(json.dumps(value) + "\n")
     sys.stdout.flush()

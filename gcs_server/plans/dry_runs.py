@@ -21,7 +21,7 @@ COMMAND = (sys.executable, "-m", "gcs_server.plans.dry_run_worker")
 
 
 class DryRuns:
-    """The dry runs of one server; they are lost in a restart."""
+    """The dry runs of one server; a restart loses them."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -63,7 +63,7 @@ class DryRuns:
             raise Refused(f"{AT_ONCE} dry runs are already running.", remedy="Wait until one has ended.")
         self._running += 1
         try:
-            found = await run_process(
+            result = await run_process(
                 COMMAND, report, request=json.dumps(request).encode(), longest_line=MAX_ANSWER_BYTES
             )
         except WorkerFailed as error:
@@ -74,10 +74,10 @@ class DryRuns:
             ) from error
         finally:
             self._running -= 1
-        self._kept[dry_run_id] = {"id": dry_run_id, **about, **found}
+        self._kept[dry_run_id] = {"id": dry_run_id, **about, **result}
         while len(self._kept) > MAX_KEPT:
             self._kept.popitem(last=False)
-        return {"dry_run": dry_run_id, **_summary(found)}
+        return {"dry_run": dry_run_id, **_summary(result)}
 
     def get(self, dry_run_id: str) -> dict[str, Any]:
         """The result of a dry run.
@@ -85,17 +85,17 @@ class DryRuns:
         Raises:
         UnknownDryRun: there is none, it has not ended, or it was forgotten.
         """
-        found = self._kept.get(dry_run_id)
-        if found is None:
+        result = self._kept.get(dry_run_id)
+        if result is None:
             raise UnknownDryRun(
                 f"There is no result of a dry run {dry_run_id!r}.",
                 remedy=f"Wait for its operation to succeed; the last {MAX_KEPT} results are kept.",
             )
-        return found
+        return result
 
 
-def _summary(found: Mapping[str, Any]) -> dict[str, object]:
-    nominal = found["nominal"]
+def _summary(result: Mapping[str, Any]) -> dict[str, object]:
+    nominal = result["nominal"]
     names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
     errors = sum(each["severity"] == "error" for each in nominal["findings"])
     return {**{name: nominal[name] for name in names}, "errors": errors, "findings": len(nominal["findings"])}

@@ -71,8 +71,8 @@ class PlanFiles:
         Raises:
             OSError: the plan's folder cannot be read.
         """
-        found = (_FILE.fullmatch(path.name) for path in (self.folder / plan_id).iterdir())
-        return sorted(int(match[1]) for match in found if match)
+        matches = (_FILE.fullmatch(path.name) for path in (self.folder / plan_id).iterdir())
+        return sorted(int(match[1]) for match in matches if match)
 
     def size_bytes(self, plan_id: str) -> int:
         """Total size of a plan's versions."""
@@ -129,11 +129,11 @@ class PlanFiles:
         Raises:
             OSError: removing failed; the plan still exists.
         """
-        gone = self.folder / f".removed-{plan_id}"
-        shutil.rmtree(gone, ignore_errors=True)
-        (self.folder / plan_id).rename(gone)
+        removed = self.folder / f".removed-{plan_id}"
+        shutil.rmtree(removed, ignore_errors=True)
+        (self.folder / plan_id).rename(removed)
         _sync(self.folder)
-        shutil.rmtree(gone, ignore_errors=True)
+        shutil.rmtree(removed, ignore_errors=True)
 
     def _path(self, plan_id: str, version: int) -> Path:
         return self.folder / plan_id / f"{version:08d}.plan"
@@ -153,12 +153,12 @@ class PlanFiles:
         return head, rest
 
 
-def _head(said: Any) -> PlanVersion:
-    if not isinstance(said, dict):
+def _head(value: Any) -> PlanVersion:
+    if not isinstance(value, dict):
         raise ValueError("its first line is not a JSON object")
     fields: dict[str, Any] = {
         "kind": "waypoint_plan",
-        **cast(dict[str, Any], said),
+        **cast(dict[str, Any], value),
     }  # older files do not have it
     types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int, "kind": str}
     time = fields.get("changed_unix_s")

@@ -60,7 +60,7 @@ class PlanStore:
     Args:
         folder: created when first written to.
         clock: gives the times of changes.
-        tell: called in the event loop with every change.
+        on_change: called in the event loop with every change.
     """
 
     def __init__(
@@ -184,12 +184,12 @@ class PlanStore:
     ) -> PlanVersion:
         loop = asyncio.get_running_loop()
 
-        def told(index: _Index) -> PlanVersion:
+        def report_change(index: _Index) -> PlanVersion:
             head = work(index)
             loop.call_soon_threadsafe(self._on_change, PlanChange(action, head, *by))
             return head
 
-        return await self._run(told)
+        return await self._run(report_change)
 
     async def _run(self, work: Callable[[_Index], T]) -> T:
         def run() -> T:

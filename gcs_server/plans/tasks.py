@@ -75,7 +75,7 @@ def _finding(finding: Finding) -> Values:
 def _check_mission(
     mission: OffboardMission, arguments: Mapping[str, Any], power: PowerModel | None
 ) -> Values:
-    """Checks an offboard mission, compiled for a start on the ground at home."""
+    """Compiles an offboard mission for a start on the ground at home, and checks it."""
     from missions.offboard import compiler, mission_checks, samples  # half a second to import
     from missions.offboard.places import Start
     from missions.offboard.state import MissionVehicle
@@ -115,7 +115,10 @@ def _check_mission(
 
 
 def _check_roles(mission: OffboardMission, vehicle: MissionVehicle) -> Values:
-    """Checks a mission of several vehicles, each of this kind and on the ground where its role says."""
+    """Checks a mission of several vehicles. All have these parameters and start on the ground at their
+    role's start
+    position.
+    """
     from missions.offboard import mission_checks, roles, samples
 
     starts = roles.planned_starts(mission)
@@ -215,14 +218,14 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
     plan = plan_document.read(arguments["plan"])
     if arguments["home"] is not None:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
-    made = from_plan(plan, arguments["name"], vehicle)
-    return {"plan": documents.write(made.mission).decode(), "notes": list(made.notes)}
+    converted = from_plan(plan, arguments["name"], vehicle)
+    return {"plan": documents.write(converted.mission).decode(), "notes": list(converted.notes)}
 
 
 def _compile(arguments: Mapping[str, Any]) -> Values:
     """`plan` (JSON text), `parameters`, `reported`, `start` (as `Start`, `origin` as a mapping or null).
 
-    `flown` is pickled: it goes from a process of this server's to this server.
+    `flown` is pickled: only a process of this server writes it, and only this server reads it.
     """
     from missions.offboard.compiler import compile_mission
 
@@ -236,17 +239,17 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
 
 
 def _compile_roles(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `vehicles`: by role what `compile` takes of a vehicle.
-
-    `flown` is pickled: by role its timeline and the limits of its motion.
+    """`plan` (JSON text), `vehicles`: for each role the vehicle's arguments of `compile`. `flown` is
+    pickled: for each
+    role its timeline and its limits of motion.
     """
     from missions.offboard.roles import compile_roles
 
     mission = _mission_of(arguments["plan"])
-    given: Mapping[str, Values] = arguments["vehicles"]
-    vehicles = {role: _vehicle_of(each) for role, each in given.items()}
+    by_role: Mapping[str, Values] = arguments["vehicles"]
+    vehicles = {role: _vehicle_of(each) for role, each in by_role.items()}
     compiled = compile_roles(
-        mission, vehicles, {role: _start_of(each["start"]) for role, each in given.items()}
+        mission, vehicles, {role: _start_of(each["start"]) for role, each in by_role.items()}
     )
     flown = {role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()}
     return {"findings": [_short_finding(each) for each in compiled.findings], "flown": _pickled(flown)}
@@ -279,7 +282,7 @@ def _start_of(start: Values) -> Start:
 
 
 def _motion_of(mission: OffboardMission, vehicle: MissionVehicle) -> MotionLimits:
-    """Of pauses and of ways to the path; the speed is the one wanted."""
+    """Limits of motion in pauses and on the way to the path, at the mission's speed."""
     motion = vehicle.within(mission.limits)
     cruise_m_s = min(vehicle.limits.vehicle.cruise_m_s, mission.limits.speed_m_s or motion.speed_m_s)
     return dataclasses.replace(motion, speed_m_s=min(cruise_m_s, motion.speed_m_s))

@@ -24,7 +24,7 @@ from gcs_server.replay.records import (
 SUFFIXES = (".tlog", ".tlog.gz")
 MAX_NAME_LENGTH = 255
 """Longest file name [bytes]."""
-_ours = re.compile(r"\d{8}-\d{6}-(?P<link>.+?)(_\d{3})?\.tlog(\.gz)?")
+_recording_name = re.compile(r"\d{8}-\d{6}-(?P<link>.+?)(_\d{3})?\.tlog(\.gz)?")
 
 Stamp = tuple[int, int]
 """(size, time of the last change [ns]): changes with the file."""
@@ -62,7 +62,7 @@ def _is_plain(name: str) -> bool:
 
 
 def stamp_of(path: Path) -> Stamp:
-    """A value that changes when the file changes. Raises OSError."""
+    """(size, time of the last change) of a file. Raises OSError."""
     status = path.stat()
     return status.st_size, status.st_mtime_ns
 
@@ -115,7 +115,7 @@ class Catalogue:
 
 def look(path: Path, size: int) -> RecordingInfo:
     """Reads a recording's start and end."""
-    named = _ours.fullmatch(path.name)
+    named = _recording_name.fullmatch(path.name)
     info = RecordingInfo(path.name, size, None, None, (), named["link"] if named else None, False, None)
     try:
         head, tail, tail_offset = _ends(path)
@@ -129,8 +129,8 @@ def look(path: Path, size: int) -> RecordingInfo:
     last, damaged = first, first.bytes_skipped > 0
     if tail_offset:
         last = parse(tail, Cursor(tail_offset, first.records[-1].time_us, 0), is_last=True)
-        led_in = last.records[0].offset - tail_offset if last.records else len(tail)
-        damaged = damaged or not last.records or last.bytes_skipped > led_in
+        incomplete_bytes = last.records[0].offset - tail_offset if last.records else len(tail)
+        damaged = damaged or not last.records or last.bytes_skipped > incomplete_bytes
     end_us = (last.records or first.records)[-1].time_us
     begin_us = first.records[0].time_us
     return replace(

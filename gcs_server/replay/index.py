@@ -25,20 +25,20 @@ HEARTBEAT, COMMAND_ACK, EXTENDED_SYS_STATE, STATUSTEXT, EVENT, CURRENT_MODE = 0,
 AUTOPILOT_INVALID = 8
 STATES = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, CURRENT_MODE})
 """Repeated messages: only changes are indexed."""
-STORY = STATES | {STATUSTEXT, EVENT, COMMAND_ACK}
+EVENT_MESSAGES = STATES | {STATUSTEXT, EVENT, COMMAND_ACK}
 MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
 """Commands whose acknowledgement shows who changed the mode. Listed here because loading the dialect takes a
 second."""
-CHANGES_TOLD, TEXTS_TOLD = 2000, 500
+CHANGES_RESTORED, TEXTS_RESTORED = 2000, 500
 """Largest number of events restored after a jump."""
 MAX_KINDS = 10_000
 """Largest number of (system, component, message) combinations: enough for a hundred vehicles."""
-MAX_STORY_RECORDS = 50_000
+MAX_EVENT_RECORDS = 50_000
 """Limit of state changes, and of texts: more than one per second for a day."""
 MAX_CHECKPOINT_NUMBERS = 2_000_000
 """Limit of numbers in all checkpoints (16 MB); beyond it, every second checkpoint is dropped."""
 DAMAGED_FROM = 0.5
-"""From this share of bytes outside records, a file is not a telemetry log."""
+"""A file with a larger share of bytes outside records is not a telemetry log."""
 
 
 class UnreadableRecording(ValueError):
@@ -74,19 +74,22 @@ class Index:
     first_heartbeats: tuple[tuple[int, int], ...]
     """(time, offset) of each autopilot's first heartbeat, which makes the vehicle known."""
     left_out: int
-    """Records beyond MAX_KINDS or MAX_STORY_RECORDS, which a jump may miss."""
+    """Records beyond MAX_KINDS or MAX_EVENT_RECORDS; they may be missing after a jump."""
 
     def checkpoint(self, time_us: int) -> Checkpoint:
         """The last checkpoint before `time_us`."""
         at = bisect.bisect_right(self.checkpoints, time_us, key=lambda c: c.cursor.time_us)
         return self.checkpoints[max(0, at - 1)]
 
-    def told(self, until_us: int) -> list[tuple[int, int]]:
+    def events_until(self, until_us: int) -> list[tuple[int, int]]:
         """(time, offset) of events to restore at a time; the oldest may be left out."""
-        newest = (_until(self.changes, until_us, CHANGES_TOLD), _until(self.texts, until_us, TEXTS_TOLD))
+        newest = (
+            _until(self.changes, until_us, CHANGES_RESTORED),
+            _until(self.texts, until_us, TEXTS_RESTORED),
+        )
         return [pair for pairs in newest for pair in pairs]
 
-    def story(self) -> list[tuple[int, int]]:
+    def events(self) -> list[tuple[int, int]]:
         """(time, offset) of all changes and texts, in order."""
         flat = (self.changes, self.texts)
         return sorted(
@@ -99,7 +102,7 @@ def _until(flat: array[int], until_us: int, at_most: int) -> list[tuple[int, int
     return [(flat[2 * i], flat[2 * i + 1]) for i in range(max(0, end - at_most), end)]
 
 
-class _Story:
+class _ChangeFinder:
     """Finds changes; fed with every record in order."""
 
     def __init__(self) -> None:
@@ -132,9 +135,9 @@ class _Story:
                 self._modes[sender] = mode
             if not is_new:
                 return
-        told = self.texts if kind in (STATUSTEXT, EVENT) else self.changes
-        if len(told) < 2 * MAX_STORY_RECORDS:
-            told.extend((record.time_us, record.offset))
+        records = self.texts if kind in (STATUSTEXT, EVENT) else self.changes
+        if len(records) < 2 * MAX_EVENT_RECORDS:
+            records.extend((record.time_us, record.offset))
         else:
             self.left_out += 1
 
@@ -168,7 +171,7 @@ def make_index(file: BinaryIO) -> Index:
         UnreadableRecording: it has no records, or is not a telemetry log.
         OSError: the file cannot be read.
     """
-    story, newest, checkpoints = _Story(), dict[int, tuple[int, int]](), _Checkpoints()
+    finder, newest, checkpoints = _ChangeFinder(), dict[int, tuple[int, int]](), _Checkpoints()
     batch = Batch([], Cursor(), at_end=False, bytes_skipped=0)
     begin_us = end_us = count = skipped = left_out = 0
     while not batch.at_end:
@@ -179,8 +182,8 @@ def make_index(file: BinaryIO) -> Index:
                 left_out += 1
                 continue
             newest[record.key] = (record.time_us, record.offset)
-            if record.key & 0xFFFFFF in STORY:
-                story.take(record)
+            if record.key & 0xFFFFFF in EVENT_MESSAGES:
+                finder.take(record)
         if batch.records:
             begin_us = begin_us or batch.records[0].time_us
             end_us = batch.records[-1].time_us
@@ -197,12 +200,12 @@ def make_index(file: BinaryIO) -> Index:
         count,
         skipped,
         size,
-        tuple(sorted(story.first_heartbeats)),
+        tuple(sorted(finder.first_heartbeats)),
         tuple(checkpoints.kept),
-        story.changes,
-        story.texts,
-        tuple(story.first_heartbeats.values()),
-        left_out + story.left_out,
+        finder.changes,
+        finder.texts,
+        tuple(finder.first_heartbeats.values()),
+        left_out + finder.left_out,
     )
 
 

@@ -86,65 +86,68 @@ def make_marks(path: Path, index: Index) -> tuple[VehicleMarks, ...]:
     Raises:
         OSError: the file cannot be read.
     """
-    tellers: dict[int, _VehicleLog] = {}
+    vehicle_logs: dict[int, _VehicleLog] = {}
     parser = FrameParser()
     clock = ReplayClock(index.begin_us, 0)
     with open_log(path) as file:
-        for time_us, offset in index.story():
+        for time_us, offset in index.events():
             clock.time_us = time_us
             for frame in parser.feed(read_at(file, offset), clock.monotonic_s()):
-                teller = tellers.get(frame.system_id)
-                if teller is None and frame.msg_id == HEARTBEAT:
-                    teller = tellers[frame.system_id] = _VehicleLog(frame.component_id, clock)
-                if teller is not None and frame.component_id == teller.component_id:
-                    _tell(teller, frame.msg_id, full_payload(frame), clock)
+                vehicle_log = vehicle_logs.get(frame.system_id)
+                if vehicle_log is None and frame.msg_id == HEARTBEAT:
+                    vehicle_log = vehicle_logs[frame.system_id] = _VehicleLog(frame.component_id, clock)
+                if vehicle_log is not None and frame.component_id == vehicle_log.component_id:
+                    _take(vehicle_log, frame.msg_id, full_payload(frame), clock)
     clock.time_us = index.end_us
-    for teller in tellers.values():
-        teller.event_logger.tick()
+    for vehicle_log in vehicle_logs.values():
+        vehicle_log.event_logger.tick()
     return tuple(
-        _marks(system_id, teller, index.end_us / 1e6) for system_id, teller in sorted(tellers.items())
+        _marks(system_id, vehicle_log, index.end_us / 1e6)
+        for system_id, vehicle_log in sorted(vehicle_logs.items())
     )
 
 
-def _tell(teller: _VehicleLog, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
+def _take(vehicle_log: _VehicleLog, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
     if msg_id == STATUSTEXT:
-        teller.event_logger.text(payload, teller)
+        vehicle_log.event_logger.text(payload, vehicle_log)
     elif msg_id == EVENT:
         event = decode_event(payload)
-        in_report = event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID) or teller.in_report
-        teller.in_report = event.id == ARMING_SUMMARY_ID or (in_report and event.id != HEALTH_SUMMARY_ID)
+        in_report = event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID) or vehicle_log.in_report
+        vehicle_log.in_report = event.id == ARMING_SUMMARY_ID or (in_report and event.id != HEALTH_SUMMARY_ID)
         if not in_report:
-            teller.event_logger.event(event)
+            vehicle_log.event_logger.event(event)
     elif msg_id in REDUCERS:
-        teller.flight_state = REDUCERS[msg_id](teller.flight_state, payload, clock.monotonic_s())
-        teller.changes.append((clock.unix_s(), teller.flight_state))
+        vehicle_log.flight_state = REDUCERS[msg_id](vehicle_log.flight_state, payload, clock.monotonic_s())
+        vehicle_log.changes.append((clock.unix_s(), vehicle_log.flight_state))
 
 
-def _marks(system_id: int, teller: _VehicleLog, end_unix_s: float) -> VehicleMarks:
-    said = [MessageMark(e.unix_s, e.severity, e.text) for e in teller.feed.since() if e.text]
-    kept = sorted(said, key=lambda s: s.severity)[:MAX_MESSAGES]
+def _marks(system_id: int, vehicle_log: _VehicleLog, end_unix_s: float) -> VehicleMarks:
+    messages = [MessageMark(e.unix_s, e.severity, e.text) for e in vehicle_log.feed.since() if e.text]
+    most_severe = sorted(messages, key=lambda s: s.severity)[:MAX_MESSAGES]
     return VehicleMarks(
         system_id,
         tuple(
             ModeSpan(begin_s, end_s, *name_and_label(flight_state.custom_mode, flight_state.autopilot))
-            for begin_s, end_s, flight_state in _spans(teller.changes, end_unix_s, lambda f: f.custom_mode)
+            for begin_s, end_s, flight_state in _spans(
+                vehicle_log.changes, end_unix_s, lambda f: f.custom_mode
+            )
         ),
         tuple(
             ArmedSpan(begin_s, end_s)
-            for begin_s, end_s, flight_state in _spans(teller.changes, end_unix_s, lambda f: f.armed)
+            for begin_s, end_s, flight_state in _spans(vehicle_log.changes, end_unix_s, lambda f: f.armed)
             if flight_state.armed
         ),
-        tuple(sorted(kept, key=lambda s: s.unix_s)),
-        len(said) - len(kept),
+        tuple(sorted(most_severe, key=lambda s: s.unix_s)),
+        len(messages) - len(most_severe),
     )
 
 
 def _spans(
-    changes: list[tuple[float, FlightState]], end_unix_s: float, what: Callable[[FlightState], object]
+    changes: list[tuple[float, FlightState]], end_unix_s: float, state_of: Callable[[FlightState], object]
 ) -> list[tuple[float, float, FlightState]]:
     begins: list[tuple[float, FlightState]] = []
     for at_s, flight_state in changes:
-        if not begins or what(begins[-1][1]) != what(flight_state):
+        if not begins or state_of(begins[-1][1]) != state_of(flight_state):
             begins.append((at_s, flight_state))
     ends = [at_s for at_s, _ in begins[1:]] + [end_unix_s]
     return [(at_s, end_s, flight_state) for (at_s, flight_state), end_s in zip(begins, ends, strict=True)]

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from gcs_server.clock import Clock
-from gcs_server.replay.index import CHANGES_TOLD, STORY, TEXTS_TOLD, Index
+from gcs_server.replay.index import CHANGES_RESTORED, EVENT_MESSAGES, TEXTS_RESTORED, Index
 from gcs_server.replay.records import Batch, Cursor, Record, read_at, read_batch
 
 SLOWEST, FASTEST = 0.25, 50.0
 TAKE_S = 1e6
-"""Gap between the monotonic times of two takes (a take starts with each jump), so that no time occurs
-twice."""
+"""Gap between the monotonic times of two takes, so that no time occurs twice. Each jump starts a take."""
 
 
 class ReplayClock(Clock):
@@ -42,7 +41,7 @@ class ReplayClock(Clock):
         Raises:
             RuntimeError: always.
         """
-        raise RuntimeError("a recording's time is not waited for")
+        raise RuntimeError("nothing can wait in the time of a recording")
 
 
 class Timeline:
@@ -78,7 +77,7 @@ class Timeline:
         self._restart(now_s, self.position_us(now_s), True)
 
     def pause(self, now_s: float) -> None:
-        """Stands."""
+        """Pauses."""
         self._restart(now_s, self.position_us(now_s), False)
 
     def set_speed(self, now_s: float, speed: float) -> None:
@@ -97,7 +96,7 @@ class Timeline:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The records that restore the state at one time, and the position to read on from."""
+    """The records that restore the state at one time, and the position where reading continues."""
 
     records: list[Record]
     """In recorded order: the newest record of each message up to that time, and the events so far."""
@@ -111,9 +110,9 @@ def condense(records: Iterable[Record]) -> list[Record]:
     """The newest record of each message and all records with events or changes, in order. They restore the
     same state as all records.
     """
-    all_of_them = list(records)
-    newest = {record.key: record.offset for record in all_of_them}
-    return [r for r in all_of_them if newest[r.key] == r.offset or r.key & 0xFFFFFF in STORY]
+    all_records = list(records)
+    newest = {record.key: record.offset for record in all_records}
+    return [r for r in all_records if newest[r.key] == r.offset or r.key & 0xFFFFFF in EVENT_MESSAGES]
 
 
 def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
@@ -124,14 +123,14 @@ def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
     """
     checkpoint = index.checkpoint(time_us)
     places = dict(zip(checkpoint.newest[1::2], checkpoint.newest[::2], strict=True))
-    places |= {offset: at for at, offset in index.told(time_us)}
+    places |= {offset: at for at, offset in index.events_until(time_us)}
     places |= {offset: at for at, offset in index.first_heartbeats if at <= time_us}
     batch = Batch([], checkpoint.cursor, at_end=False, bytes_skipped=0)
     read: list[Record] = []
     following: list[Record] = []
     while not batch.at_end and not following:
         batch = read_batch(file, batch.after)
-        read = _newest_told(condense([*read, *(r for r in batch.records if r.time_us <= time_us)]))
+        read = _newest_events(condense([*read, *(r for r in batch.records if r.time_us <= time_us)]))
         following = batch.records[len(batch.records) - sum(r.time_us > time_us for r in batch.records) :]
     old = [
         Record(places[offset], offset, 0, read_at(file, offset))
@@ -141,11 +140,11 @@ def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
     return Moment([*old, *read], following, batch.after, batch.at_end)
 
 
-def _newest_told(records: list[Record]) -> list[Record]:
+def _newest_events(records: list[Record]) -> list[Record]:
     """Drops the oldest events if there are more than a feed shows."""
-    story = [record.offset for record in records if record.key & 0xFFFFFF in STORY]
-    if len(story) <= CHANGES_TOLD + TEXTS_TOLD:
+    offsets = [record.offset for record in records if record.key & 0xFFFFFF in EVENT_MESSAGES]
+    if len(offsets) <= CHANGES_RESTORED + TEXTS_RESTORED:
         return records
     newest = {record.key: record.offset for record in records}
-    from_offset = story[-(CHANGES_TOLD + TEXTS_TOLD)]
+    from_offset = offsets[-(CHANGES_RESTORED + TEXTS_RESTORED)]
     return [r for r in records if r.offset >= from_offset or newest[r.key] == r.offset]

@@ -47,7 +47,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cursor:
-    """The position to read on from."""
+    """The position where reading continues."""
 
     offset: int = 0
     time_us: int = 0

@@ -4,10 +4,10 @@ System ids are set by hand, and duplicates are common. So an endpoint joins a ve
 rules:
 
 1. Both autopilots have a unique uid: equal uids are one vehicle, different ones two.
-2. On one link, two peers that both send are two vehicles (a vehicle has one address there). A peer that sends
-after the other has fallen silent is the same vehicle with a new port. 3. On two links, one autopilot has one
-boot clock: streams whose boot time agrees are one vehicle. This also separates simulators, which all have the
-same uid.
+2. On one link, two peers that both send are two vehicles (a vehicle has one address there). A peer that
+sends after the other has stopped sending is the same vehicle with a new port.
+3. On two links, one autopilot has one boot clock: streams whose boot time agrees are one vehicle. This also
+separates simulators, which all have the same uid.
 
 Until this is decided, at most `DECISION_TIMEOUT_S`, the endpoint's messages belong to no vehicle. If no rule
 applies, two vehicles are shown and never mixed. A uid that arrives late corrects the decision.
@@ -61,41 +61,42 @@ class SameVehicle(enum.Enum):
 
 @dataclass(slots=True, eq=False)
 class Endpoint:
-    """One link and peer on which a system id is heard."""
+    """A link and peer on which a system id is received."""
 
     connection: Connection
     peer: Peer
     system_id: int
     component_id: int
     heartbeat: bytes
-    """The first one's payload."""
-    first_heard_s: float
-    heard_s: float
+    """Payload of its first heartbeat."""
+    first_received_s: float
+    received_s: float
     vehicle: Vehicle | None = None
     version: Version | None = None
     boot_at_s: float | None = None
-    """The vehicle's boot on our monotonic clock, as the newest frame tells it."""
+    """Time of the vehicle's boot on this server's monotonic clock, from the newest frame."""
     boot_next_s: float = float("-inf")
-    asked: int = 0
+    requests_sent: int = 0
     ask_next_s: float = 0.0
     refused_until_s: float = float("-inf")
-    """There was no room for another vehicle (`population.py`)."""
+    """New vehicles of this endpoint are refused until then, because there is no room (`population.py`)."""
 
-    def hear(self, frame: Frame) -> None:
-        """Notes what tells who this is."""
-        self.heard_s = frame.received_monotonic_s
-        own = frame.component_id == self.component_id  # a companion computer has a boot clock of its own
-        if own and self.heard_s >= self.boot_next_s and frame.msg_id in BOOT_TIME_IDS:
-            self.boot_next_s = self.heard_s + BOOT_TIME_EVERY_S
-            self.boot_at_s = self.heard_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
+    def take_frame(self, frame: Frame) -> None:
+        """Stores what identifies the vehicle: heartbeat, version, boot time."""
+        self.received_s = frame.received_monotonic_s
+        # a companion computer has its own boot clock
+        from_autopilot = frame.component_id == self.component_id
+        if from_autopilot and self.received_s >= self.boot_next_s and frame.msg_id in BOOT_TIME_IDS:
+            self.boot_next_s = self.received_s + BOOT_TIME_EVERY_S
+            self.boot_at_s = self.received_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
 
     def ask_version(self, now_s: float) -> None:
-        """Requests AUTOPILOT_VERSION, which has the uid; a recording is asked nothing."""
+        """Requests AUTOPILOT_VERSION, which has the uid; sends nothing to a recording."""
         if self.connection.link.replay:
             self.ask_next_s = float("inf")
             return
-        self.asked += 1
-        self.ask_next_s = now_s + (ASK_EVERY_S if self.asked < ASK_TIMES else ASK_RARELY_S)
+        self.requests_sent += 1
+        self.ask_next_s = now_s + (ASK_EVERY_S if self.requests_sent < ASK_TIMES else ASK_RARELY_S)
         request = d.MAVLink_command_long_message(
             self.system_id,
             self.component_id,
@@ -113,20 +114,20 @@ class Endpoint:
 
 
 def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:
-    """Judges by the rules above; pure."""
+    """Applies the rules above; pure."""
     known = [e for e in vehicle.endpoints if e is not new]
     uid = next((e.unique_uid for e in known if e.unique_uid), None)
     if uid and new.unique_uid:
         return SameVehicle.YES if uid == new.unique_uid else SameVehicle.NO
-    waited_s = now_s - new.first_heard_s
+    waited_s = now_s - new.first_received_s
     if new.version is None and waited_s < UID_PATIENCE_S:
         return SameVehicle.NOT_KNOWN
-    talking = [e for e in known if now_s - e.heard_s < SILENT_AFTER_S]
-    if not talking:
+    sending = [e for e in known if now_s - e.received_s < SILENT_AFTER_S]
+    if not sending:
         return SameVehicle.YES
-    if any(e.connection is new.connection and e.heard_s > new.first_heard_s for e in talking):
+    if any(e.connection is new.connection and e.received_s > new.first_received_s for e in sending):
         return SameVehicle.NO
-    elsewhere = [e for e in talking if e.connection is not new.connection]
+    elsewhere = [e for e in sending if e.connection is not new.connection]
     boots = [e.boot_at_s for e in elsewhere if e.boot_at_s is not None]
     if boots and new.boot_at_s is not None:
         return SameVehicle.YES if min(abs(b - new.boot_at_s) for b in boots) < SAME_BOOT_S else SameVehicle.NO

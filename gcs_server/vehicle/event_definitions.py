@@ -14,31 +14,31 @@ from gcs_server.vehicle.foreign import Document, cut
 UNITS = {"m": " m", "m_v": " m", "m^2": " m²", "m/s": " m/s", "C": " °C"}
 CHECK_GROUPS = ("arming_check", "health")
 MAX_TEXT_LENGTH, MAX_VALUE_LENGTH = 1_000, 200
-"""Characters of a message that is filled in, and of one value in it."""
+"""Maximum length of a message with its values, and of one value [characters]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A place in a message where a value belongs."""
+    """A placeholder in a message."""
 
     index: int
-    """Of the event's argument, from 0."""
+    """Index of the event's argument, from 0."""
     decimals: int | None
-    """How many are shown; None: as many as there are."""
+    """Number of decimals to show; None: all."""
     unit: str | None
     """A key of `UNITS`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Template:
-    """A message taken apart."""
+    """A message, split into texts and placeholders."""
 
     pieces: tuple[str | Slot, ...]
 
     def filled(self, values: list[tuple[Argument, int | float]]) -> str:
         """The message with an event's values."""
-        words = (piece if isinstance(piece, str) else _value_at(piece, values) for piece in self.pieces)
-        return cut("".join(words).strip(), MAX_TEXT_LENGTH)
+        texts = (piece if isinstance(piece, str) else _value_at(piece, values) for piece in self.pieces)
+        return cut("".join(texts).strip(), MAX_TEXT_LENGTH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """What the vehicle says of one kind of event."""
+    """The vehicle's definition of one kind of event."""
 
     name: str
     group: str
@@ -73,11 +73,11 @@ class Definition:
         return self.message.filled(self.values(arguments))
 
     def remedy(self, arguments: bytes) -> str | None:
-        """The description, which tells what to do; None where there is none."""
+        """The description, which says what to do; None if there is none."""
         return self.description.filled(self.values(arguments)) if self.description else None
 
     def values(self, arguments: bytes) -> list[tuple[Argument, int | float]]:
-        """As they lie in the message, one after the other."""
+        """The arguments' values, decoded from the message in order."""
         read: list[tuple[Argument, int | float]] = []
         at = 0
         for each in self.arguments:
@@ -90,17 +90,17 @@ class Definition:
 
 
 Definitions = Document[int, Definition]
-"""By the event's id, the namespace's component in its top byte."""
+"""Keys: the event's id with the namespace's component in its top byte."""
 
 
 def _value_at(slot: Slot, values: list[tuple[Argument, int | float]]) -> str:
     if not 0 <= slot.index < len(values):
         return "–"
     argument, value = values[slot.index]
-    return cut(_spoken(argument, value, slot.decimals), MAX_VALUE_LENGTH) + UNITS.get(slot.unit or "", "")
+    return cut(_formatted(argument, value, slot.decimals), MAX_VALUE_LENGTH) + UNITS.get(slot.unit or "", "")
 
 
-def _spoken(argument: Argument, value: float, decimals: int | None) -> str:
+def _formatted(argument: Argument, value: float, decimals: int | None) -> str:
     if argument.enum is not None:
         whole = int(value)
         if not argument.is_bitfield:

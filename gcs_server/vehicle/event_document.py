@@ -1,8 +1,9 @@
 """Reads the metadata document of a vehicle's events, entry by entry, within limits.
 
 Format: MAVLink's events metadata schema, version 2. Messages hold `{2}`, `{3:.1}`, `{3:.1m/s}`, tags such as
-`<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before what is meant literally.
-They are taken apart here, once, so that filling one in takes work of its own length only.
+`<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before literal characters. Each
+message is
+split here once, so that filling in its values takes work in proportion to its length.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ TYPES: dict[str, str] = {
 MAX_COMPONENTS, MAX_EVENTS, MAX_ENUMS, MAX_ENUM_ENTRIES = 16, 5_000, 1_000, 256
 """PX4 v1.16 has 2, 370, 16 and 31."""
 MAX_ARGUMENTS = 40
-"""An event carries 40 bytes."""
+"""An event has 40 bytes of arguments."""
 MAX_SLOTS = 40
 MAX_MESSAGE_LENGTH, MAX_DESCRIPTION_LENGTH, MAX_LABEL_LENGTH, MAX_NAME_LENGTH = 500, 2_000, 120, 80
 """Characters; PX4's longest are 117, 372, 60 and 50."""
@@ -92,10 +93,10 @@ _enum = msgspec.json.Decoder(_Enum)
 
 
 def parse(content: bytes | str) -> Document[int, Definition]:
-    """Reads the metadata document; by the event's id, the namespace's component in its top byte.
+    """Reads the metadata document. Keys: the event's id with the namespace's component in its top byte.
 
     Raises:
-        ValueError: not a document of a version that we know.
+        ValueError: not a document of a known version.
     """
     document = _document.decode(content)
     if document.version != 2:
@@ -116,7 +117,7 @@ class _Reader:
                 components.append((_number(number, 255), _component.decode(raw)))
             except (ValueError, RecursionError) as error:
                 self._left_out.add(f"component {number}", error)
-        self._count_rest(len(document.components) - MAX_COMPONENTS, "components")
+        self._count_left_out(len(document.components) - MAX_COMPONENTS, "components")
         for _, component in components:
             self._read_enums(component)
         for number, component in components:
@@ -126,7 +127,7 @@ class _Reader:
     def _read_enums(self, component: _Component) -> None:
         for name, raw in component.enums.items():
             if len(self._enums) >= MAX_ENUMS:
-                self._count_rest(1, "enums")
+                self._count_left_out(1, "enums")
                 continue
             try:
                 enum = _enum.decode(raw)
@@ -149,7 +150,7 @@ class _Reader:
                 continue
             for event_id, event in group.events.items():
                 if len(self._found) >= MAX_EVENTS:
-                    self._count_rest(1, "events")
+                    self._count_left_out(1, "events")
                     continue
                 try:
                     self._found[number << 24 | _number(event_id, MAX_ID)] = self._definition(
@@ -185,9 +186,9 @@ class _Reader:
                 return Argument(name, table.format, table.labels, table.is_bitfield)
         return None
 
-    def _count_rest(self, count: int, what: str) -> None:
+    def _count_left_out(self, count: int, kind: str) -> None:
         if count > 0:
-            self._left_out.add(f"more {what}", "there are too many", count)
+            self._left_out.add(f"more {kind}", "there are too many", count)
 
 
 def template(text: str, most: int) -> Template:

@@ -35,11 +35,11 @@ class EventLogger:
         self._feed = feed
         self._clock = clock
         self._texts = TextJoiner()
-        self._held: deque[tuple[float, int, str]] = deque()
-        self._lone_events: deque[float] = deque(maxlen=8)
+        self._waiting: deque[tuple[float, int, str]] = deque()
+        self._unpaired_events: deque[float] = deque(maxlen=8)
         self._seen_events: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_SEQUENCES)
         self._seen_texts: deque[tuple[float, object, str]] = deque(maxlen=16)
-        self._lone_texts: deque[float] = deque(maxlen=8)
+        self._unpaired_texts: deque[float] = deque(maxlen=8)
         """Times of texts that repeat an event and were logged before it."""
         self._undescribed: deque[tuple[float, VehicleEvent]] = deque()
         """Events without a description: their text, or the vehicle's metadata, may still arrive."""
@@ -51,7 +51,7 @@ class EventLogger:
         """STATUSTEXT received from `source` (an endpoint)."""
         now_s = self._clock.monotonic_s()
         for severity, text in self._texts.feed(payload, now_s):
-            self._one_text(severity, text, source, now_s)
+            self._log_text(severity, text, source, now_s)
 
     def event(self, event: VehicleEvent, late: bool = False) -> None:
         """EVENT that is not part of a report; `late`: it was lost and requested again."""
@@ -62,14 +62,14 @@ class EventLogger:
         self._seen_events.append(key)
         if event.level >= LEVEL_PROTOCOL:
             return
-        if late and self._lone_texts and now_s - self._lone_texts.popleft() < LATE_PAIR_S:
+        if late and self._unpaired_texts and now_s - self._unpaired_texts.popleft() < LATE_PAIR_S:
             return  # its text is already logged
-        held = self._take_held(now_s)
+        held = self._take_waiting(now_s)
         if held is None and not event.is_described and len(self._undescribed) < MAX_UNDESCRIBED:
             self._undescribed.append((now_s, event))
             return
         if held is None:
-            self._lone_events.append(now_s)
+            self._unpaired_events.append(now_s)
         self._line("event", event.level, held or event.text, event)
 
     def flight_state(self, before: FlightState, after: FlightState, cause: ModeCause | None = None) -> None:
@@ -91,11 +91,11 @@ class EventLogger:
         """Called a few times a second: logs texts and events that have waited long enough for their pair."""
         now_s = self._clock.monotonic_s()
         for severity, text in self._texts.expire(now_s):
-            self._one_text(severity, text, None, now_s)
-        while self._held and now_s - self._held[0][0] > PAIR_WITHIN_S:
-            held_s, severity, text = self._held.popleft()
-            self._lone_texts.append(now_s)
-            self._line("status_text", severity, text, ago_s=now_s - held_s)
+            self._log_text(severity, text, None, now_s)
+        while self._waiting and now_s - self._waiting[0][0] > PAIR_WITHIN_S:
+            waiting_since_s, severity, text = self._waiting.popleft()
+            self._unpaired_texts.append(now_s)
+            self._line("status_text", severity, text, ago_s=now_s - waiting_since_s)
         self._log_undescribed(now_s)
         left_out = self._budget.left_out(now_s)
         if left_out:
@@ -104,34 +104,34 @@ class EventLogger:
 
     def _log_undescribed(self, now_s: float) -> None:
         waiting: deque[tuple[float, VehicleEvent]] = deque()
-        for came_s, event in self._undescribed:
-            waited_s = now_s - came_s
+        for received_s, event in self._undescribed:
+            waited_s = now_s - received_s
             known = self.describe_again(event, waited_s) if waited_s > PAIR_WITHIN_S else None
             if known is None:
-                waiting.append((came_s, event))
+                waiting.append((received_s, event))
             else:
                 self._line("event", known.level, known.text, known, ago_s=waited_s)
         self._undescribed = waiting
 
-    def _one_text(self, severity: int, text: str, source: object, now_s: float) -> None:
-        for then_s, other, said in self._seen_texts:
-            if said == text and other is not source and now_s - then_s < SAME_TEXT_S:
+    def _log_text(self, severity: int, text: str, source: object, now_s: float) -> None:
+        for earlier_s, other, earlier_text in self._seen_texts:
+            if earlier_text == text and other is not source and now_s - earlier_s < SAME_TEXT_S:
                 return
         self._seen_texts.append((now_s, source, text))
         if not text.endswith("\t"):
             self._line("status_text", severity, text)
             return
-        if self._lone_events and now_s - self._lone_events.popleft() <= PAIR_WITHIN_S:
+        if self._unpaired_events and now_s - self._unpaired_events.popleft() <= PAIR_WITHIN_S:
             return  # its event is already logged
         if self._undescribed and now_s - self._undescribed[-1][0] <= PAIR_WITHIN_S:
-            came_s, event = self._undescribed.pop()
-            self._line("event", event.level, text.rstrip("\t"), event, ago_s=now_s - came_s)
+            received_s, event = self._undescribed.pop()
+            self._line("event", event.level, text.rstrip("\t"), event, ago_s=now_s - received_s)
             return
-        self._held.append((now_s, severity, text.rstrip("\t")))
+        self._waiting.append((now_s, severity, text.rstrip("\t")))
 
-    def _take_held(self, now_s: float) -> str | None:
+    def _take_waiting(self, now_s: float) -> str | None:
         self.tick()
-        return self._held.popleft()[2] if self._held else None
+        return self._waiting.popleft()[2] if self._waiting else None
 
     def _line(
         self, kind: str, severity: int, text: str, event: VehicleEvent | None = None, *, ago_s: float = 0.0

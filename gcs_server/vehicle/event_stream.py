@@ -32,7 +32,7 @@ class EventStream(Generic[Item]):
     _held: dict[int, Item] = field(default_factory=dict[int, Item])
     _newest: int = 0
     """Newest sequence number known."""
-    _asked: int = 0
+    _requests: int = 0
     _next_ask_s: float = float("-inf")
 
     def take(self, sequence: int, item: Item) -> list[Item]:
@@ -53,7 +53,7 @@ class EventStream(Generic[Item]):
         return self._in_order()
 
     def current(self, sequence: int, flags: int) -> None:
-        """CURRENT_EVENT_SEQUENCE: the number of the newest event there is."""
+        """CURRENT_EVENT_SEQUENCE: the number of the vehicle's newest event."""
         if self.expected is None or flags & RESET_FLAG:
             self.reset()
             self.expected, self._newest = (sequence + 1) & 0xFFFF, sequence
@@ -70,8 +70,8 @@ class EventStream(Generic[Item]):
             return []
         return self._skip_to(oldest if 0 < _ahead(oldest, self.expected) <= MAX_GAP else sequence + 1)
 
-    def awaits(self, sequence: int) -> bool:
-        """Whether this one is missing while later ones have come, or are known to exist."""
+    def is_missing(self, sequence: int) -> bool:
+        """Whether this event is missing while later ones were received, or are known to exist."""
         return (
             self.expected is not None
             and sequence not in self._held
@@ -81,16 +81,16 @@ class EventStream(Generic[Item]):
     def wanted(self, now_s: float) -> tuple[int, int] | None:
         """(first, last) to request now; None if nothing is missing or the last request is recent."""
         missing = self.missing
-        if missing is None or now_s < self._next_ask_s or self._asked >= ASK_TIMES:
+        if missing is None or now_s < self._next_ask_s or self._requests >= ASK_TIMES:
             return None
-        self._asked += 1
+        self._requests += 1
         self._next_ask_s = now_s + ASK_EVERY_S
         return missing
 
     def give_up(self, now_s: float) -> list[Item]:
         """Skips a gap once all requests for it failed; returns the events that are then in order."""
         missing = self.missing
-        if missing is None or self._asked < ASK_TIMES or now_s < self._next_ask_s:
+        if missing is None or self._requests < ASK_TIMES or now_s < self._next_ask_s:
             return []
         return self._skip_to(missing[1] + 1)
 
@@ -98,7 +98,7 @@ class EventStream(Generic[Item]):
         """Starts over: the vehicle restarted, or it is another vehicle."""
         self.expected = None
         self._held.clear()
-        self._asked = 0
+        self._requests = 0
 
     @property
     def missing(self) -> tuple[int, int] | None:
@@ -129,7 +129,7 @@ class EventStream(Generic[Item]):
             del self._held[passed]
         self.expected = sequence
         self._note((sequence - 1) & 0xFFFF)
-        self._asked = 0
+        self._requests = 0
         return self._in_order()
 
     def _in_order(self) -> list[Item]:
@@ -137,7 +137,7 @@ class EventStream(Generic[Item]):
         while self.expected is not None and self.expected in self._held:
             ready.append(self._held.pop(self.expected))
             self.expected = (self.expected + 1) & 0xFFFF
-            self._asked = 0
+            self._requests = 0
         return ready
 
 

@@ -30,7 +30,7 @@ class ExternalControl:
     """External control of one vehicle.
 
     Args:
-        vehicle: whose messages are heard.
+        vehicle: the vehicle; its messages are evaluated.
         command: knows which modes this server requested.
         stream_asks: returns the mode that an ending setpoint stream requests now.
     """
@@ -55,16 +55,16 @@ class ExternalControl:
         if after.autopilot != d.MAV_AUTOPILOT_PX4:
             return None
         name, label = name_and_label(after.custom_mode, after.autopilot)
-        ours = self._command.asked_for(name)
-        asked = None if ours is None else (ours.what, ours.by)
-        if asked is None and self._stream_asks() == name:
-            asked = (label, None)
+        own_command = self._command.recent_command(name)
+        requested = None if own_command is None else (own_command.what, own_command.by)
+        if requested is None and self._stream_asks() == name:
+            requested = (label, None)
         self.mode_cause = cause_of(
             before,
             after,
-            asked=asked,
+            requested=requested,
             foreign=self._foreign_ack,
-            hears_transmitter=self._hears_transmitter(),
+            has_transmitter=self._has_transmitter(),
             now_s=vehicle.clock.monotonic_s(),
             unix_s=vehicle.clock.unix_s(),
         )
@@ -73,9 +73,9 @@ class ExternalControl:
     def _reclassify_as_failsafe(self, before: FlightState, after: FlightState) -> None:
         """Corrects the cause when CURRENT_MODE's intended mode arrives after the heartbeat."""
         cause = self.mode_cause
-        told = after.mode_s > before.mode_s and after.heartbeat_s == before.heartbeat_s
+        from_current_mode = after.mode_s > before.mode_s and after.heartbeat_s == before.heartbeat_s
         if (
-            told
+            from_current_mode
             and cause is not None
             and cause.from_outside
             and cause.source != "station"
@@ -86,10 +86,14 @@ class ExternalControl:
 
     def ack(self, payload: bytes) -> None:
         """COMMAND_ACK: the vehicle's answer to another station shows that this station commands it."""
-        said = dict(zip(_ack.fields, _ack.unpacker.unpack(payload), strict=True))
-        target = (said["target_system"], said["target_component"])
-        ours = target[0] in (0, self._vehicle.own_ids[0])
-        if not ours and said["result"] == d.MAV_RESULT_ACCEPTED and said["command"] in MODE_COMMANDS:
+        answer = dict(zip(_ack.fields, _ack.unpacker.unpack(payload), strict=True))
+        target = (answer["target_system"], answer["target_component"])
+        own_command = target[0] in (0, self._vehicle.own_ids[0])
+        if (
+            not own_command
+            and answer["result"] == d.MAV_RESULT_ACCEPTED
+            and answer["command"] in MODE_COMMANDS
+        ):
             self._foreign_ack = ForeignAck(*target, self._vehicle.clock.monotonic_s())
 
     def gimbal(self, payload: bytes) -> None:
@@ -106,7 +110,7 @@ class ExternalControl:
             )
         self._gimbal_control = control
 
-    def _hears_transmitter(self) -> bool:
+    def _has_transmitter(self) -> bool:
         sample = self._vehicle.topic("health")
         if sample is None or not isinstance(sample.value, Health):
             return False

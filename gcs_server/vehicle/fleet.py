@@ -20,7 +20,7 @@ from gcs_server.vehicle.population import (
     MAX_ENDPOINTS_ON_LINK,
     Refusals,
     forgettable,
-    last_heard_s,
+    last_received_s,
     no_room,
 )
 from gcs_server.vehicle.vehicle import Vehicle
@@ -118,7 +118,7 @@ class Fleet(FrameSink):
                 f"Vehicle {vehicle_id} belongs to a recording.",
                 remedy="Close its replay; this removes the vehicle.",
             )
-        if self._clock.monotonic_s() - last_heard_s(vehicle) <= SILENT_AFTER_S:
+        if self._clock.monotonic_s() - last_received_s(vehicle) <= SILENT_AFTER_S:
             raise Refused(
                 f"Vehicle {vehicle_id} is connected on {', '.join(vehicle.links)}: it would be added again.",
                 remedy="Switch it off, or close the link. Only a disconnected vehicle can be removed.",
@@ -133,7 +133,7 @@ class Fleet(FrameSink):
     def warnings(self) -> list[Notice]:
         """Current warnings."""
         notices = [Notice(kind, text, link=link) for kind, link, text in self._router.warnings()]
-        refusals = self._refusals.standing(self._clock.monotonic_s())
+        refusals = self._refusals.recent(self._clock.monotonic_s())
         notices += [Notice("too_many", text, link=link) for link, text in refusals]
         for vehicle in self.all():
             notices += [
@@ -160,12 +160,12 @@ class Fleet(FrameSink):
             endpoint = self._discover(frame, connection, peer)
             if endpoint is None:
                 return
-        endpoint.hear(frame)
+        endpoint.take_frame(frame)
         if frame.msg_id == VERSION_ID and frame.component_id == endpoint.component_id:
             self._version(endpoint, frame)
         vehicle = endpoint.vehicle
         if vehicle is None:
-            self._place(endpoint)
+            self._assign(endpoint)
             vehicle = endpoint.vehicle
             if vehicle is None:
                 return
@@ -187,7 +187,7 @@ class Fleet(FrameSink):
         now_s = self._clock.monotonic_s()
         for endpoint in list(self._endpoints.values()):
             if endpoint.vehicle is None:
-                self._place(endpoint)
+                self._assign(endpoint)
             if endpoint.version is None and now_s >= endpoint.ask_next_s:
                 endpoint.ask_version(now_s)
         for vehicle in list(self._vehicles.values()):
@@ -205,7 +205,13 @@ class Fleet(FrameSink):
         if len(self._endpoints) >= MAX_ENDPOINTS_ON_LINK and not self._may_have_endpoint(connection, now_s):
             return None
         endpoint = Endpoint(
-            connection, peer, frame.system_id, frame.component_id, payload, first_heard_s=now_s, heard_s=now_s
+            connection,
+            peer,
+            frame.system_id,
+            frame.component_id,
+            payload,
+            first_received_s=now_s,
+            received_s=now_s,
         )
         self._endpoints[(connection, peer.name, frame.system_id)] = endpoint
         endpoint.ask_version(now_s)
@@ -218,7 +224,7 @@ class Fleet(FrameSink):
         here = [e for e in self._endpoints.values() if e.connection is connection]
         if len(here) < MAX_ENDPOINTS_ON_LINK:
             return True
-        silent = [e for e in here if e.vehicle is None and now_s - e.heard_s > SILENT_AFTER_S]
+        silent = [e for e in here if e.vehicle is None and now_s - e.received_s > SILENT_AFTER_S]
         for endpoint in silent:
             self._forget(endpoint)
         if not silent:
@@ -241,30 +247,30 @@ class Fleet(FrameSink):
             self.events.add("warning", self._clock.unix_s(), text, severity=d.MAV_SEVERITY_WARNING)
         return False
 
-    def _place(self, endpoint: Endpoint) -> None:
+    def _assign(self, endpoint: Endpoint) -> None:
         if self._clock.monotonic_s() < endpoint.refused_until_s:
             return
-        rivals = [
+        candidates = [
             v
             for v in self.all()
-            if v.identity.system_id == endpoint.system_id and self._could_be(endpoint, v)
+            if v.identity.system_id == endpoint.system_id and self._may_belong_to(endpoint, v)
         ]
         now_s = self._clock.monotonic_s()
         undecided = False
-        for rival in rivals:
-            verdict = same_vehicle(endpoint, rival, now_s)
+        for candidate in candidates:
+            verdict = same_vehicle(endpoint, candidate, now_s)
             if verdict is SameVehicle.YES:
-                for old in rival.endpoints:  # a silent endpoint is decided again when it sends again
-                    if now_s - old.heard_s > SILENT_AFTER_S:
+                for old in candidate.endpoints:  # a silent endpoint is decided again when it sends again
+                    if now_s - old.received_s > SILENT_AFTER_S:
                         self._forget(old)
-                        rival.detach(old)
-                rival.attach(endpoint)
+                        candidate.detach(old)
+                candidate.attach(endpoint)
                 return
             undecided = undecided or verdict is SameVehicle.NOT_KNOWN
         if not undecided and self._has_room(endpoint):
             self._add(endpoint)
 
-    def _could_be(self, endpoint: Endpoint, vehicle: Vehicle) -> bool:
+    def _may_belong_to(self, endpoint: Endpoint, vehicle: Vehicle) -> bool:
         if not endpoint.connection.link.replay:
             return not vehicle.identity.replayed
         return any(e.connection is endpoint.connection for e in vehicle.endpoints)
@@ -303,12 +309,12 @@ class Fleet(FrameSink):
             data={"replayed": identity.replayed},
         )
         if not identity.replayed:
-            self._warn_of_twins(endpoint.system_id)
+            self._warn_of_same_id(endpoint.system_id)
 
-    def _warn_of_twins(self, system_id: int) -> None:
-        twins = [v for v in self.all() if v.identity.system_id == system_id and not v.identity.replayed]
-        for vehicle in twins:
-            others = [f"{v.id} on {', '.join(v.links)}" for v in twins if v is not vehicle]
+    def _warn_of_same_id(self, system_id: int) -> None:
+        same_id = [v for v in self.all() if v.identity.system_id == system_id and not v.identity.replayed]
+        for vehicle in same_id:
+            others = [f"{v.id} on {', '.join(v.links)}" for v in same_id if v is not vehicle]
             if others:
                 vehicle.warn(
                     f"Several vehicles use system id {system_id}: {'; '.join(others)}. "
@@ -328,19 +334,19 @@ class Fleet(FrameSink):
             return
         vehicle.set_version(endpoint.version)
         for other in self.all():
-            if uid is None or other is vehicle or not self._could_be(endpoint, other):
+            if uid is None or other is vehicle or not self._may_belong_to(endpoint, other):
                 continue
             if any(e.unique_uid == uid for e in other.endpoints):
                 first, second = sorted((vehicle, other), key=lambda v: _order(v.id))
                 self._merge(first, second)
                 return
 
-    def _merge(self, into: Vehicle, gone: Vehicle) -> None:
-        for endpoint in gone.endpoints:
-            gone.detach(endpoint)
+    def _merge(self, into: Vehicle, removed: Vehicle) -> None:
+        for endpoint in removed.endpoints:
+            removed.detach(endpoint)
             into.attach(endpoint)
-        self._remove(gone, f"it is vehicle {into.id} on another link")
-        self._warn_of_twins(into.identity.system_id)
+        self._remove(removed, f"it is vehicle {into.id} on another link")
+        self._warn_of_same_id(into.identity.system_id)
 
     def _drop(self, vehicle: Vehicle, why: str) -> None:
         """Removes a vehicle with all its endpoints."""
@@ -348,7 +354,7 @@ class Fleet(FrameSink):
             self._forget(endpoint)
             vehicle.detach(endpoint)
         self._remove(vehicle, why)
-        self._warn_of_twins(vehicle.identity.system_id)
+        self._warn_of_same_id(vehicle.identity.system_id)
 
     def _remove(self, vehicle: Vehicle, why: str) -> None:
         self._vehicles.pop(vehicle.id, None)

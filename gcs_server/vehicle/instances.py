@@ -1,4 +1,4 @@
-"""Message instances: battery 0 or 1, main or auxiliary outputs, one gimbal or another.
+"""Keeps the instances of a message apart: batteries 0 and 1, main and auxiliary outputs, several gimbals.
 
 A message whose dialect has an instance field is kept by (message, instance), so that two batteries never
 overwrite each other. A key is the message's id, with the instance in its highest byte: that of instance 0 is
@@ -69,12 +69,12 @@ class Instances:
     def is_shown(self, frame: Frame) -> bool:
         """Whether a frame is from the shown gimbal: the lowest component and device that is heard."""
         at = DEVICE_AT.get(frame.msg_id)
-        who = (frame.component_id, 0 if at is None else full_payload(frame)[at])
+        sender = (frame.component_id, 0 if at is None else full_payload(frame)[at])
         now_s = frame.received_monotonic_s
-        shown, heard_s = self._gimbals.get(frame.msg_id, (who, now_s))
-        if shown < who and now_s - heard_s < OTHER_GIMBAL_AFTER_S:
+        shown, received_s = self._gimbals.get(frame.msg_id, (sender, now_s))
+        if shown < sender and now_s - received_s < OTHER_GIMBAL_AFTER_S:
             return False
-        self._gimbals[frame.msg_id] = (who, now_s)
+        self._gimbals[frame.msg_id] = (sender, now_s)
         return True
 
 

@@ -2,7 +2,7 @@
 station. Pure.
 
 The vehicle does not report the cause. It is inferred from this server's commands, the vehicle's
-acknowledgements to other stations, the intended mode beside the current one, and the RC link.
+acknowledgements to other stations, the intended mode and the current mode, and the RC link.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ForeignAck:
 
     system: int
     component: int
-    heard_s: float
+    received_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +68,9 @@ def cause_of(
     before: FlightState,
     after: FlightState,
     *,
-    asked: tuple[str, str | None] | None,
+    requested: tuple[str, str | None] | None,
     foreign: ForeignAck | None,
-    hears_transmitter: bool,
+    has_transmitter: bool,
     now_s: float,
     unix_s: float,
 ) -> ModeCause:
@@ -81,14 +81,14 @@ def cause_of(
         after: state after the change.
         asked: (what, client) of this server's newest command for this mode.
         foreign: newest acknowledgement to another station.
-        hears_transmitter: whether an RC transmitter is connected.
+        has_transmitter: whether an RC transmitter is connected.
         now_s: monotonic.
         unix_s: for people.
     """
-    if asked is not None:
-        what, client = asked
+    if requested is not None:
+        what, client = requested
         return ModeCause("command", client, f"{client or 'this server'} commanded {what}", unix_s)
-    if foreign is not None and now_s - foreign.heard_s <= FOREIGN_ACK_S:
+    if foreign is not None and now_s - foreign.received_s <= FOREIGN_ACK_S:
         who = f"station {foreign.system}/{foreign.component}"
         return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
     old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
@@ -101,7 +101,7 @@ def cause_of(
         return ModeCause("failsafe", None, "the failsafe", unix_s)
     if not after.armed or (new == "hold" and old in ENDS_IN_HOLD):
         return ModeCause("vehicle", None, "the vehicle itself", unix_s)
-    if new in BY_HAND and hears_transmitter:
+    if new in BY_HAND and has_transmitter:
         return ModeCause("pilot", None, "the RC pilot", unix_s)
     return ModeCause(
         "unknown", None, "not this server (RC pilot, another station or the vehicle itself)", unix_s

@@ -24,7 +24,7 @@ class Mode:
 
     @property
     def custom_mode(self) -> int:
-        """As HEARTBEAT and CURRENT_MODE carry it."""
+        """The number in HEARTBEAT and CURRENT_MODE."""
         return self.main << 16 | self.sub << 24
 
 
@@ -48,7 +48,7 @@ MODES: tuple[Mode, ...] = (
     Mode("offboard", "Offboard", 6, 0, 14),
     Mode("stabilized", "Stabilized", 7, 0, 15),
     Mode("termination", "Termination", 10, 0, 13, settable=False),
-    # Of v1.17; v1.16 accepts its number and stays in the mode it is in.
+    # Only v1.17 has this mode; v1.16 accepts its number and keeps its current mode.
     Mode("altitude_cruise", "Altitude cruise", 11, 0, 8, settable=False),
 )
 BY_NAME = {mode.name: mode for mode in MODES}

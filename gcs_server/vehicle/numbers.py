@@ -1,6 +1,6 @@
 """Checks of a vehicle's numbers before they are used: finite, and of a plausible size.
 
-MAVLink's floats may be not a number "not set", infinite, or of any size. Each is checked once, when it is
+MAVLink's floats may be NaN ("not set"), infinite, or of any size. Each is checked once, when it is
 decoded. `MAX_MAGNITUDE` keeps every later square, sum and conversion to a whole number far from overflow.
 """
 
@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from missions.frames import Quaternion, Vector3
 
 MAX_MAGNITUDE = 1e7
-"""No value of a flight is larger in metres, m/s, radians or degrees (pole to equator: 10,000 km)."""
+"""No value of a flight exceeds this in metres, m/s, radians or degrees (pole to equator: 10,000 km)."""
 ROTATION_WITHIN = 0.1
-"""How far the length of a quaternion may be from one."""
+"""Tolerance of a quaternion's length, which should be one."""
 
 
 class Unusable(Exception):

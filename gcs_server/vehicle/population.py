@@ -35,9 +35,9 @@ def no_room(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, list[Vehi
         vehicles: all vehicles.
     """
     system_id, replayed = endpoint.system_id, endpoint.connection.link.replay
-    alike = [v for v in vehicles if v.identity.system_id == system_id and v.identity.replayed == replayed]
-    if len(alike) >= MAX_OF_ONE_ID:
-        return f"{len(alike)} vehicles already use system id {system_id}", alike
+    same_id = [v for v in vehicles if v.identity.system_id == system_id and v.identity.replayed == replayed]
+    if len(same_id) >= MAX_OF_ONE_ID:
+        return f"{len(same_id)} vehicles already use system id {system_id}", same_id
     on_link = [v for v in vehicles if any(e.connection is endpoint.connection for e in v.endpoints)]
     if len(on_link) >= MAX_ON_LINK:
         return f"{len(on_link)} vehicles are already connected on this link", on_link
@@ -54,15 +54,15 @@ def forgettable(vehicles: Iterable[Vehicle], now_s: float) -> Vehicle | None:
         if not v.identity.replayed
         and v.identity.firmware is None  # it has never answered
         and not v.flight_state.armed
-        and now_s - last_heard_s(v) > FORGETTABLE_AFTER_S
+        and now_s - last_received_s(v) > FORGETTABLE_AFTER_S
         and not v.in_use
     ]
-    return min(silent, key=last_heard_s, default=None)
+    return min(silent, key=last_received_s, default=None)
 
 
-def last_heard_s(vehicle: Vehicle) -> float:
+def last_received_s(vehicle: Vehicle) -> float:
     """Time of its last message [s, monotonic]."""
-    return max((e.heard_s for e in vehicle.endpoints), default=vehicle.flight_state.heartbeat_s)
+    return max((e.received_s for e in vehicle.endpoints), default=vehicle.flight_state.heartbeat_s)
 
 
 class Refusals:
@@ -75,16 +75,18 @@ class Refusals:
         """Records a refusal; returns the sentence to report, or None if this link was reported recently."""
         endpoint.refused_until_s = now_s + TRY_AGAIN_S
         link = endpoint.connection.name
-        told = now_s - self._last.get(link, (float("-inf"), ""))[0] <= WARNED_FOR_S
+        recently_reported = now_s - self._last.get(link, (float("-inf"), ""))[0] <= WARNED_FOR_S
         text = (
             f"Link {link}: a vehicle with system id {endpoint.system_id} is not shown: {why}. Remove those "
             "that are no longer connected. If a program sends heartbeats of vehicles that do not exist, "
             "close the link."
         )
         self._last[link] = (now_s, text)
-        return None if told else text
+        return None if recently_reported else text
 
-    def standing(self, now_s: float) -> list[tuple[str, str]]:
+    def recent(self, now_s: float) -> list[tuple[str, str]]:
         """(link, sentence) of recent refusals."""
-        self._last = {link: said for link, said in self._last.items() if now_s - said[0] <= WARNED_FOR_S}
+        self._last = {
+            link: refusal for link, refusal in self._last.items() if now_s - refusal[0] <= WARNED_FOR_S
+        }
         return [(link, text) for link, (_, text) in self._last.items()]

@@ -65,14 +65,16 @@ def _sensor(values: tuple[float, ...], newest_ms: float) -> DistanceSensor | Non
         direction = None if turned is None else rotate(turned, (1.0, 0.0, 0.0))
     if direction is None or most_cm == 0:
         return None
-    told = number(width_rad)
+    reported_width_rad = number(width_rad)
     return DistanceSensor(
         sensor_id=int(sensor_id),
         direction_frd=direction,
         distance_m=None if rest[5] == INVALID_SIGNAL else measured_cm / 100,
         range_min_m=least_cm / 100,
         range_max_m=most_cm / 100,
-        width_rad=told if told is not None and 0.0 < told <= MAX_WIDTH_RAD else None,
+        width_rad=reported_width_rad
+        if reported_width_rad is not None and 0.0 < reported_width_rad <= MAX_WIDTH_RAD
+        else None,
         behind_s=(newest_ms - time_ms) / 1e3,
     )
 

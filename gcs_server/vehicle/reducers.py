@@ -14,7 +14,7 @@ _current_mode = struct.Struct("<IIB")
 
 @dataclass(frozen=True, slots=True)
 class FlightState:
-    """What the vehicle last reported, and when [s, monotonic]."""
+    """The vehicle's last reported state, with its times [s, monotonic]."""
 
     armed: bool = False
     custom_mode: int = 0

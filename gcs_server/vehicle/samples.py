@@ -85,7 +85,7 @@ class Battery:
     cell_voltages_v: tuple[float, ...] | None = None
     """[V] of each cell; null if only the sum is known."""
     battery_id: int | None = None
-    """Which battery this is, from 0; None from SYS_STATUS."""
+    """Id of this battery, from 0; None if the values are from SYS_STATUS."""
     batteries: tuple[BatteryReading, ...] = ()
     """All batteries, by id; empty if there is only one."""
 
@@ -234,7 +234,7 @@ class Status:
     link_lost: bool
     """Whether the connection is lost: no message of the autopilot for 3.5 s on any link."""
     last_heartbeat_age_s: float | None
-    """Age when the sample was made; null before the first heartbeat."""
+    """Age at the time of the sample; null before the first heartbeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,12 +279,12 @@ class ObstacleDistance:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """WIND_COV: what the vehicle's estimator takes the wind to be; a multicopter seldom estimates it."""
+    """WIND_COV: the wind estimate of the vehicle; a multicopter seldom has one."""
 
     wind_ned_m_s: Vector3
-    """Where the air moves to; its vertical part is 0 where it is not told."""
+    """Velocity of the air; its vertical part is 0 if it is not reported."""
     speed_m_s: float
-    """Over the ground."""
+    """Speed of the air over the ground."""
 
 
 TOPICS: dict[str, type] = {

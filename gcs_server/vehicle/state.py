@@ -64,7 +64,7 @@ class VehicleState:
         self._decoded: set[str] = set()
         """Topics without a new message since they were decoded."""
         self._history = History({msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids})
-        self._heard_s = float("-inf")
+        self._received_s = float("-inf")
         """Time of the last heartbeat, or of later messages without a gap."""
         self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
         """(time, sources, sample) of the last minutes."""
@@ -79,7 +79,7 @@ class VehicleState:
         if not frame.known:  # there are 16 million ids: storing them all would fill the memory
             return True
         if frame.component_id == self._component_id:
-            self._note_heard(frame)
+            self._note_received(frame)
         if frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
             self.topic("home")  # decoded before the newer one replaces it
         key = self._instances.key_of(frame)
@@ -91,11 +91,11 @@ class VehicleState:
             self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
         return True
 
-    def _note_heard(self, frame: Frame) -> None:
+    def _note_received(self, frame: Frame) -> None:
         now_s = frame.received_monotonic_s
         is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # it shows that a lost vehicle is back
-        if is_heartbeat or now_s - self._heard_s <= LINK_LOST_AFTER_S:
-            self._heard_s = now_s
+        if is_heartbeat or now_s - self._received_s <= LINK_LOST_AFTER_S:
+            self._received_s = now_s
 
     @property
     def link_lost(self) -> bool:
@@ -104,16 +104,16 @@ class VehicleState:
 
     def _lost_from_s(self) -> float:
         return min(
-            self._heard_s + LINK_LOST_AFTER_S, self.flight_state.heartbeat_s + HEARTBEAT_OVERDUE_AFTER_S
+            self._received_s + LINK_LOST_AFTER_S, self.flight_state.heartbeat_s + HEARTBEAT_OVERDUE_AFTER_S
         )
 
     def silence(self) -> str:
         """Text about how long the connection has been lost."""
         now_s = self._clock.monotonic_s()
-        if self._heard_s == float("-inf"):
+        if self._received_s == float("-inf"):
             return "no message received"
-        if now_s - self._heard_s > LINK_LOST_AFTER_S:
-            return f"no messages for {now_s - self._heard_s:.1f} s"
+        if now_s - self._received_s > LINK_LOST_AFTER_S:
+            return f"no messages for {now_s - self._received_s:.1f} s"
         return f"no heartbeat for {now_s - self.flight_state.heartbeat_s:.0f} s"
 
     def status(self) -> Status:
@@ -182,12 +182,14 @@ class VehicleState:
         samples: list[Sample] = []
         for name in topics:
             if name == "status":
-                made = [sample for *_, sample in self._statuses]
+                past_samples = [sample for *_, sample in self._statuses]
             else:
                 keys = self._instances.keys(INPUT_MESSAGES[name])
-                past = self._history.frames(keys)
-                made = [self._past(name, keys, frames) for kept_s, frames in past if kept_s >= since_s]
-            samples += [s for s in made if s is not None and s.received_monotonic_s >= since_s]
+                history = self._history.frames(keys)
+                past_samples = [
+                    self._past(name, keys, frames) for kept_s, frames in past if kept_s >= since_s
+                ]
+            samples += [s for s in past_samples if s is not None and s.received_monotonic_s >= since_s]
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 
     def _status_since_s(self) -> float:
@@ -209,8 +211,8 @@ class VehicleState:
             return None
         if len(keys) > len(INPUT_MESSAGES[name]):
             read = heard(read.items())
-        made_of = TOPIC_MESSAGES[name]
-        present = [frame for frame in read.values() if frame.msg_id in made_of]
+        message_ids = TOPIC_MESSAGES[name]
+        present = [frame for frame in read.values() if frame.msg_id in message_ids]
         if not present:
             return None
         payloads = {key: full_payload(frame) for key, frame in read.items()}
@@ -226,8 +228,8 @@ class VehicleState:
     @staticmethod
     def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:
         """Of two messages that arrive in pairs: the quaternion, unless it has stopped or is invalid."""
-        heard_s = {f.msg_id: f.received_monotonic_s for f in present}
-        quaternion_s, angles_s = [heard_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS]
+        received_s = {f.msg_id: f.received_monotonic_s for f in present}
+        quaternion_s, angles_s = [received_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS]
         if angles_s - quaternion_s > PAIR_WITHIN_S:
             return decoders.attitude(payloads)
         try:

@@ -32,7 +32,7 @@ class TextJoiner:
     def feed(self, payload: bytes, now_s: float) -> list[tuple[int, str]]:
         """(severity, text) of the texts that are complete with this message."""
         severity, raw, text_id, chunk = _text.unpack(payload)
-        ends = b"\0" in raw
+        is_last = b"\0" in raw
         part = raw.split(b"\0", 1)[0]
         if text_id == 0:
             return [*self.expire(now_s), (severity, _decoded(part))]
@@ -49,7 +49,7 @@ class TextJoiner:
             pending = self._pending[text_id] = _Pending(severity, now_s)
         pending.chunks[chunk] = part
         last = max(pending.chunks)
-        pending.complete = pending.complete or ends
+        pending.complete = pending.complete or is_last
         if pending.complete and len(pending.chunks) == last + 1:
             out.append(self._finish(text_id))
         return out

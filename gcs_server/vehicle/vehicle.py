@@ -88,8 +88,8 @@ class Vehicle:
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._event_logger.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
             d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.current(full_payload(f)),
-            d.MAVLINK_MSG_ID_PARAM_VALUE: lambda f, _: self.params.heard(full_payload(f)),
-            d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.gone(full_payload(f)),
+            d.MAVLINK_MSG_ID_PARAM_VALUE: lambda f, _: self.params.take_value(full_payload(f)),
+            d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.unavailable(full_payload(f)),
             d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._external_control.ack(full_payload(f)),
             d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._external_control.gimbal(
                 full_payload(f)
@@ -143,7 +143,7 @@ class Vehicle:
     @property
     def links(self) -> tuple[str, ...]:
         """Names of the links on which it is heard, most recent first."""
-        ordered = sorted(self._endpoints, key=lambda e: -e.heard_s)
+        ordered = sorted(self._endpoints, key=lambda e: -e.received_s)
         return tuple(dict.fromkeys(e.connection.name for e in ordered))
 
     @property
@@ -212,7 +212,7 @@ class Vehicle:
         chosen = self._choose_endpoint()
         if chosen is None:
             return False
-        others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.heard_s)
+        others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.received_s)
         return any(
             e.connection.sender.send(msg_id, payload, e.peer, made_s=made_s, until_s=until_s)
             for e in (chosen, *others)
@@ -258,7 +258,7 @@ class Vehicle:
         """Adds an endpoint."""
         endpoint.vehicle = self
         if not self._endpoints:
-            self.health.heard()
+            self.health.connected()
         self._endpoints = (*self._endpoints, endpoint)
         self._known_links.add(endpoint.connection.name)
         if endpoint.version is not None:
@@ -345,7 +345,7 @@ class Vehicle:
             self._lost = False
             # another gimbal or another firmware may have come back
             self._limits_asked, self._limits_since_s = 0, self.clock.monotonic_s()
-            self.health.heard()
+            self.health.connected()
             self.params.link_was_away()
             self.events.add(
                 "link", self.clock.unix_s(), "Connection restored", severity=d.MAV_SEVERITY_NOTICE
@@ -353,8 +353,12 @@ class Vehicle:
 
     def _choose_endpoint(self) -> Endpoint | None:
         endpoints, sending = self._endpoints, self._sending
-        newest = max(endpoints, key=lambda e: e.heard_s, default=None)
-        if newest is not None and sending in endpoints and newest.heard_s - sending.heard_s < STAY_ON_LINK_S:
+        newest = max(endpoints, key=lambda e: e.received_s, default=None)
+        if (
+            newest is not None
+            and sending in endpoints
+            and newest.received_s - sending.received_s < STAY_ON_LINK_S
+        ):
             return sending
         self._sending = newest
         return newest

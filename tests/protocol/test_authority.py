@@ -131,7 +131,7 @@ def test_requests_of_any_kind_renew_and_leaving_releases_all(jump):
         await control_routes.take("1", at.station, ANNA)
         for _ in range(5):
             await seconds(20)
-            at.station.authority.heard(ANNA)
+            at.station.authority.renew(ANNA)
         assert view(await control_routes.me(at.station, ANNA))["controls"] == ["1"]
         assert view(await control_routes.leave(at.station, ANNA))["controls"] == []
         assert told(at.vehicle)[-1][0] == "released"

@@ -148,14 +148,14 @@ def _beside(
     follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
 ) -> DirectSetpoint | None:
     leader = snapshot.leader
-    if leader is None or now_s - leader.heard_s > LEADER_FRESH_S:
+    if leader is None or now_s - leader.received_s > LEADER_FRESH_S:
         return None
     offset = follow.offset_ned_m
     if offset is None:
         if leader.yaw_ned_rad is None or follow.offset_frd_m is None:
             return None
         offset = ned_from_heading(follow.offset_frd_m, leader.yaw_ned_rad)
-    age_s = max(now_s - leader.heard_s, 0.0)
+    age_s = max(now_s - leader.received_s, 0.0)
     n, e, d = (
         place + speed * age_s + by
         for place, speed, by in zip(leader.position_ned_m, leader.velocity_ned_m_s, offset, strict=True)

@@ -94,5 +94,5 @@ class OffboardConfiguration:
         return Failsafe(
             parameters.get("COM_OF_LOSS_T"),
             None if action is None else int(action),
-            self._estimates.hears_transmitter(),
+            self._estimates.has_transmitter(),
         )

@@ -107,7 +107,7 @@ class VehicleEstimates:
         samples = (self._vehicle.topic("distance_sensors"), self._vehicle.topic("obstacle_distance"))
         return scans_of(samples, attitude.q_ned_frd, self._vehicle.clock.monotonic_s())
 
-    def hears_transmitter(self) -> bool:
+    def has_transmitter(self) -> bool:
         """Whether an RC transmitter is connected and healthy."""
         sample = self._vehicle.topic("health")
         if sample is None or not isinstance(sample.value, Health):
@@ -121,29 +121,31 @@ class VehicleEstimates:
         if home is not None and home.position_ned_m is not None:
             return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
         local, place = self.local(), self.global_position()
-        apart_s = abs((self._heard_s("local_position") or 0.0) - (self._heard_s("global_position") or 0.0))
+        apart_s = abs(
+            (self._received_s("local_position") or 0.0) - (self._received_s("global_position") or 0.0)
+        )
         if local is None or place is None or apart_s > PAIR_WITHIN_S:
             return None
         return LocalOrigin.from_pair(place.lat_deg, place.lon_deg, place.alt_amsl_m, local.position_ned_m)
 
     def as_leader(self, origin: LocalOrigin | None) -> Leader | None:
         """This vehicle in the local frame of its follower; None if a position is missing."""
-        place, heard_s = self.global_position(), self._heard_s("global_position")
-        if place is None or heard_s is None or origin is None or self._vehicle.status.link_lost:
+        place, received_s = self.global_position(), self._received_s("global_position")
+        if place is None or received_s is None or origin is None or self._vehicle.status.link_lost:
             return None
         local, attitude = self.local(), self.attitude()
         return Leader(
             origin.to_ned(place.lat_deg, place.lon_deg, place.alt_amsl_m),
             place.velocity_ned_m_s if local is None else local.velocity_ned_m_s,
             None if attitude is None else attitude.yaw_ned_rad,
-            heard_s,
+            received_s,
         )
 
     def snapshot(self, **more: object) -> Snapshot:
         """Snapshot of the vehicle for its stream."""
         vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
         status, home = vehicle.status, self.home()
-        asked = vehicle.command.asked_for(status.mode)
+        asked = vehicle.command.recent_command(status.mode)
         usable = local is not None and self.has(POSITION_HORIZONTAL)
         return Snapshot(
             vehicle.clock.monotonic_s(),
@@ -152,7 +154,7 @@ class VehicleEstimates:
             local.velocity_ned_m_s if local is not None else None,
             attitude.yaw_ned_rad if attitude is not None else None,
             None if asked is None else f"{asked.by or 'The server'} commanded {asked.what!r}",
-            estimate_s=self._heard_s("local_position") if usable else None,
+            estimate_s=self._received_s("local_position") if usable else None,
             armed=status.armed,
             lost=status.link_lost or not vehicle.endpoints,
             home_alt_amsl_m=None if home is None else home.alt_amsl_m,
@@ -161,12 +163,12 @@ class VehicleEstimates:
             **more,  # type: ignore[arg-type]
         )
 
-    def _heard_s(self, topic: str) -> float | None:
+    def _received_s(self, topic: str) -> float | None:
         sample = self._vehicle.topic(topic)
         return None if sample is None else sample.received_monotonic_s
 
-    def _age_s(self, heard_s: float) -> float:
-        return max(0.0, self._vehicle.clock.monotonic_s() - heard_s)
+    def _age_s(self, received_s: float) -> float:
+        return max(0.0, self._vehicle.clock.monotonic_s() - received_s)
 
     def _fresh(self, topic: str) -> object | None:
         sample = self._vehicle.topic(topic)

@@ -24,21 +24,21 @@ def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: f
     for sample in samples:
         if sample is None:
             continue
-        heard_s, value = sample.received_monotonic_s, sample.value
+        received_s, value = sample.received_monotonic_s, sample.value
         if isinstance(value, DistanceSensors):
             for sensor in value.sensors:
                 if sensor.distance_m is not None:
                     direction = rotate(q_ned_frd, sensor.direction_frd)
                     distance_m = sensor.distance_m if sensor.distance_m <= sensor.range_max_m else None
                     half_rad = (sensor.width_rad or 0.0) / 2.0
-                    at_s = heard_s - max(0.0, sensor.behind_s)
+                    at_s = received_s - max(0.0, sensor.behind_s)
                     found.append(Scan(at_s, (direction,), (distance_m,), sensor.range_max_m, half_rad))
         elif isinstance(value, ObstacleDistance):
-            found.append(_sectors(value, q_ned_frd, heard_s))
+            found.append(_sectors(value, q_ned_frd, received_s))
     return tuple(scan for scan in found if scan.directions_ned and now_s - scan.heard_s <= KEPT_S)
 
 
-def _sectors(value: ObstacleDistance, q_ned_frd: Quaternion, heard_s: float) -> Scan:
+def _sectors(value: ObstacleDistance, q_ned_frd: Quaternion, received_s: float) -> Scan:
     directions: list[Vector3] = []
     distances: list[float | None] = []
     for number, distance_m in enumerate(value.distances_m):
@@ -49,4 +49,4 @@ def _sectors(value: ObstacleDistance, q_ned_frd: Quaternion, heard_s: float) -> 
         directions.append(rotate(q_ned_frd, level) if value.frame == "body" else level)
         distances.append(distance_m if distance_m <= value.range_max_m else None)
     half_rad = math.radians(abs(value.step_deg)) / 2.0
-    return Scan(heard_s, tuple(directions), tuple(distances), value.range_max_m, half_rad)
+    return Scan(received_s, tuple(directions), tuple(distances), value.range_max_m, half_rad)

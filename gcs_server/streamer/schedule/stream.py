@@ -308,11 +308,11 @@ class VehicleStream:
         """How far the local position jumped; None if it did not."""
         if snapshot.position_ned_m is None:
             return None
-        before, self._last_estimate = self._last_estimate, (snapshot.heard_s, snapshot.position_ned_m)
+        before, self._last_estimate = self._last_estimate, (snapshot.received_s, snapshot.position_ned_m)
         if before is None:
             return None
         moved_m = math.dist(before[1], snapshot.position_ned_m)
-        allowed_m = JUMP_M + JUMP_M_S * max(snapshot.heard_s - before[0], 0.0)
+        allowed_m = JUMP_M + JUMP_M_S * max(snapshot.received_s - before[0], 0.0)
         return moved_m if moved_m > allowed_m else None
 
     def _phase_over(self, now_s: float, snapshot: Snapshot) -> None:
@@ -359,7 +359,7 @@ class VehicleStream:
         self, now_s: float, snapshot: Snapshot, code: str, why: str, *, land: bool
     ) -> None:
         self._hold_position(now_s, snapshot)
-        heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.heard_s <= MAX_EXTRAPOLATION_S
+        heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.received_s <= MAX_EXTRAPOLATION_S
         if land:
             self._report(code, f"{why}: landing.")
             self._request_mode("land", now_s)

@@ -254,7 +254,7 @@ class GroupGuard:
             order = seen[vehicle].order
             setpoint = None if order is None or isinstance(order.setpoint, Script) else order.setpoint
             one = moving(snapshot, now_s, origin.to_frame_of(common, place), setpoint)
-            self._trends[vehicle].add(snapshot.heard_s, one.velocity_ned_m_s)
+            self._trends[vehicle].add(snapshot.received_s, one.velocity_ned_m_s)
             if not is_steered(setpoint):
                 faster = self._trends[vehicle].faster_ned_m_s(one.age_s + TURNED_AFTER_S)
                 one = replace(one, velocity_ned_m_s=faster)
@@ -343,6 +343,6 @@ def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint 
         place,
         snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
         UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,
-        max(0.0, now_s - snapshot.heard_s),
+        max(0.0, now_s - snapshot.received_s),
         brakes_m_s2(snapshot.bounds.tilt_rad) * (1.0 if is_steered(setpoint) else UNSTEERED_SHARE),
     )

@@ -25,7 +25,7 @@ class Leader:
     position_ned_m: Vector3
     velocity_ned_m_s: Vector3
     yaw_ned_rad: float | None
-    heard_s: float
+    received_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Snapshot:
     """In the steps of a mission that ask for it; None: there are none, or it is switched off for them."""
 
     @property
-    def heard_s(self) -> float:
+    def received_s(self) -> float:
         """When the position was received."""
         return self.taken_s if self.estimate_s is None else self.estimate_s
 
@@ -99,7 +99,7 @@ class Snapshot:
 
     def position_at(self, now_s: float) -> Vector3 | None:
         """The position extrapolated with its velocity; None if the estimate is too old."""
-        age_s = max(now_s - self.heard_s, 0.0)
+        age_s = max(now_s - self.received_s, 0.0)
         if self.position_ned_m is None or age_s > MAX_EXTRAPOLATION_S:
             return None
         n, e, d = self.position_ned_m

@@ -46,8 +46,8 @@ class CameraService:
                     continue
                 if answer.result == d.MAV_RESULT_ACCEPTED:
                     return
-                why = RESULT_TEXT.get(answer.result, f"result {answer.result}")
-                raise Rejected(f"The camera of vehicle {vehicle.id} took no picture: {why}.")
+                reason = RESULT_TEXT.get(answer.result, f"result {answer.result}")
+                raise Rejected(f"The camera of vehicle {vehicle.id} took no picture: {reason}.")
         raise NoReply(
             f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ANSWER_S:.1f} s.",
             deadline_s=ATTEMPTS * ANSWER_S,

@@ -1,6 +1,7 @@
 """Commands to a vehicle: each succeeds when the vehicle's own state shows it.
 
-Deadlines hold at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every repeated
+Deadlines are sufficient at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every
+repeated
 message requests a state or names a target, so a second copy changes nothing. A newer command ends an older
 one that is still waiting, and nothing of the older one is sent afterwards. Only Stop motors
 (`stop_motors.py`) cannot be ended.
@@ -55,14 +56,14 @@ class CommandService:
     """Arm, modes, take-off, go-to.
 
     Every method raises Refused (NotVerified) without sending, InvalidRequest for bad values, Rejected
-    with the vehicle's reasons, NoReply at the deadline, Disconnected when vehicle or link went.
+    with the vehicle's reasons, NoReply at the deadline, Disconnected when the vehicle or its link was lost.
     """
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self._newest = 0
         self._newest_what = ""
-        self._asked: ModeCommand | None = None
+        self._newest_command: ModeCommand | None = None
         self.on_mode_command: Callable[[], object] = lambda: None
         """Called before a mode other than Offboard is requested, so that the stream requests none
         meanwhile."""
@@ -70,12 +71,12 @@ class CommandService:
         self._waiting: list[int] = []
         """MAV_CMD of each running request."""
 
-    def asked_for(self, mode: str) -> ModeCommand | None:
+    def recent_command(self, mode: str) -> ModeCommand | None:
         """This server's command that may have caused this mode; None if there was none recently."""
-        asked = self._asked
-        if asked is None or asked.mode != mode:
+        newest = self._newest_command
+        if newest is None or newest.mode != mode:
             return None
-        return asked if self._vehicle.clock.monotonic_s() - asked.since_s <= MODE_CHANGE_WITHIN_S else None
+        return newest if self._vehicle.clock.monotonic_s() - newest.since_s <= MODE_CHANGE_WITHIN_S else None
 
     async def arm(self, *, progress: ReportProgress | None = None) -> None:
         """Arms; returns once the vehicle reports that it is armed."""
@@ -246,7 +247,7 @@ class CommandService:
             lambda f, s: f.heartbeat_s > s and f.armed,
             STATE_DEADLINE_S,
             asks=ASK_STATE,
-            standing_problems=self._arming_problems,
+            present_problems=self._arming_problems,
         )
         await self._run(token, _arm_disarm(1.0, 0.0), goal, progress)
 
@@ -343,7 +344,7 @@ class CommandService:
         self.require_no_kill(what)
         self._supersede(what)
         if mode is not None:
-            self._asked = ModeCommand(what, mode.name, by, self._vehicle.clock.monotonic_s())
+            self._newest_command = ModeCommand(what, mode.name, by, self._vehicle.clock.monotonic_s())
             if mode.name != "offboard":
                 self.on_mode_command()
         return self._newest
@@ -362,10 +363,10 @@ class CommandService:
         if request is None:
             await Transaction(self._vehicle, None, goal, progress, superseded).run()
             return
-        overtakes = request.command in self._waiting
+        replaces_request = request.command in self._waiting
         self._waiting.append(request.command)
         try:
-            await Transaction(self._vehicle, request, goal, progress, superseded, overtakes).run()
+            await Transaction(self._vehicle, request, goal, progress, superseded, replaces_request).run()
         finally:
             self._waiting.remove(request.command)
 

@@ -120,17 +120,17 @@ class FtpService:
         entries: list[DirectoryEntry] = []
         offset = 0
         while offset < MAX_ENTRIES:
-            asked = codec.request(Opcode.LIST_DIRECTORY, 0, path=path, offset=offset)
+            request = codec.request(Opcode.LIST_DIRECTORY, 0, path=path, offset=offset)
             try:
-                answer = await self._ask(asked, path, "Listing")
+                answer = await self._ask(request, path, "Listing")
             except FtpFailed as error:
                 if error.ftp_error == FtpError.END_OF_FILE:
                     break
                 raise
-            some, count = codec.parse_listing(answer.data)
+            entries_read, count = codec.parse_listing(answer.data)
             if not count:
                 break
-            entries += some
+            entries += entries_read
             offset += count
         return entries
 
@@ -175,15 +175,15 @@ class FtpService:
         hole = pieces.first_hole
         assert hole is not None
         start, end = hole
-        wanted = min(end - start, codec.DATA_BYTES)
-        answer = await self._ask(Packet(0, Opcode.READ_FILE, session, wanted, offset=start), path, "Reading")
+        size = min(end - start, codec.DATA_BYTES)
+        answer = await self._ask(Packet(0, Opcode.READ_FILE, session, size, offset=start), path, "Reading")
         await self._count_answer(path)
         if answer.offset != start:
             raise FtpFailed(
                 f"Reading {path}: the vehicle answered with byte {answer.offset:,} instead of {start:,}.",
                 path=path,
             )
-        if not pieces.put(start, answer.data[:wanted]):
+        if not pieces.put(start, answer.data[:size]):
             raise FtpFailed(f"Reading {path}: it ended before its {pieces.size:,} bytes.", path=path)
 
     async def _burst(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bool:
@@ -192,10 +192,10 @@ class FtpService:
         assert hole is not None
         first = self._take_sequence()
         longest = (hole[1] - hole[0]) // codec.DATA_BYTES + 3
-        asked = Packet(first, Opcode.BURST_READ_FILE, session, codec.DATA_BYTES, offset=hole[0])
+        request = Packet(first, Opcode.BURST_READ_FILE, session, codec.DATA_BYTES, offset=hole[0])
         news = False
         with self._expect(Opcode.BURST_READ_FILE) as waiter:
-            self._send(asked)
+            self._send(request)
             while not pieces.complete:
                 try:
                     async with asyncio.timeout(BURST_SILENCE_S):
@@ -243,13 +243,13 @@ class FtpService:
     async def _ask(self, packet: Packet, path: str, doing: str) -> Packet:
         """Sends a request until it is answered, always with the same sequence number."""
         sequence = self._take_sequence()
-        asked = Packet(
+        request = Packet(
             sequence, packet.opcode, packet.session, packet.size, offset=packet.offset, data=packet.data
         )
         patience_s = FIRST_PATIENCE_S
         with self._expect(Opcode(packet.opcode)) as waiter:
             for _ in range(TRIES):
-                self._send(asked)
+                self._send(request)
                 try:
                     async with asyncio.timeout(patience_s):
                         while True:

@@ -135,14 +135,14 @@ def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, 
     return Packet(sequence, opcode, session, len(data), offset=offset, data=data)
 
 
-def refusal(packet: Packet, path: str, doing: str) -> FtpFailed:
+def refusal(packet: Packet, path: str, action: str) -> FtpFailed:
     """The error of a NAK."""
     number = packet.data[0] if packet.data else FtpError.FAIL
-    words = ERROR_TEXT.get(number, f"error {number}")
+    text = ERROR_TEXT.get(number, f"error {number}")
     if number == FtpError.FAIL_ERRNO and len(packet.data) > 1:
-        words += f" ({os.strerror(packet.data[1])})"
+        text += f" ({os.strerror(packet.data[1])})"
     return FtpFailed(
-        f"{doing} {path or '/'}: {words}.", ftp_error=number, path=path, remedy=REMEDIES.get(number)
+        f"{action} {path or '/'}: {text}.", ftp_error=number, path=path, remedy=REMEDIES.get(number)
     )
 
 

@@ -1,4 +1,4 @@
-"""Which parts of a file have arrived and which are missing; pure.
+"""Keeps track of the received and the missing parts of a file; pure.
 
 The work for one piece does not grow with the number of pieces before it: the missing parts stay sorted, and
 there are never more than `MAX_HOLES` of them.
@@ -14,10 +14,10 @@ its file in order and loses every second packet of half a megabyte leaves fewer.
 
 
 class Pieces:
-    """A file of known size being put together.
+    """A file of known size that is being received.
 
     Args:
-        size: of the file [bytes].
+        size: size of the file [bytes].
     """
 
     def __init__(self, size: int) -> None:
@@ -33,12 +33,12 @@ class Pieces:
 
     @property
     def received(self) -> int:
-        """Bytes that have arrived."""
+        """Number of received bytes."""
         return self._received
 
     @property
     def content(self) -> bytes:
-        """The whole file; zeros where something is missing."""
+        """The whole file, with zeros for missing parts."""
         return bytes(self._data)
 
     @property
@@ -48,7 +48,7 @@ class Pieces:
 
     @property
     def holes(self) -> int:
-        """How many separate parts are missing."""
+        """Number of separate missing parts."""
         return len(self._missing)
 
     @property
@@ -57,7 +57,7 @@ class Pieces:
         return len(self._missing) == 1 and self._missing[0][1] == self.size
 
     def put(self, offset: int, data: bytes) -> bool:
-        """Takes a piece; False where it is not new, does not fit, or leaves too many missing parts."""
+        """Stores a piece; False if it is not new, does not fit, or leaves too many missing parts."""
         end = offset + len(data)
         if not data or offset < 0 or end > self.size:
             return False

@@ -21,7 +21,7 @@ from gcs_server.vehicle.gimbal_decoder import control_of
 from gcs_server.vehicle.numbers import rotation
 from gcs_server.vehicle.samples import Gimbal
 from gcs_server.vehicle.services.checks import number
-from gcs_server.vehicle.services.gimbal_reach import GimbalLimited, stopped_short
+from gcs_server.vehicle.services.gimbal_reach import GimbalLimited, wait_until_stopped
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Goal, Request, Transaction
 from missions.frames import q_from_euler, wrap_pi
@@ -62,18 +62,18 @@ class GimbalService:
     async def take_control(self) -> None:
         """Takes primary control; returns once the manager's status shows it."""
         self._vehicle.require_commandable()
-        ours = self._vehicle.own_ids
+        own_ids = self._vehicle.own_ids
         await self._configure(
-            float(ours[0]), float(ours[1]), "take control of the gimbal", lambda c: c == ours
+            float(own_ids[0]), float(own_ids[1]), "take control of the gimbal", lambda c: c == own_ids
         )
 
     async def release_control(self) -> None:
         """Releases control if this server has it."""
         self._vehicle.require_commandable()
-        ours = self._vehicle.own_ids
-        if await self._control() != ours:
+        own_ids = self._vehicle.own_ids
+        if await self._control() != own_ids:
             return
-        await self._configure(RELEASE, RELEASE, "release the gimbal", lambda c: c != ours)
+        await self._configure(RELEASE, RELEASE, "release the gimbal", lambda c: c != own_ids)
 
     async def set_angles(
         self,
@@ -102,7 +102,7 @@ class GimbalService:
         else:
             await self._pitch_yaw(pitch_deg, yaw_deg, yaw_lock)
         self.roi = None
-        return await stopped_short(self._vehicle, pitch_deg, yaw_deg, yaw_lock) if wait else None
+        return await wait_until_stopped(self._vehicle, pitch_deg, yaw_deg, yaw_lock) if wait else None
 
     def point(self, pitch_rad: float, yaw_ned_rad: float) -> None:
         """Points the camera without waiting, for targets that are sent many times a second.
@@ -184,11 +184,11 @@ class GimbalService:
         await self._guarded(Transaction(self._vehicle, request, goal), what)
 
     async def _configure(
-        self, system: float, component: float, what: str, good: Callable[[tuple[int, int] | None], bool]
+        self, system: float, component: float, what: str, accepts: Callable[[tuple[int, int] | None], bool]
     ) -> None:
         def reached(_flight_state: object, since_s: float) -> bool:
             newest = self._vehicle.newest_payload(STATUS_ID)
-            return newest is not None and newest[1] > since_s and good(control_of(newest[0]))
+            return newest is not None and newest[1] > since_s and accepts(control_of(newest[0]))
 
         goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
         request = Request(d.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, (system, component, KEEP, KEEP, 0, 0, 0))

@@ -16,9 +16,9 @@ from missions.frames import wrap_pi
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
 REACHED_DEG = 3.0
 MOVES_DEG = 0.5
-"""A smaller change between two reports counts as standing."""
+"""With a smaller change between two reports, the gimbal counts as stopped."""
 STANDS_S = 0.6
-"""After standing this long the gimbal has stopped."""
+"""The gimbal has stopped after this time without movement."""
 START_TIMEOUT_S = 1.0
 MAX_DURATION_S = 3.0
 """If the gimbal still moves then, no limit is reported."""
@@ -39,14 +39,14 @@ class GimbalLimited:
     """The limit as a sentence."""
 
 
-async def stopped_short(
+async def wait_until_stopped(
     vehicle: VehiclePort, pitch_deg: float, yaw_deg: float, yaw_lock: bool
 ) -> GimbalLimited | None:
     """Waits until the gimbal is there or has stopped. None if it is there, still moves after
     `MAX_DURATION_S`, or does not report its attitude.
     """
     clock = vehicle.clock
-    began_s = stood_since_s = clock.monotonic_s()
+    began_s = stopped_since_s = clock.monotonic_s()
     before: tuple[float, float | None] | None = None
     identity = vehicle.identity
     ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_IDS[0]), 0, 0, 0, 0, 0, 0)).message(
@@ -68,12 +68,12 @@ async def stopped_short(
             at = _angles(vehicle, yaw_lock)
             if at is None:
                 continue
-            if not _apart(at, (pitch_deg, yaw_deg), REACHED_DEG):
+            if not _differ(at, (pitch_deg, yaw_deg), REACHED_DEG):
                 return None
             now_s = clock.monotonic_s()
-            if before is None or _apart(at, before, MOVES_DEG):
-                before, stood_since_s = at, now_s
-            elif now_s - stood_since_s >= STANDS_S and now_s - began_s >= START_TIMEOUT_S:
+            if before is None or _differ(at, before, MOVES_DEG):
+                before, stopped_since_s = at, now_s
+            elif now_s - stopped_since_s >= STANDS_S and now_s - began_s >= START_TIMEOUT_S:
                 return _limited(at, pitch_deg, yaw_deg)
     return None
 
@@ -88,11 +88,11 @@ def _angles(vehicle: VehiclePort, yaw_lock: bool) -> tuple[float, float | None] 
     return math.degrees(gimbal.pitch_rad), None if yaw_rad is None else math.degrees(yaw_rad)
 
 
-def _apart(a: tuple[float, float | None], b: tuple[float, float | None], more_deg: float) -> bool:
-    return abs(a[0] - b[0]) > more_deg or _yaw_apart_deg(a[1], b[1]) > more_deg
+def _differ(a: tuple[float, float | None], b: tuple[float, float | None], more_deg: float) -> bool:
+    return abs(a[0] - b[0]) > more_deg or _yaw_difference_deg(a[1], b[1]) > more_deg
 
 
-def _yaw_apart_deg(a: float | None, b: float | None) -> float:
+def _yaw_difference_deg(a: float | None, b: float | None) -> float:
     return 0.0 if a is None or b is None else abs(math.degrees(wrap_pi(math.radians(a - b))))
 
 
@@ -101,7 +101,7 @@ def _limited(at: tuple[float, float | None], pitch_deg: float, yaw_deg: float) -
     axes: list[str] = []
     if abs(pitch - pitch_deg) > REACHED_DEG:
         axes.append(f"pitch {pitch:g}° instead of {pitch_deg:g}°")
-    if yaw is not None and _yaw_apart_deg(yaw, yaw_deg) > REACHED_DEG:
+    if yaw is not None and _yaw_difference_deg(yaw, yaw_deg) > REACHED_DEG:
         axes.append(f"yaw {yaw:g}° instead of {yaw_deg:g}°")
     return GimbalLimited(
         pitch, yaw, pitch_deg, yaw_deg, f"The gimbal stopped at its own limit: {', '.join(axes)}."

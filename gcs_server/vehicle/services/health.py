@@ -53,10 +53,10 @@ class HealthService:
     """Health of one vehicle.
 
     Args:
-    vehicle: the vehicle.
-    on_event: called with each event that is not part of a report, and whether it was lost and requested
-        again.
-    fetch_words: starts `learn` in the background.
+        vehicle: the vehicle.
+        tell: called with each event that is not part of a report, and whether it was lost and requested
+            again.
+        fetch_metadata: starts `learn` in the background.
     """
 
     def __init__(
@@ -66,12 +66,12 @@ class HealthService:
         fetch_metadata: Callable[[], None] = lambda: None,
     ) -> None:
         self._vehicle = vehicle
-        self._on_event = tell
+        self._tell = tell
         self._stream: EventStream[VehicleEvent] = EventStream()
         self._joiner = ReportJoiner()
         self._report: HealthReport | None = None
         self._published: Readiness = readiness.NOTHING_KNOWN
-        self._told_s = float("-inf")
+        self._published_s = float("-inf")
         self._unpublished_unix_s: float | None = None
         """Time of a report that is not yet in `_published`."""
         self._fetch_metadata = fetch_metadata
@@ -81,7 +81,7 @@ class HealthService:
         self._definitions: Definitions | None = None
         self._newest_boot_ms = 0
         self._reports = 0
-        self._asked = 0
+        self._requests = 0
         self._next_ask_s = float("inf")
         self.revision = 0
         """Counts the changes of `readiness`."""
@@ -171,15 +171,17 @@ class HealthService:
     def event(self, payload: bytes) -> None:
         """EVENT."""
         event = decode_event(payload, self._definitions)
-        if self._newest_boot_ms - event.boot_ms > RESTART_S * 1e3 and not self._stream.awaits(event.sequence):
+        if self._newest_boot_ms - event.boot_ms > RESTART_S * 1e3 and not self._stream.is_missing(
+            event.sequence
+        ):
             self._restarted()
-        late = self._stream.awaits(event.sequence)
+        late = self._stream.is_missing(event.sequence)
         self._newest_boot_ms = max(self._newest_boot_ms, event.boot_ms)
         lost = self._stream.lost
         ready = self._stream.take(event.sequence, event)
         if not self._is_of_report(event):
             self._request_metadata(event)
-            self._on_event(event, late)
+            self._tell(event, late)
         self._take_in_order(ready, lost)
         self._ask_for_missing()
 
@@ -190,15 +192,15 @@ class HealthService:
         self._take_in_order([], lost)
         self._ask_for_missing()
 
-    def gone(self, payload: bytes) -> None:
+    def unavailable(self, payload: bytes) -> None:
         """RESPONSE_EVENT_ERROR."""
         sequence, oldest = _error.unpack_from(payload)
         lost = self._stream.lost
         self._take_in_order(self._stream.gone(sequence, oldest), lost)
 
-    def heard(self) -> None:
+    def connected(self) -> None:
         """The vehicle is connected, or back: its report is requested unless it sends one."""
-        self._asked, self._next_ask_s = 0, self._vehicle.clock.monotonic_s() + ASK_FIRST_AFTER_S
+        self._requests, self._next_ask_s = 0, self._vehicle.clock.monotonic_s() + ASK_FIRST_AFTER_S
 
     def tick(self) -> None:
         """A few times a second."""
@@ -212,13 +214,13 @@ class HealthService:
         if now_s < self._next_ask_s:
             return
         self._next_ask_s = now_s + ASK_AGAIN_S
-        if self._asked >= ASK_TIMES or identity.replayed or not identity.commandable:
+        if self._requests >= ASK_TIMES or identity.replayed or not identity.commandable:
             self._next_ask_s = float("inf")
             return
-        if self._report is not None and self._asked == 0 and self._reports_are_recent():
+        if self._report is not None and self._requests == 0 and self._reports_are_recent():
             self._next_ask_s = float("inf")
             return
-        self._asked += 1
+        self._requests += 1
         self._ask()
 
     def _reports_are_recent(self) -> bool:
@@ -235,7 +237,7 @@ class HealthService:
         self._newest_boot_ms = 0
         self._report, self._published, self._unpublished_unix_s = None, readiness.NOTHING_KNOWN, None
         self._changed()
-        self.heard()
+        self.connected()
 
     def _request_metadata(self, event: VehicleEvent) -> None:
         """The first event without a description fetches the vehicle's metadata."""
@@ -276,7 +278,10 @@ class HealthService:
     def _take_in_order(self, events: list[VehicleEvent], lost_before: int) -> None:
         if self._stream.lost != lost_before:
             self._joiner.abandon()
-            self._asked, self._next_ask_s = 0, min(self._next_ask_s, self._vehicle.clock.monotonic_s() + 0.5)
+            self._requests, self._next_ask_s = (
+                0,
+                min(self._next_ask_s, self._vehicle.clock.monotonic_s() + 0.5),
+            )
         for event in events:
             if event.id == ARMING_SUMMARY_ID:
                 self._joiner.begin(event.arguments)
@@ -284,7 +289,7 @@ class HealthService:
                 report = self._joiner.end(event.arguments)
                 if report is not None:
                     self._reports += 1
-                    self._asked, self._next_ask_s = 0, float("inf")
+                    self._requests, self._next_ask_s = 0, float("inf")
                     self._set(report)
             elif self._is_of_report(event):
                 modes, component = readiness.head_of(event.arguments)
@@ -310,7 +315,7 @@ class HealthService:
             self._published = replace(self._published, reported_unix_s=clock.unix_s())
             return
         self._report, self._unpublished_unix_s = report, clock.unix_s()
-        if clock.monotonic_s() - self._told_s >= REPORT_PERIOD_S:
+        if clock.monotonic_s() - self._published_s >= REPORT_PERIOD_S:
             self._publish()
 
     def _offers(self) -> tuple[readiness.Offer, ...]:
@@ -327,9 +332,9 @@ class HealthService:
         words = "vehicle" if self._definitions is not None else "own"
         left_out = None if self._definitions is None else self._definitions.left_out
         reported_unix_s = self._unpublished_unix_s or self._published.reported_unix_s or now_s
-        told = readiness.readiness_of(report, reported_unix_s, words, left_out)
-        self._published = replace(told, offers=self._offers())
-        self._unpublished_unix_s, self._told_s = None, self._vehicle.clock.monotonic_s()
+        readiness_now = readiness.readiness_of(report, reported_unix_s, words, left_out)
+        self._published = replace(readiness_now, offers=self._offers())
+        self._unpublished_unix_s, self._published_s = None, self._vehicle.clock.monotonic_s()
         self._changed()
         mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
         self._vehicle.events.add(

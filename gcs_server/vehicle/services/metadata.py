@@ -1,4 +1,4 @@
-"""The vehicle's own description of its parameters and events, fetched by FTP only when asked for.
+"""The vehicle's own description of its parameters and events, fetched by FTP only on request.
 
 COMPONENT_METADATA names a general document and its checksum, and that document names the others. Fetched
 files are cached by vehicle and checksum, so the next time only one message is requested. Internet addresses
@@ -156,7 +156,7 @@ class MetadataService:
                         remedy="Its firmware may be too old; parameters can be set without ranges and units.",
                     )
         raise NoReply(
-            f"Vehicle {vehicle.id} did not say where its metadata are.", deadline_s=ASK_TIMES * ASK_EVERY_S
+            f"Vehicle {vehicle.id} did not report where its metadata are.", deadline_s=ASK_TIMES * ASK_EVERY_S
         )
 
     async def _document(

@@ -121,10 +121,11 @@ class MissionService:
                 raise
             self.held = held
             found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
-            if wrong := [each for each in found if each.essential]:
+            if essential := [each for each in found if each.essential]:
                 raise Rejected(
-                    f"Vehicle {self._vehicle.id} has a different plan from the one sent: {wrong[0].text()}.",
-                    reasons=tuple(each.text() for each in wrong),
+                    f"Vehicle {self._vehicle.id} has a different plan from the one sent: "
+                    f"{essential[0].text()}.",
+                    reasons=tuple(each.text() for each in essential),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
             self.held = Held(held.items, held.ids, plan, held.at_unix_s)
@@ -145,7 +146,7 @@ class MissionService:
         """Clears mission, geofence and rally points on the vehicle."""
         with self._transfer("clearing"):
             for part in PARTS:
-                await self._talk(Clear(self._target(), part), None)
+                await self._run_dialogue(Clear(self._target(), part), None)
             ids = await self._fresh_ids()
             empty: Items = {part: () for part in PARTS}
             self.held = Held(empty, ids or dict.fromkeys(PARTS, 0), None, self._vehicle.clock.unix_s())
@@ -193,10 +194,10 @@ class MissionService:
 
     async def _send_part(self, part: Part, items: Sequence[WireItem], tell: _Shares) -> None:
         if not items:
-            await self._talk(Clear(self._target(), part), None)
+            await self._run_dialogue(Clear(self._target(), part), None)
             return
         upload = Upload(self._target(), part, items)
-        await self._talk(upload, tell.of(f"Sending the {NAME_OF[part]}"))
+        await self._run_dialogue(upload, tell.of(f"Sending the {NAME_OF[part]}"))
         tell.add(len(items))
 
     async def _read(self, tell: _Shares, doing: str) -> Held:
@@ -206,12 +207,12 @@ class MissionService:
             ids: Ids = {}
             for part in PARTS:
                 download = Download(self._target(), part)
-                await self._talk(download, tell.of(f"{doing} the {NAME_OF[part]}"))
+                await self._run_dialogue(download, tell.of(f"{doing} the {NAME_OF[part]}"))
                 tell.add(len(download.items))
                 items[part], ids[part] = tuple(download.items), download.opaque_id or 0
             after = await self._fresh_ids()
-            tells_ids = any(ids.values()) or not any(items.values())
-            if after is None or after == ids or not tells_ids:
+            reports_ids = any(ids.values()) or not any(items.values())
+            if after is None or after == ids or not reports_ids:
                 return Held(items, after or ids, None, self._vehicle.clock.unix_s())
             tell.restart()
         raise Rejected(
@@ -219,7 +220,7 @@ class MissionService:
             remedy="Another station is uploading: wait until it is done.",
         )
 
-    async def _talk(self, dialogue: Dialogue, tell: Callable[[Dialogue], None] | None) -> None:
+    async def _run_dialogue(self, dialogue: Dialogue, tell: Callable[[Dialogue], None] | None) -> None:
         vehicle = self._vehicle
         with vehicle.mailbox.expect(*_MESSAGES, matches=self._concerns(dialogue.kind)) as waiter:
             try:
@@ -255,7 +256,7 @@ class MissionService:
         return None if found is None else ids_of(found)
 
     async def _ask_current(
-        self, good: Callable[[Reply], bool], deadline_s: float, request: MAVLink_message | None
+        self, accepts: Callable[[Reply], bool], deadline_s: float, request: MAVLink_message | None
     ) -> Mission | None:
         """Requests MISSION_CURRENT; None if it does not arrive in time."""
         vehicle = self._vehicle
@@ -269,7 +270,7 @@ class MissionService:
                 vehicle.send(ask.message(identity.system_id, identity.component_id, 0, False))
                 try:
                     async with asyncio.timeout(min(ASK_IDS_S, left_s)):
-                        while not good(message := await waiter.next()):
+                        while not accepts(message := await waiter.next()):
                             pass
                         return current_of(message)
                 except TimeoutError:
@@ -292,11 +293,11 @@ class MissionService:
         )
 
     def _concerns(self, kind: int) -> Callable[[Reply], bool]:
-        ours = self._vehicle.own_ids
+        own_ids = self._vehicle.own_ids
 
         def matches(message: Reply) -> bool:
             target = (message.target_system, message.target_component)
-            return self._is_its(message) and target == ours and message.mission_type == kind
+            return self._is_its(message) and target == own_ids and message.mission_type == kind
 
         return matches
 
@@ -320,13 +321,15 @@ class _Shares:
             if self._progress is None:
                 return
             count = dialogue.count
-            share = None
+            fraction = None
             if self._total:
-                share = (self._before + dialogue.moved) / self._total
+                fraction = (self._before + dialogue.moved) / self._total
             elif count:
-                share = dialogue.moved / count
-            words = text if count is None else f"{text}: item {min(dialogue.moved + 1, count)} of {count}"
-            self._progress(words, share)
+                fraction = dialogue.moved / count
+            text_with_item = (
+                text if count is None else f"{text}: item {min(dialogue.moved + 1, count)} of {count}"
+            )
+            self._progress(text_with_item, fraction)
 
         return tell
 

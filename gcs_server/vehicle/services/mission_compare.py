@@ -32,7 +32,7 @@ class Difference:
     planned: float | None
     """Planned value; null: not set."""
     held: float | None
-    """What the vehicle has; Planned value; null: not set."""
+    """Value on the vehicle; null: not set."""
     essential: bool
     """Whether the flight changes; false: a parameter that the vehicle does not store."""
 
@@ -41,8 +41,8 @@ class Difference:
         if self.seq is None:
             return f"the {NAME_OF[self.part]} has {self.held:g} items, the plan {self.planned:g}"
         return (
-            f"item {self.seq + 1} of the {NAME_OF[self.part]}, {self.field}: {_word(self.planned)} in the "
-            f"plan, {_word(self.held)} on the vehicle"
+            f"item {self.seq + 1} of the {NAME_OF[self.part]}, {self.field}: {_value_text(self.planned)} "
+            f"in the plan, {_value_text(self.held)} on the vehicle"
         )
 
 
@@ -50,15 +50,15 @@ def differences(part: Part, planned: Sequence[WireItem], held: Sequence[WireItem
     """Differences of one part, at most `MAX_DIFFERENCES`; essential ones first."""
     if len(planned) != len(held):
         return [Difference(part, None, "count", len(planned), len(held), essential=True)]
-    found: list[Difference] = []
-    for seq, (ours, theirs) in enumerate(zip(planned, held, strict=True)):
+    result: list[Difference] = []
+    for seq, (planned_item, held_item) in enumerate(zip(planned, held, strict=True)):
         for name in _FIELDS:
-            a, b = _value(ours, name), _value(theirs, name)
+            a, b = _value(planned_item, name), _value(held_item, name)
             if a != b:
                 dropped = name.startswith("param") and b in (0.0, None)
-                found.append(Difference(part, seq, name, a, b, essential=not dropped))
-    found.sort(key=lambda each: not each.essential)
-    return found[:MAX_DIFFERENCES]
+                result.append(Difference(part, seq, name, a, b, essential=not dropped))
+    result.sort(key=lambda each: not each.essential)
+    return result[:MAX_DIFFERENCES]
 
 
 def _value(item: WireItem, name: str) -> float | None:
@@ -68,5 +68,5 @@ def _value(item: WireItem, name: str) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _word(value: float | None) -> str:
+def _value_text(value: float | None) -> str:
     return "not set" if value is None else f"{value:.9g}"

@@ -88,7 +88,7 @@ class Dialogue(ABC):
         """When `tick` is due [s, monotonic]."""
         self.opaque_id: int | None = None
         """The vehicle's id of the stored items, if it has sent one."""
-        self._heard_s = float("-inf")
+        self._received_s = float("-inf")
         self._began_s = float("-inf")
 
     @property
@@ -103,7 +103,7 @@ class Dialogue(ABC):
 
     def start(self, now_s: float) -> list[MAVLink_message]:
         """The first messages."""
-        self._began_s = self._heard_s = now_s
+        self._began_s = self._received_s = now_s
         return self.tick(now_s)
 
     @abstractmethod
@@ -133,9 +133,9 @@ class Dialogue(ABC):
     def _to(self) -> tuple[int, int]:
         return self.target.system_id, self.target.component_id
 
-    def _silent(self, what: str) -> NoReply:
+    def _silent(self, phase: str) -> NoReply:
         return NoReply(
-            f"Vehicle {self.target.vehicle_id} did not answer for {SILENT_S:g} s {what}.",
+            f"Vehicle {self.target.vehicle_id} did not answer for {SILENT_S:g} s {phase}.",
             deadline_s=SILENT_S,
             remedy="Check the link, then try again.",
         )
@@ -147,7 +147,7 @@ class Upload(Dialogue):
     def __init__(self, target: Target, part: Part, items: Sequence[WireItem]) -> None:
         super().__init__(target, part)
         self._items = items
-        self._asked = -1
+        self._last_requested = -1
         """Highest item that the vehicle has requested."""
         self._busy = 0
         self.confirmed = False
@@ -159,23 +159,27 @@ class Upload(Dialogue):
 
     @property
     def moved(self) -> int:
-        return max(0, self._asked)
+        return max(0, self._last_requested)
 
     @property
     def _all_sent(self) -> bool:
-        return self._asked == len(self._items) - 1
+        return self._last_requested == len(self._items) - 1
 
     def tick(self, now_s: float) -> list[MAVLink_message]:
-        silent_s = now_s - self._heard_s
+        silent_s = now_s - self._received_s
         if self._all_sent:
             self.done = silent_s >= ACK_S
-            self.wake_s = self._heard_s + ACK_S
+            self.wake_s = self._received_s + ACK_S
             return []
         if silent_s >= SILENT_S:
-            after = f"after item {self._asked + 1} of {self.count}" if self._asked >= 0 else "to the upload"
+            after = (
+                f"after item {self._last_requested + 1} of {self.count}"
+                if self._last_requested >= 0
+                else "to the upload"
+            )
             raise self._silent(f"{after} of the {NAME_OF[self.part]}")
-        if self._asked >= 0:
-            self.wake_s = self._heard_s + SILENT_S
+        if self._last_requested >= 0:
+            self.wake_s = self._received_s + SILENT_S
             return []
         self.wake_s = now_s + RESEND_S
         begin = d.MAVLink_mission_count_message(*self._to(), len(self._items), self.kind)
@@ -187,9 +191,9 @@ class Upload(Dialogue):
             self._take_ack(message, now_s)
             return []
         seq: int = message.seq
-        if seq >= len(self._items) or seq > self._asked + 1:
+        if seq >= len(self._items) or seq > self._last_requested + 1:
             return []
-        self._heard_s, self._asked = now_s, max(self._asked, seq)
+        self._received_s, self._last_requested = now_s, max(self._last_requested, seq)
         self.wake_s = now_s + (ACK_S if self._all_sent else SILENT_S)
         return [item_message(self._items[seq], self._to(), self.kind)]
 
@@ -200,7 +204,7 @@ class Upload(Dialogue):
                 self.done = self.confirmed = True
                 self.opaque_id = message.opaque_id or None
             return  # earlier acknowledgements belong to an older dialogue
-        if result == d.MAV_MISSION_ERROR and self._asked < 0:
+        if result == d.MAV_MISSION_ERROR and self._last_requested < 0:
             self._take_busy(now_s)
         elif result == d.MAV_MISSION_ERROR and self._all_sent:
             self.done = True  # the item arrived twice, or it was refused: a download shows the result
@@ -214,19 +218,19 @@ class Upload(Dialogue):
                 f"{NAME_OF[self.part]}.",
                 remedy="Another ground station may be uploading: wait until it is done.",
             )
-        self._heard_s = now_s
+        self._received_s = now_s
         self.wake_s = now_s + BUSY_RETRIES_S[self._busy]
         self._busy += 1
 
     def _refused(self, result: int) -> Rejected:
-        words = RESULT_TEXT.get(result, f"result {result}")
+        reason = RESULT_TEXT.get(result, f"result {result}")
         vehicle, name = self.target.vehicle_id, NAME_OF[self.part]
-        if self._asked < 0:
-            return Rejected(f"Vehicle {vehicle} refused the {name}: {words}.", reasons=(words,))
+        if self._last_requested < 0:
+            return Rejected(f"Vehicle {vehicle} refused the {name}: {reason}.", reasons=(reason,))
         return Rejected(
-            f"Vehicle {vehicle} refused item {self._asked + 1} of the {name} "
-            f"(command {self._items[self._asked].command}): {words}.",
-            reasons=(words,),
+            f"Vehicle {vehicle} refused item {self._last_requested + 1} of the {name} "
+            f"(command {self._items[self._last_requested].command}): {reason}.",
+            reasons=(reason,),
             remedy="Change or remove the item; the vehicle keeps its previous items.",
         )
 
@@ -249,11 +253,13 @@ class Download(Dialogue):
         return len(self.items)
 
     def tick(self, now_s: float) -> list[MAVLink_message]:
-        silent_s = now_s - self._heard_s
+        silent_s = now_s - self._received_s
         if silent_s >= SILENT_S:
             if not self.items or self._restarts >= MAX_RESTARTS:
-                where = "" if self._count is None else f" after item {len(self.items)} of {self._count}"
-                raise self._silent(f"to the download of the {NAME_OF[self.part]}{where}")
+                progress_text = (
+                    "" if self._count is None else f" after item {len(self.items)} of {self._count}"
+                )
+                raise self._silent(f"to the download of the {NAME_OF[self.part]}{progress_text}")
             self._restart(now_s)
         elif self._count is not None and not self.items and silent_s >= FIRST_ITEM_S:
             self._count = None
@@ -279,7 +285,7 @@ class Download(Dialogue):
         return d.MAVLink_mission_request_int_message(*self._to(), len(self.items), self.kind)
 
     def _next(self, now_s: float) -> list[MAVLink_message]:
-        self._heard_s = now_s
+        self._received_s = now_s
         if len(self.items) == self._count:
             self.done = True
             return [self._ack(d.MAV_MISSION_ACCEPTED)] if self._count else []
@@ -306,10 +312,10 @@ class Download(Dialogue):
     def _take_refusal(self, message: Reply, now_s: float) -> list[MAVLink_message]:
         """The vehicle has ended the transfer, or its mission has changed: starts again."""
         if self._restarts >= MAX_RESTARTS:
-            words = RESULT_TEXT.get(message.type, f"result {message.type}")
+            reason = RESULT_TEXT.get(message.type, f"result {message.type}")
             raise Rejected(
-                f"Vehicle {self.target.vehicle_id} ended the download of the {NAME_OF[self.part]}: {words}.",
-                reasons=(words,),
+                f"Vehicle {self.target.vehicle_id} ended the download of the {NAME_OF[self.part]}: {reason}.",
+                reasons=(reason,),
             )
         self._restart(now_s)
         self.wake_s = now_s + RESEND_S
@@ -318,7 +324,7 @@ class Download(Dialogue):
     def _restart(self, now_s: float) -> None:
         self._restarts += 1
         self.items, self._count = [], None
-        self._heard_s = now_s
+        self._received_s = now_s
 
 
 class Clear(Dialogue):
@@ -345,10 +351,10 @@ class Clear(Dialogue):
             if message.type == d.MAV_MISSION_ACCEPTED:
                 self.done = True
             elif message.type != d.MAV_MISSION_ERROR:
-                words = RESULT_TEXT.get(message.type, f"result {message.type}")
+                reason = RESULT_TEXT.get(message.type, f"result {message.type}")
                 raise Rejected(
-                    f"Vehicle {self.target.vehicle_id} did not clear its {NAME_OF[self.part]}: {words}.",
-                    reasons=(words,),
+                    f"Vehicle {self.target.vehicle_id} did not clear its {NAME_OF[self.part]}: {reason}.",
+                    reasons=(reason,),
                 )
         return []
 

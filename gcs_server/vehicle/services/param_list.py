@@ -112,10 +112,10 @@ class ParamReader:
                     remedy="Check the link, then ask again.",
                 )
             before = table.filled
-            wanted = table.missing(AT_ONCE)
-            for index in wanted:
+            wanted_indexes = table.missing(AT_ONCE)
+            for index in wanted_indexes:
                 self._request(b"", index)
-            if not await self._take(waiter, table, GAP_PATIENCE_S, GAP_PATIENCE_S, frozenset(wanted)):
+            if not await self._take(waiter, table, GAP_PATIENCE_S, GAP_PATIENCE_S, frozenset(wanted_indexes)):
                 return False
             idle = 0 if table.filled > before else idle + 1
         return True
@@ -126,12 +126,12 @@ class ParamReader:
         table: ParamTable,
         first_s: float,
         silence_s: float,
-        wanted: frozenset[int] | None = None,
+        wanted_indexes: frozenset[int] | None = None,
     ) -> bool:
         """Receives values until none arrive or all wanted ones have; False if the list changed."""
         patience_s = first_s
         taken = useless = 0
-        left = set(wanted) if wanted is not None else None
+        left = set(wanted_indexes) if wanted_indexes is not None else None
         while not table.complete and (left is None or left):
             report = await self._next(waiter, patience_s)
             if report is None:
@@ -165,9 +165,9 @@ class ParamReader:
         except TimeoutError:
             return None
 
-    def _given_up(self, why: str) -> NoReply:
+    def _given_up(self, reason: str) -> NoReply:
         return NoReply(
-            f"The server stopped reading the parameters of vehicle {self._vehicle.id}: {why}.",
+            f"The server stopped reading the parameters of vehicle {self._vehicle.id}: {reason}.",
             deadline_s=READ_TIMEOUT_S,
             remedy="Single parameters can still be read and set.",
         )

@@ -179,7 +179,7 @@ class ParamService:
         if before is not None and not ignore_cache:
             if self._table.complete and (self._table.hash, self._table.count) == before:
                 return
-            kept = await self._kept(*before)
+            kept = await self._from_cache(*before)
             if kept is not None:
                 self._table, self._source = kept, "cache"
                 return
@@ -196,7 +196,7 @@ class ParamService:
             if before == after:  # otherwise something changed meanwhile: the next reading asks the vehicle
                 await self._keep()
 
-    async def _kept(self, wanted_hash: int, count: int) -> ParamTable | None:
+    async def _from_cache(self, wanted_hash: int, count: int) -> ParamTable | None:
         metadata = self._metadata
         if metadata is None or metadata.cache is None:
             return None
@@ -224,7 +224,7 @@ class ParamService:
 
     # --- called by the vehicle only -------------------------------------------------------------------
 
-    def heard(self, payload: bytes) -> None:
+    def take_value(self, payload: bytes) -> None:
         """PARAM_VALUE, requested by any station."""
         report = read_report(payload)
         if report is None or report.param.name == HASH_NAME or self._state in ("unknown", "reading"):
@@ -291,23 +291,25 @@ class ParamService:
             payload = _int32.pack(int(value)) + payload[_int32.size :]
         # an earlier read's answer may still arrive with the old value: it is a refusal only if the new value
         # is not reported by the deadline
-        seen: list[Param] = []
+        reported: list[Param] = []
 
         def is_ours(param: Param) -> bool:
-            seen.append(param)
+            reported.append(param)
             return param.value == wanted
 
         try:
             return await self._exchange(name, request.id, payload, is_ours)
         except NoReply:
-            if not seen:
+            if not reported:
                 raise
             raise Rejected(
-                f"Vehicle {self._vehicle.id} still has {name} = {seen[-1].value}, not {wanted}.",
+                f"Vehicle {self._vehicle.id} still has {name} = {reported[-1].value}, not {wanted}.",
                 remedy="It may be limited by another parameter; see the vehicle's messages.",
             ) from None
 
-    async def _exchange(self, name: str, msg_id: int, payload: bytes, good: Callable[[Param], bool]) -> Param:
+    async def _exchange(
+        self, name: str, msg_id: int, payload: bytes, accepts: Callable[[Param], bool]
+    ) -> Param:
         vehicle = self._vehicle
         deadline_s = vehicle.clock.monotonic_s() + DEADLINE_S
         ids = d.MAVLINK_MSG_ID_PARAM_VALUE, d.MAVLINK_MSG_ID_PARAM_ERROR
@@ -324,7 +326,7 @@ class ParamService:
                             if param is None:
                                 continue
                             self._is_integer[name] = param.is_integer
-                            if good(param):
+                            if accepts(param):
                                 return param
                 except TimeoutError:
                     continue

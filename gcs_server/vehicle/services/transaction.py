@@ -33,7 +33,7 @@ SETTLE_WITH_REASON_S = 0.25
 """After a refusal: time in which its reasons arrive."""
 CONTRARY_AFTER_S = 1.0
 TIMES_ACCEPTED = 3
-"""After this many acceptances without the state, the vehicle does not do it."""
+"""After this many acceptances without the requested state, the vehicle is considered not to do it."""
 
 RESULT_TEXT = {
     d.MAV_RESULT_TEMPORARILY_REJECTED: "not possible now",
@@ -84,7 +84,7 @@ class Goal:
         asks: messages to request while waiting, instead of waiting for slow streams.
         ack_is_enough: the vehicle's state cannot show the result, so the acknowledgement is the answer.
         listen: further messages after which the goal is checked.
-        standing_problems: returns texts of the vehicle's current problems that prevent the command.
+        present_problems: returns texts of the vehicle's current problems that prevent the command.
         repeat_s: period of repetition until the goal or the deadline; neither an answer nor a lost link ends
             it earlier. None: repeated only without an answer.
     """
@@ -95,7 +95,7 @@ class Goal:
     asks: tuple[int, ...] = (d.MAVLINK_MSG_ID_CURRENT_MODE,)
     ack_is_enough: bool = False
     listen: tuple[int, ...] = ()
-    standing_problems: Callable[[], tuple[str, ...]] | None = None
+    present_problems: Callable[[], tuple[str, ...]] | None = None
     repeat_s: float | None = None
 
 
@@ -105,7 +105,8 @@ class Transaction:
     Args:
         request: None: only wait for the goal.
         superseded: returns the newer command that replaced this one, or None.
-        overtakes: another request of the same MAV_CMD still waits, so the first refusal may belong to that
+        replaces_request: another request of the same MAV_CMD still waits, so the first refusal may
+            belong to that
             one.
     """
 
@@ -116,14 +117,14 @@ class Transaction:
         goal: Goal,
         progress: ReportProgress | None = None,
         superseded: Callable[[], str | None] = lambda: None,
-        overtakes: bool = False,
+        replaces_request: bool = False,
     ) -> None:
         self._vehicle = vehicle
         self._request = request
         self._goal = goal
         self._progress = progress
         self._superseded = superseded
-        self._doubts_refusal = overtakes
+        self._ignores_first_refusal = replaces_request
         self._as_int = request is not None and request.frame is not None
         self._forms_tried = 1
         self._sent = 0
@@ -141,10 +142,10 @@ class Transaction:
         """Returns once the goal is reached.
 
         Raises:
-            Rejected: by acknowledgement or by state.
+            Rejected: the vehicle refused by acknowledgement or by state.
             NoReply: neither arrived within the deadline.
-            Refused: a
-                newer command replaced it. Disconnected: vehicle or link was lost.
+            Refused: a newer command replaced it.
+            Disconnected: the vehicle or its link was lost.
         """
         ids = (d.MAVLINK_MSG_ID_COMMAND_ACK, *STATE_IDS, *self._goal.listen)
         while True:
@@ -191,20 +192,20 @@ class Transaction:
         repeats = goal.repeat_s is not None
         refused_s = self._deadline_s if repeats else self._refused_s + self._settle_s()
         if self._refused is not None and now_s >= refused_s:
-            word = RESULT_TEXT.get(self._refused, f"result {self._refused}")
-            raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {word}.", self._refused)
-        if not repeats and self._accepted >= TIMES_ACCEPTED and self._says_otherwise():
+            reason = RESULT_TEXT.get(self._refused, f"result {self._refused}")
+            raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.what}: {reason}.", self._refused)
+        if not repeats and self._accepted >= TIMES_ACCEPTED and self._reports_another_state():
             raise self._rejected(
                 f"Vehicle {vehicle.id} accepted the request to {goal.what}, but does not do it.", None
             )
         if now_s >= self._deadline_s:
-            if self._accepted and self._says_otherwise():
+            if self._accepted and self._reports_another_state():
                 raise self._rejected(
                     f"Vehicle {vehicle.id} accepted the request to {goal.what}, but did not do it within "
                     f"{goal.deadline_s:g} s.",
                     None,
                 )
-            if self._request is None and self._says_otherwise():
+            if self._request is None and self._reports_another_state():
                 raise self._rejected(
                     f"Vehicle {vehicle.id} did not {goal.what} within {goal.deadline_s:g} s.", None
                 )
@@ -216,9 +217,9 @@ class Transaction:
             )
 
     def _settle_s(self) -> float:
-        return SETTLE_WITH_REASON_S if self._said() else SETTLE_S
+        return SETTLE_WITH_REASON_S if self._warnings() else SETTLE_S
 
-    def _said(self) -> list[str]:
+    def _warnings(self) -> list[str]:
         """Warnings of the vehicle since the request."""
         return [
             event.text
@@ -226,7 +227,7 @@ class Transaction:
             if event.kind in ("status_text", "event") and event.severity <= d.MAV_SEVERITY_WARNING
         ]
 
-    def _says_otherwise(self) -> bool:
+    def _reports_another_state(self) -> bool:
         """Whether the vehicle, well after it last accepted, reported another state than the requested one."""
         flight_state = self._vehicle.flight_state
         since_s = self._accepted_s if self._accepted else self._began_s
@@ -278,13 +279,13 @@ class Transaction:
             self._forms_tried += 1
             self._as_int = result == d.MAV_RESULT_COMMAND_INT_ONLY
             self._next_send_s = now_s
-        elif self._doubts_refusal:
-            self._doubts_refusal = False
+        elif self._ignores_first_refusal:
+            self._ignores_first_refusal = False
             self._next_send_s = now_s  # a second refusal belongs to this request
         else:
             if self._refused is None:
                 self._refused_s = now_s
-                if self._goal.standing_problems is not None:
+                if self._goal.present_problems is not None:
                     self._ask_for_checks()
             self._refused = result
             if self._goal.repeat_s is None:
@@ -306,9 +307,9 @@ class Transaction:
             )
 
     def _rejected(self, message: str, mav_result: int | None) -> Rejected:
-        said = self._said()
-        standing = self._goal.standing_problems() if self._goal.standing_problems is not None else ()
-        reasons = bounded_reasons(dict.fromkeys((*said, *standing)))
+        warnings = self._warnings()
+        standing = self._goal.present_problems() if self._goal.present_problems is not None else ()
+        reasons = bounded_reasons(dict.fromkeys((*warnings, *standing)))
         if reasons:
             message += f" Reason: {'; '.join(reasons)}."
         return Rejected(message, mav_result=mav_result, reasons=reasons)

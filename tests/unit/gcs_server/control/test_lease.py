@@ -105,10 +105,10 @@ def test_a_call_from_a_shell_holds_nobody_up_unless_it_asked_for_control(desk):
 def test_it_runs_out_when_the_holder_is_not_heard_and_is_free_then(desk):
     desk.lease.take(ANNA, on_expiry="hold")
     desk.after(29)
-    desk.lease.heard(ANNA)
+    desk.lease.renew(ANNA)
     desk.after(29)
     assert desk.lease.holder.key == ANNA.key
-    desk.lease.heard(BOB)
+    desk.lease.renew(BOB)
     desk.after(1.1)
     assert desk.lease.holder is None
     assert desk.told[-1].action == "expired"

@@ -36,7 +36,7 @@ def test_its_places_lie_where_it_began_and_its_bounds_hold_all_flights():
     [
         (found(monte_carlo=None), HERE, "has no corridor"),
         (found(kind="waypoint_plan"), HERE, "has no corridor"),
-        (found(), (90.0, -20.0, 0.0), "began 60 m from where the vehicle is"),
+        (found(), (90.0, -20.0, 0.0), "began 60 m from the vehicle's position"),
     ],
 )
 def test_one_without_a_corridor_or_of_another_start_is_refused(dry_run, here, said):

@@ -57,7 +57,7 @@ def test_more_kinds_of_message_than_any_fleet_sends_are_left_out_and_counted(log
 
 
 def test_a_story_without_end_is_cut_and_counted(log, monkeypatch):
-    monkeypatch.setattr(index_module, "MAX_STORY_RECORDS", 30)
+    monkeypatch.setattr(index_module, "MAX_EVENT_RECORDS", 30)
     speaker = Speaker(1)
     switching = [(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16))) for i in range(100)]
     index = index_of(log(log_bytes(switching)))
@@ -85,8 +85,8 @@ def newest(there):
 
 
 def test_a_jump_into_a_flood_of_texts_feeds_no_more_than_a_feed_shows(log, monkeypatch):
-    monkeypatch.setattr("gcs_server.replay.playback.CHANGES_TOLD", 5)
-    monkeypatch.setattr("gcs_server.replay.playback.TEXTS_TOLD", 5)
+    monkeypatch.setattr("gcs_server.replay.playback.CHANGES_RESTORED", 5)
+    monkeypatch.setattr("gcs_server.replay.playback.TEXTS_RESTORED", 5)
     speaker = Speaker(1)
     path = log(
         log_bytes([(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16, armed=i % 2 > 0))) for i in range(500)])

@@ -52,7 +52,7 @@ def test_a_recovered_event_sets_free_what_waited_for_it():
     stream = started(5)
     assert stream.take(7, 7) == []
     assert stream.wanted(0.0) == (6, 6)
-    assert stream.awaits(6)
+    assert stream.is_missing(6)
     assert stream.take(6, 6) == [6, 7]
     assert stream.wanted(10.0) is None
 

@@ -64,8 +64,8 @@ def test_sectors_have_their_step_begin_and_frame():
             obstacle_distance(unusable)
 
 
-def sample(decoded, heard_s=100.0):
-    return Sample("x", None, 0.0, heard_s, decoded[0])
+def sample(decoded, received_s=100.0):
+    return Sample("x", None, 0.0, received_s, decoded[0])
 
 
 def test_rays_turn_with_the_vehicle_and_say_when_they_were_measured():

@@ -59,7 +59,7 @@ class Vehicle:
             raise self.refuses
         self.status.mode = name
 
-    def asked_for(self, mode):
+    def recent_command(self, mode):
         return self.ours if self.ours is not None and self.ours.mode == mode else None
 
     def known(self, name):

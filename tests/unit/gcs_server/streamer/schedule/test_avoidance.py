@@ -31,10 +31,10 @@ class Stream:
         pass
 
     def snapshot(self):
-        heard_s = self.now_s - self.silent_s
+        received_s = self.now_s - self.silent_s
         scans = (
-            Scan(heard_s, ((1.0, 0.0, 0.0),), (self.ahead_m,), 20.0),
-            Scan(heard_s, ((0.0, 0.0, 1.0),), (2.0,), 30.0),
+            Scan(received_s, ((1.0, 0.0, 0.0),), (self.ahead_m,), 20.0),
+            Scan(received_s, ((0.0, 0.0, 1.0),), (2.0,), 30.0),
         )
         return Snapshot(
             self.now_s, "offboard", self.position, STILL, 0.0,
