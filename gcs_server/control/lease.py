@@ -231,7 +231,10 @@ class Lease:
         pending = self._request_of(to)
         pending.denied, pending.lifetime_start_s = True, self.clock.monotonic_s()
         because = f": {reason}" if reason else ""
-        text = f"{holding.client} keeps control of vehicle {self.vehicle_id}; {pending.client} requested it{because}."
+        text = (
+            f"{holding.client} keeps control of vehicle {self.vehicle_id}; "
+            f"{pending.client} requested it{because}."
+        )
         self.on_change(
             ControlChange("denied", client, text, holding.client, reason=reason, to=pending.client)
         )
@@ -278,7 +281,10 @@ class Lease:
         holding = self._holding
         if holding is None or holding.client.key == client.key:
             return
-        text = f"{client} commanded {command_label} of vehicle {self.vehicle_id}; {holding.client} still has control."
+        text = (
+            f"{client} commanded {command_label} of vehicle {self.vehicle_id}; "
+            f"{holding.client} still has control."
+        )
         self.on_change(ControlChange("intervened", client, text, holding.client))
 
     def expire_due(self) -> None:

@@ -33,12 +33,14 @@ KEEP_INTERVAL_S = 10.0
 MAX_LINK_IDS = 256
 
 _REFUSAL_TEXT = {
-    Refusal.UNSIGNED: "sends frames without a signature, and this link requires one. Store the key on the vehicle, or open the link with signing=allowed.",
+    Refusal.UNSIGNED: "sends frames without a signature, and this link requires one. "
+    "Store the key on the vehicle, or open the link with signing=allowed.",
     Refusal.WRONG_SIGNATURE: "sends frames with a wrong signature: it has another key, or somebody forges "
     "frames in its name. Store the key of this link on it.",
     Refusal.REPLAYED: "sends frames that are not newer than earlier ones: someone replays them, or two "
     "senders with this key have the same system id, component and link id.",
-    Refusal.TOO_OLD: "signs with a time more than a minute behind this server's. It should adopt this server's time from received frames; if it does not, set its clock.",
+    Refusal.TOO_OLD: "signs with a time more than a minute behind this server's. "
+    "It should adopt this server's time from received frames; if it does not, set its clock.",
     Refusal.TOO_MANY_STREAMS: "is beyond the maximum number of senders with this key. Restart the server.",
 }
 

@@ -1,4 +1,4 @@
-"""Converts the corridor of a dry run to the vehicle's local frame, for the corridor check of a real flight."""
+"""Converts the corridor of a dry run to the vehicle's local frame, for the check of a real flight."""
 
 from __future__ import annotations
 

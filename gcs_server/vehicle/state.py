@@ -186,9 +186,7 @@ class VehicleState:
             else:
                 keys = self._instances.keys(INPUT_MESSAGES[name])
                 history = self._history.frames(keys)
-                past_samples = [
-                    self._past(name, keys, frames) for kept_s, frames in past if kept_s >= since_s
-                ]
+                past_samples = [self._past(name, keys, frames) for at_s, frames in history if at_s >= since_s]
             samples += [s for s in past_samples if s is not None and s.received_monotonic_s >= since_s]
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 

@@ -101,7 +101,7 @@ def test_a_link_that_lost_its_vehicle_in_flight_is_kept_for_its_return(jump):
         assert at.vehicle.links == ()
         with pytest.raises(NotInControl):
             await close(at, BOB)
-        with pytest.raises(Refused, match="last one"):
+        with pytest.raises(Refused, match="last link"):
             await close(at, ANNA)
 
     desk(jump, story)
