@@ -64,6 +64,8 @@ class Scenario:
     parameters: dict[str, Any]
     stimulus: list[dict[str, Any]]
     flies: bool
+    after_boot_s: float
+    """When the fault came; the mean of the runs."""
     ends_s: float
     runs: tuple[Course, ...]
 
@@ -78,6 +80,7 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
         first["header"]["boot_parameters"],
         first["stimulus"],
         bool(now[first["columns"].index("armed")]),
+        sum(run["header"]["time_boot_s_at_t0"] for run in runs) / len(runs),
         min(LONGEST_S, *(float(run["rows"][-1][0]) for run in runs)),
         tuple(map(_course, runs)),
     )

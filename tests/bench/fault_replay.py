@@ -1,6 +1,6 @@
 """Flies recorded faults on the simulated PX4, on no clock, side by side, and notes what the recordings note.
 
-Each vehicle takes off to 10 m and holds, or stays on the ground, as the real ones did; 40.5 s after boot
+Each vehicle takes off to 10 m and holds, or stays on the ground, as the real ones did; as long after boot
 comes the fault, by the same parameters, commands and drivers, or by what the recordings' changed world did.
 """
 
@@ -26,7 +26,6 @@ from .fault_recordings import EVENTS, TIMES_S, Course, Scenario, note, tells, wo
 
 FloatArray = NDArray[np.float64]
 
-FAULT_AT_S = 40.5
 ARM_AT_S = 6.0
 HEIGHT_M = 10.0
 RETURN, AWAY_AT_S, AWAY_M = 20, 18.0, 60.0
@@ -53,7 +52,7 @@ class _Pilot:
             self._at(AWAY_AT_S, self._go_away)
         for entry in scenario.stimulus:
             self._plan(entry)
-        for second in range(int(FAULT_AT_S + scenario.ends_s) + 1):
+        for second in range(int(scenario.after_boot_s + scenario.ends_s) + 1):
             heartbeat = {"type": 6, "autopilot": 8, "mavlink_version": 3}
             self._at(float(second), self._send, "HEARTBEAT", heartbeat)
         self._due.sort(key=lambda each: each[0], reverse=True)
@@ -68,10 +67,11 @@ class _Pilot:
         self._command(192, -1.0, 1.0, 0.0, NAN, float(lat), float(lon), home.alt_amsl_m + HEIGHT_M)
 
     def _plan(self, entry: dict[str, Any]) -> None:
-        name, at_s, fields = entry["message"], FAULT_AT_S + entry["t_s"], entry["fields"]
+        name, fields = entry["message"], entry["fields"]
+        at_s = self.scenario.after_boot_s + entry["t_s"]
         if "streamed_hz" in entry:
             every_s = 1.0 / entry["streamed_hz"]
-            for k in range(int((FAULT_AT_S + self.scenario.ends_s - at_s) / every_s)):
+            for k in range(int((self.scenario.after_boot_s + self.scenario.ends_s - at_s) / every_s)):
                 self._at(at_s + k * every_s, self._send, name, {"coordinate_frame": 1} | fields)
             self._at(at_s + MODE_AFTER_S, self._command, 176, 1, MODE_OF[name])
         elif name == "PARAM_SET":
@@ -131,8 +131,9 @@ class _Pilot:
 class _Notes:
     """What one vehicle's flight comes to, in the recordings' words."""
 
-    def __init__(self, sim: VehicleSim, row: int, ends_s: float) -> None:
-        self._sim, self._row, self._ends_s = sim, row, ends_s
+    def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
+        self._sim, self._row = sim, row
+        self._fault_at_s, self._ends_s = scenario.after_boot_s, scenario.ends_s
         self._now: dict[str, int] = {}
         self.moments_s: dict[str, float] = {}
         self.at: dict[float, dict[str, float]] = {}
@@ -141,7 +142,7 @@ class _Notes:
         sim.autopilots[row].announcer.add_listener(self._hear)
 
     def _hear(self, item: StatusText | Event) -> None:
-        t_s = self._sim.time_s - FAULT_AT_S
+        t_s = self._sim.time_s - self._fault_at_s
         if not 0.0 <= t_s <= self._ends_s:
             return
         if isinstance(item, Event):
@@ -152,7 +153,7 @@ class _Notes:
 
     def look(self) -> None:
         """Note flags that changed, and the errors where they are compared."""
-        t_s = self._sim.time_s - FAULT_AT_S
+        t_s = self._sim.time_s - self._fault_at_s
         flags = self._flags()
         if t_s >= 0.0:
             for name, value in flags.items():
@@ -241,14 +242,14 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[Course]:
             for msg_id in link.streamed():
                 link.set_interval(msg_id, 0, 0)
     pilots = [_Pilot(sim, row, scenario) for row, scenario in enumerate(scenarios)]
-    vehicles = [_Notes(sim, row, scenario.ends_s) for row, scenario in enumerate(scenarios)]
-    end_s = FAULT_AT_S + max(scenario.ends_s for scenario in scenarios)
+    vehicles = [_Notes(sim, row, scenario) for row, scenario in enumerate(scenarios)]
+    end_s = max(scenario.after_boot_s + scenario.ends_s for scenario in scenarios)
     while sim.time_s < end_s:
         for pilot in pilots:
             pilot.tick()
         sim.step(sim.simulation.dt_s)
         if sim.simulation.steps % RECORD_EVERY_STEPS == 0:
             for notes, scenario in zip(vehicles, scenarios, strict=True):
-                if sim.time_s < FAULT_AT_S + scenario.ends_s:
+                if sim.time_s < scenario.after_boot_s + scenario.ends_s:
                     notes.look()
     return [Course(notes.moments_s, notes.at) for notes in vehicles]

@@ -209,7 +209,7 @@ class Estimator:
         self._delta_velocity *= self._sample_step
         kalman.predict(self._delta_angle, self._delta_velocity)
         if self._standing.wanted:
-            self._standing.add(self._delta_angle, self._delta_velocity)
+            self._standing.add(self._delta_angle, self._delta_velocity, self._predict_s)
         self._turned += self._delta_angle
         self._gained += self._delta_velocity
         if self._predictions % YAW_EVERY_PREDICTIONS == 0:

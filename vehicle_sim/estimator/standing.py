@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import Fusion
 from vehicle_sim.estimator.kalman import GYRO_BIAS, POSITION, SIZE, TILT, UNUSED, VELOCITY, Kalman
-from vehicle_sim.frames import GRAVITY_M_S2, rotate_back
+from vehicle_sim.frames import GRAVITY_M_S2, row_norm
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +30,8 @@ _GRAVITY_BIT = 4
 """EKF2_IMU_CTRL."""
 _NEAR_G = 0.1
 """Specific force may differ by this part of 1 g and still count as gravity."""
+_GRAVITY_GATE = 0.25
+"""Innovation over its sigma up to which the direction of the specific force counts as that of gravity."""
 
 
 class Standing:
@@ -45,28 +47,46 @@ class Standing:
         self._kalman, self._fusion = kalman, fusion
         self._rested_s = np.full(count, RESTS_AFTER_S)
         self._gravity_variance = np.full(count, np.inf)
+        """(N,) of one sample's direction, as a part of 1 g; infinite: gravity is not used."""
+        self._forget_per_s = np.full(count, math.inf)
+        self._peak_m_s2 = np.zeros(count)
+        """(N,) greatest specific force of late."""
         self._place = np.zeros((count, 3))
         self._sensitivity = np.zeros((count, 2, SIZE))
         self._learns = np.ones((count, SIZE))
         self.wanted = True
         """Somebody rests or is not aided: `add` counts."""
         self._force = np.zeros((count, 3))
+        self._level_samples = np.zeros(count, dtype=np.int64)
+        """(N,) samples in `_force`."""
         self._turned = np.zeros((count, 3))
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read EKF2_GRAV_NOISE and EKF2_IMU_CTRL of vehicle `i`."""
+        """Read EKF2_GRAV_NOISE, EKF2_ABL_TAU and EKF2_IMU_CTRL of vehicle `i`."""
         used = int(parameters.get("EKF2_IMU_CTRL")) & _GRAVITY_BIT
         noise = max(parameters.usable("EKF2_GRAV_NOISE"), 0.01)
         self._gravity_variance[i] = noise**2 if used else math.inf
+        self._forget_per_s[i] = 1.0 / max(parameters.usable("EKF2_ABL_TAU"), 0.1)
 
     def reset(self, i: int) -> None:
         """Vehicle `i` starts anew."""
         self._rested_s[i] = RESTS_AFTER_S
+        self._peak_m_s2[i] = 0.0
 
-    def add(self, delta_angle: FloatArray, delta_velocity: FloatArray) -> None:
-        """Remember what the IMU measured in one prediction step (N, 3)."""
-        self._force += delta_velocity
+    def add(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
+        """Remember what the IMU measured in one prediction step (N, 3).
+
+        A specific force counts as gravity while none of late was greater or smaller by a tenth; the noise of
+        turning motors interrupts that some twenty times a second.
+        """
         self._turned += delta_angle
+        size = row_norm(delta_velocity)[:, 0] / dt_s
+        np.maximum(self._peak_m_s2 * (1.0 - self._forget_per_s * dt_s), size, out=self._peak_m_s2)
+        near = (
+            np.abs(self._peak_m_s2 - GRAVITY_M_S2) < _NEAR_G * GRAVITY_M_S2
+        ) | self._fusion.vehicle_at_rest
+        self._force += np.where(near[:, None], delta_velocity / dt_s, 0.0)
+        self._level_samples += near
 
     def update(self, samples: int, aided: BoolArray, moving: BoolArray, ready: BoolArray) -> None:
         """Assume what may be assumed, every EVERY_S.
@@ -86,6 +106,7 @@ class Standing:
         if self.wanted:
             self._assume(samples, alone, rests)
             self._force.fill(0.0)
+            self._level_samples.fill(0)
             self._turned.fill(0.0)
         self._hold_height(ready)
         self.wanted = bool((alone | ~moving).any())
@@ -96,7 +117,7 @@ class Standing:
             self._rest(rests, fixed, samples)
         if fixed.any() or self._fusion.valid_fake_pos.any():
             self._hold_place(fixed)
-        self._fuse_gravity(alone, samples)
+        self._fuse_gravity(alone)
 
     def _rest(self, rests: BoolArray, fixed: BoolArray, samples: int) -> None:
         """Who rests does not turn, and who is not aided besides has no velocity."""
@@ -139,27 +160,24 @@ class Standing:
             off = np.where(fake, self._place[:, 2] - kalman.position[:, 2], 0.0)
             kalman.fuse(POSITION + 2, off, np.where(fake, _FAKE_HEIGHT_VARIANCE, np.inf))
 
-    def _fuse_gravity(self, alone: BoolArray, samples: int) -> None:
-        """Who is aided by nothing and feels 1 g takes it for gravity: that keeps the attitude level."""
+    def _fuse_gravity(self, alone: BoolArray) -> None:
+        """Who is aided by nothing and feels 1 g takes its direction for gravity's: that keeps it level."""
         kalman, fusion = self._kalman, self._fusion
-        if not alone.any():
-            fusion.gravity_vector.fill(False)
+        counted = alone & (self._level_samples > 0) & np.isfinite(self._gravity_variance)
+        np.copyto(fusion.gravity_vector, counted)
+        if not counted.any():
             return
-        force = self._force / EVERY_S - kalman.accel_bias
-        size = np.sqrt((force**2).sum(axis=1))
-        near = np.abs(size - GRAVITY_M_S2) < _NEAR_G * GRAVITY_M_S2
-        taken = alone & near & np.isfinite(self._gravity_variance)
-        np.copyto(fusion.gravity_vector, taken)
-        if not taken.any():
-            return
-        unit = force * (GRAVITY_M_S2 / np.maximum(size, 1.0))[:, None]
+        samples = np.maximum(self._level_samples, 1)
+        force = self._force / samples[:, None] - kalman.accel_bias
+        measured = force / np.maximum(row_norm(force), 1.0)
         sensitivity = self._sensitivity
-        down = np.zeros_like(force)
-        down[:, 2] = -GRAVITY_M_S2
-        expected = rotate_back(kalman.matrix, down)[:, :2]
-        # Minus gravity crossed with a turn about north and east, seen along the body's first two axes.
-        sensitivity[:, :, TILT] = -GRAVITY_M_S2 * kalman.matrix[:, 1, :2]
-        sensitivity[:, :, TILT + 1] = GRAVITY_M_S2 * kalman.matrix[:, 0, :2]
-        counts = taken[:, None]
-        seen, total = kalman.sight(sensitivity, np.where(taken, self._gravity_variance / samples, 1.0))
-        kalman.fuse_seen(seen, total, np.where(counts, unit[:, :2] - expected, 0.0), self._learns * counts)
+        # Minus gravity (1 g) crossed with a turn about north and east, seen along the body's first two axes.
+        sensitivity[:, :, TILT] = -kalman.matrix[:, 1, :2]
+        sensitivity[:, :, TILT + 1] = kalman.matrix[:, 0, :2]
+        innovation = measured[:, :2] + kalman.matrix[:, 2, :2]
+        variance = np.where(counted, self._gravity_variance, 1.0)
+        seen, total = kalman.sight(sensitivity, variance / samples)
+        # The gate is that of a single sample.
+        sigma = np.sqrt(np.einsum("nii->ni", total) + (variance - variance / samples)[:, None])
+        taken = (counted & (np.abs(innovation) <= _GRAVITY_GATE * sigma).all(axis=1))[:, None]
+        kalman.fuse_seen(seen, total, np.where(taken, innovation, 0.0), self._learns * taken)
