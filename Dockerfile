@@ -11,6 +11,8 @@ COPY --from=build /src/dist/*.whl /tmp/
 RUN pip install --no-cache-dir /tmp/*.whl && rm /tmp/*.whl \
  && useradd --create-home --uid 10001 gcs && mkdir /data && chown gcs /data
 USER gcs
+# The simulator's compiled loops, into the user's cache: a container then starts as fast as without them.
+RUN python -c 'import vehicle_sim.server'
 ENV GCS_HOST=0.0.0.0 GCS_PORT=8080 GCS_DATA=/data GCS_LINKS=udpin://0.0.0.0:14550
 VOLUME /data
 EXPOSE 8080 14550/udp

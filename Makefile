@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help run test suite test-fast test-clients bench screenshots lint checks web types wheel clean setup
+.PHONY: help run test suite test-fast test-clients bench screenshots lint checks web types wheel clean setup kernels
 
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
@@ -23,10 +23,14 @@ help:
 	@echo "make wheel         an installable wheel in dist/, with the page in it"
 	@echo "make clean         remove what the other targets made"
 
-run: $(VENV)/.installed web
+run: $(VENV)/.installed web kernels
 	@$(BIN)/gcs serve $(ARGS)
 
-setup: $(VENV)/.installed web
+setup: $(VENV)/.installed web kernels
+
+# The simulator's compiled loops, so that nobody waits for them later (a second when nothing has changed).
+kernels: $(VENV)/.installed
+	@$(BIN)/python -c 'import vehicle_sim.server'
 
 # --- the environment ---------------------------------------------------------------------------
 
@@ -93,17 +97,17 @@ SUITE = tests/e2e tests/integration tests/contract tests/unit tests/protocol tes
 # What `make test` leaves to `make test-clients`.
 LONG = (realtime or story or broad)
 
-test-fast: $(VENV)/.tested
+test-fast: $(VENV)/.tested kernels
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/python -m pytest -q -n 2 -m "not flight and not $(LONG)" tests/unit
 
 test: $(VENV)/.browser web
 	@$(MAKE) --no-print-directory -j 2 suite checks
 
-suite: $(VENV)/.browser web
+suite: $(VENV)/.browser web kernels
 	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not $(LONG)" $(SUITE)
 
-test-clients: $(VENV)/.clients web
+test-clients: $(VENV)/.clients web kernels
 	@$(BIN)/python -m pytest -n 2 -m "$(LONG)" $(SUITE)
 	@$(BIN)/python -m pytest tests/clients
 	@$(BIN)/python -m pytest tests/hostile
@@ -111,7 +115,7 @@ test-clients: $(VENV)/.clients web
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 tests/contract
 
-bench: $(VENV)/.clients
+bench: $(VENV)/.clients kernels
 	@$(BIN)/python -m tests.bench
 
 screenshots: $(VENV)/.tested $(VENV)/.browser web

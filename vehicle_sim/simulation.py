@@ -197,7 +197,7 @@ class Simulation:
             self._bodies.wind_ned_m_s[:] = self._wind.step()
         if self._contact is not None:
             self._contact.before(self._bodies.state.velocity_ned_m_s)
-        self._bodies.step(self._cascade.motor_signal * self.motor_health)
+        self._bodies.step(self._cascade.motor_signal, self.motor_health)
         if self.steps % BATTERY_EVERY_STEPS == 0:
             self._batteries.step(self.setpoints.armed)
         if self._contact is not None:

@@ -11,16 +11,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.masks import all_of
+from vehicle_sim.kernels import Blocks, Column, Flags, Rows, formula, kernel
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import within
 from vehicle_sim.state import ROTOR_COUNT
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 _YAW_MARGIN = 0.15
 _SMALL = 1e-6
-# Arrays without dimensions: NumPy takes twice as long to compare with a plain number.
-_ZERO, _ONE, _MINUS_ONE = np.array(0.0), np.array(1.0), np.array(-1.0)
 
 
 class Allocation:
@@ -33,10 +33,6 @@ class Allocation:
     def __init__(self, count: int) -> None:
         self._mix = np.zeros((count, 4, ROTOR_COUNT))
         self._unmix = np.zeros((count, ROTOR_COUNT, 3))
-        self._demand = np.zeros((count, 1, 4))
-        self._torque = self._demand[:, 0, :3]
-        self._lift = self._demand[:, 0, 3]
-        self._fell_short = False
         self.short_of = np.zeros((count, 3))
         """(N, 3) torque asked for less torque given in the last step."""
 
@@ -50,43 +46,71 @@ class Allocation:
         self._mix[i] = rows
         self._unmix[i] = np.linalg.pinv(rows)[:, :3]
 
-    def update(self, torque: FloatArray, thrust: FloatArray) -> FloatArray:
-        """Motor signals (N, 4) within 0..1 for torques (N, 3) and collective thrust (N,)."""
-        demand = self._demand
-        np.minimum(torque, _ONE, out=self._torque)
-        np.maximum(self._torque, _MINUS_ONE, out=self._torque)
-        self._lift[:] = thrust
-        motors = (demand @ self._mix)[:, 0, :]
-        within = (motors >= _ZERO) & (motors <= _ONE)
-        if all_of(within):
-            if self._fell_short:
-                self.short_of.fill(0.0)
-                self._fell_short = False
-            return motors
-        self._fell_short = True
-        # Who has enough is not fitted with the others: its last bit must not depend on them.
-        short = np.flatnonzero(~within.all(axis=1))
-        motors[short] = fitted = self._fit(demand[short], self._mix[short])
-        given = (fitted[:, None, :] @ self._unmix[short])[:, 0, :]
-        missing = self._torque[short] - given
-        missing[np.abs(missing) < _SMALL] = 0.0
-        self.short_of.fill(0.0)
-        self.short_of[short] = missing
-        return motors
+    def update(self, powered: BoolArray, torque: FloatArray, thrust: FloatArray, motors: FloatArray) -> None:
+        """Writes the motor signals.
 
-    @staticmethod
-    def _fit(demand: FloatArray, mix: FloatArray) -> FloatArray:
-        """Signals (M, 4) within 0..1 as near as can be to (M, 1, 4) demanded, by mixers (M, 4, 4)."""
-        roll, pitch, yaw, lift = (mix[:, k, :] for k in range(4))
-        part = demand[:, 0, :, None] * mix
-        motors = part[:, 0] + part[:, 1] + part[:, 3]
-        motors = _desaturate(motors, -lift, 1.0, one_way=True)
-        motors = _desaturate(motors, roll, 1.0)
-        motors = _desaturate(motors, pitch, 1.0)
-        motors = motors + part[:, 2]
-        motors = _desaturate(motors, yaw, 1.0 + _YAW_MARGIN)
-        motors = _desaturate(motors, -lift, 1.0, one_way=True)
-        return np.clip(motors, 0.0, 1.0)
+        Args:
+            powered: (N,) whose motors are controlled; those of the others stand still.
+            torque: (N, 3) normalised.
+            thrust: (N,) collective.
+            motors: (N, 4) written, 0..1.
+        """
+        _allocate(powered, torque, thrust, self._mix, self._unmix, self.short_of, motors)
+
+
+@formula
+def _fit(mix: FloatArray, roll: float, pitch: float, yaw: float, thrust: float, motors: FloatArray) -> None:
+    """Writes signals (4,) within 0..1 as near as can be to what is demanded of a mixer (4, 4)."""
+    for k in range(ROTOR_COUNT):
+        motors[k] = roll * mix[0, k] + pitch * mix[1, k] + thrust * mix[3, k]
+    _desaturate(motors, mix[3], -1.0, 1.0, True)
+    _desaturate(motors, mix[0], 1.0, 1.0, False)
+    _desaturate(motors, mix[1], 1.0, 1.0, False)
+    for k in range(ROTOR_COUNT):
+        motors[k] += yaw * mix[2, k]
+    _desaturate(motors, mix[2], 1.0, 1.0 + _YAW_MARGIN, False)
+    _desaturate(motors, mix[3], -1.0, 1.0, True)
+    for k in range(ROTOR_COUNT):
+        motors[k] = within(motors[k], 0.0, 1.0)
+
+
+@formula
+def _desaturate(motors: FloatArray, axis: FloatArray, sign: float, highest: float, one_way: bool) -> None:
+    """Moves the motors (4,) along `sign * axis` (4,) until they fit as well as they can; twice, as PX4 does.
+
+    Args:
+        motors: signals that may lie outside of 0..highest.
+        axis: change of the signals for a unit of what may be given up.
+        sign: 1 or -1.
+        highest: upper limit.
+        one_way: only a positive amount may be taken.
+    """
+    first = _amount(motors, axis, sign, highest)
+    if one_way and first <= 0.0:
+        return
+    for k in range(ROTOR_COUNT):
+        motors[k] += first * sign * axis[k]
+    second = 0.5 * _amount(motors, axis, sign, highest)
+    for k in range(ROTOR_COUNT):
+        motors[k] += second * sign * axis[k]
+
+
+@formula
+def _amount(motors: FloatArray, axis: FloatArray, sign: float, highest: float) -> float:
+    """How far to move: the largest need upwards plus the largest need downwards."""
+    least = most = 0.0
+    for k in range(ROTOR_COUNT):
+        direction = sign * axis[k]
+        if abs(direction) <= _SMALL:
+            continue
+        if motors[k] < 0.0:
+            need = -motors[k] / direction
+        elif motors[k] > highest:
+            need = (highest - motors[k]) / direction
+        else:
+            continue
+        least, most = min(least, need), max(most, need)
+    return least + most
 
 
 def mixer_of(parameters: Parameters) -> FloatArray:
@@ -126,31 +150,30 @@ def rotor_effectiveness(parameters: Parameters) -> FloatArray:
     return effect
 
 
-def _desaturate(
-    motors: FloatArray, direction: FloatArray, highest: float, *, one_way: bool = False
-) -> FloatArray:
-    """Move along `direction` (N, 4) until the motors (N, 4) fit as well as they can; twice, as PX4 does.
-
-    Args:
-        motors: signals that may lie outside of 0..highest.
-        direction: change of the signals for a unit of what may be given up.
-        highest: upper limit.
-        one_way: only a positive amount may be taken.
-    """
-    first = _amount(motors, direction, highest)
-    if one_way:
-        first = np.where(first < 0.0, 0.0, first)
-        allowed = first > 0.0
-    else:
-        allowed = np.ones_like(first, dtype=np.bool_)
-    motors = motors + first[:, None] * direction
-    second = np.where(allowed, 0.5 * _amount(motors, direction, highest), 0.0)
-    return motors + second[:, None] * direction
-
-
-def _amount(motors: FloatArray, direction: FloatArray, highest: float) -> FloatArray:
-    """How far to move: the largest need upwards plus the largest need downwards, (N,)."""
-    usable = np.abs(direction) > _SMALL
-    missing = np.where(motors < 0.0, -motors, np.where(motors > highest, highest - motors, 0.0))
-    needs = np.where(usable, missing / np.where(usable, direction, 1.0), 0.0)
-    return np.minimum(needs.min(axis=1), 0.0) + np.maximum(needs.max(axis=1), 0.0)
+@kernel
+def _allocate(
+    powered: Flags, torque: Rows, thrust: Column, mix: Blocks, unmix: Blocks,
+    short_of: Rows, motors: Rows,
+) -> None:  # fmt: skip
+    for i in range(motors.shape[0]):
+        short_of[i] = 0.0
+        if not powered[i]:
+            motors[i] = 0.0
+            continue
+        roll, pitch, yaw = within(torque[i, 0], -1.0, 1.0), within(torque[i, 1], -1.0, 1.0), within(
+            torque[i, 2], -1.0, 1.0
+        )  # fmt: skip
+        fits = True
+        for k in range(ROTOR_COUNT):
+            motors[i, k] = roll * mix[i, 0, k] + pitch * mix[i, 1, k] + yaw * mix[i, 2, k] + (
+                thrust[i] * mix[i, 3, k]
+            )  # fmt: skip
+            fits = fits and 0.0 <= motors[i, k] <= 1.0
+        if fits:
+            continue
+        _fit(mix[i], roll, pitch, yaw, thrust[i], motors[i])
+        for axis, wanted in ((0, roll), (1, pitch), (2, yaw)):
+            missing = wanted
+            for k in range(ROTOR_COUNT):
+                missing -= motors[i, k] * unmix[i, k, axis]
+            short_of[i, axis] = missing if abs(missing) >= _SMALL else 0.0

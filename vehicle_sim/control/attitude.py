@@ -11,16 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.frames import conjugate, quaternion_product, row_norm
-from vehicle_sim.masks import any_nonzero, any_of
+from vehicle_sim.kernels import Column, Flags, Rows, kernel
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import product, within
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-# Arrays without dimensions: NumPy takes twice as long to multiply with a plain number.
-_OPPOSITE = np.array(1e-6)
-_ZERO = np.array(0.0)
-_TWO = np.array(2.0)
+_OPPOSITE = 1e-6
 
 
 class AttitudeControl:
@@ -34,7 +32,6 @@ class AttitudeControl:
         self._gain = np.zeros((count, 3))
         self._yaw_weight = np.ones(count)
         self._limit = np.zeros((count, 3))
-        self._least = np.zeros((count, 3))
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Read MC_* of vehicle `i`."""
@@ -47,47 +44,56 @@ class AttitudeControl:
         yaw_gain = value("MC_YAW_P") / weight if weight > 1e-4 else value("MC_YAW_P")
         self._gain[i] = value("MC_ROLL_P"), value("MC_PITCH_P"), yaw_gain
         self._limit[i] = [math.radians(value(f"MC_{axis}RATE_MAX")) for axis in ("ROLL", "PITCH", "YAW")]
-        self._least[i] = -self._limit[i]
 
-    def update(self, q: FloatArray, wanted: FloatArray, yaw_rate_ned_rad_s: FloatArray) -> FloatArray:
-        """Body rate setpoints (N, 3).
+    def update(
+        self, turned: BoolArray, q: FloatArray, wanted: FloatArray, yaw_rate_ned_rad_s: FloatArray,
+        rates: FloatArray,
+    ) -> None:  # fmt: skip
+        """Writes the body rate setpoints.
 
         Args:
+            turned: (N,) whose attitude is controlled; the rates of the others stay.
             q: (N, 4) attitude.
             wanted: (N, 4) attitude setpoint.
             yaw_rate_ned_rad_s: (N,) feed-forward about the vertical; NaN is none.
+            rates: (N, 3) written.
         """
-        error = quaternion_product(conjugate(q), wanted)
-        w, x, y, z = error[:, 0], error[:, 1], error[:, 2], error[:, 3]
+        _turn_towards(turned, q, wanted, yaw_rate_ned_rad_s, self._gain, self._yaw_weight, self._limit, rates)
+
+
+@kernel
+def _turn_towards(
+    turned: Flags, attitude: Rows, wanted: Rows, yaw_rate_ned_rad_s: Column,
+    gain: Rows, yaw_weight: Column, limit: Rows, rates: Rows,
+) -> None:  # fmt: skip
+    for i in range(rates.shape[0]):
+        if not turned[i]:
+            continue
+        q, aim = attitude[i], wanted[i]
+        w, x, y, z = product(q[0], -q[1], -q[2], -q[3], aim[0], aim[1], aim[2], aim[3])
         # The wanted thrust axis seen from the body gives the pure tilt: error = tilt ⊗ twist about z.
-        norm = np.sqrt(w * w + z * z)
-        safe = np.maximum(norm, _OPPOSITE)
-        half_yaw = np.arctan2(np.where(w < _ZERO, -z, z), np.abs(w)) * self._yaw_weight
-        cos_half, sin_half = np.cos(half_yaw), np.sin(half_yaw)
-        reduced = np.empty_like(error)
-        tilt_x = (w * x - y * z) / safe
-        tilt_y = (w * y + x * z) / safe
-        reduced[:, 0] = norm * cos_half
-        reduced[:, 1] = tilt_x * cos_half + tilt_y * sin_half
-        reduced[:, 2] = tilt_y * cos_half - tilt_x * sin_half
-        reduced[:, 3] = norm * sin_half
-        opposite = norm < _OPPOSITE
-        if any_of(opposite):
-            reduced[opposite] = error[opposite] * np.where(error[opposite, :1] < 0.0, -1.0, 1.0)
-        reduced /= row_norm(reduced)
-        rates = _TWO * reduced[:, 1:] * self._gain
-        turns = np.isfinite(yaw_rate_ned_rad_s)
-        if any_of(turns):
-            turn = np.where(turns, yaw_rate_ned_rad_s, _ZERO)
-            if any_nonzero(turn):
-                rates += _down_in_body(q) * turn[:, None]
-        return np.minimum(np.maximum(rates, self._least), self._limit)
-
-
-def _down_in_body(q: FloatArray) -> FloatArray:
-    """The NED z axis in FRD, (N, 3)."""
-    w, x, y, z = q[:, 0], q[:, 1], q[:, 2], q[:, 3]
-    return np.stack(
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        axis=1,
-    )
+        norm = math.sqrt(w * w + z * z)
+        if norm < _OPPOSITE:
+            sign = -1.0 if w < 0.0 else 1.0
+            rw, rx, ry, rz = sign * w, sign * x, sign * y, sign * z
+        else:
+            half_yaw = math.atan2(-z if w < 0.0 else z, abs(w)) * yaw_weight[i]
+            cos_half, sin_half = math.cos(half_yaw), math.sin(half_yaw)
+            tilt_x, tilt_y = (w * x - y * z) / norm, (w * y + x * z) / norm
+            rw, rz = norm * cos_half, norm * sin_half
+            rx, ry = tilt_x * cos_half + tilt_y * sin_half, tilt_y * cos_half - tilt_x * sin_half
+        total = math.sqrt(rw * rw + rx * rx + ry * ry + rz * rz)
+        roll, pitch, yaw = (
+            2.0 * rx / total * gain[i, 0],
+            2.0 * ry / total * gain[i, 1],
+            2.0 * rz / total * gain[i, 2],
+        )
+        feed = yaw_rate_ned_rad_s[i]
+        if math.isfinite(feed):
+            # The NED z axis in FRD.
+            roll += feed * 2.0 * (q[1] * q[3] - q[0] * q[2])
+            pitch += feed * 2.0 * (q[2] * q[3] + q[0] * q[1])
+            yaw += feed * (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3])
+        rates[i, 0] = within(roll, -limit[i, 0], limit[i, 0])
+        rates[i, 1] = within(pitch, -limit[i, 1], limit[i, 1])
+        rates[i, 2] = within(yaw, -limit[i, 2], limit[i, 2])

@@ -6,6 +6,7 @@ loop on each.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +18,15 @@ from vehicle_sim.control.hover_thrust import HoverThrust
 from vehicle_sim.control.position import PositionControl
 from vehicle_sim.control.rate import RateControl
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
-from vehicle_sim.frames import row_norm
-from vehicle_sim.masks import all_of, any_nonzero, any_of
+from vehicle_sim.kernels import Column, Flags, Integers, Rows, kernel
+from vehicle_sim.masks import any_nonzero, any_of
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import within
 from vehicle_sim.state import ROTOR_COUNT, EstimateState, TargetState
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 OUTER_EVERY_STEPS = 2
 HOVER_EVERY_OUTER = 5
@@ -35,8 +38,6 @@ _FASTEST_RAD_S = 100.0
 MOTOR_DISARMED_US = 900.0
 MOTOR_MIN_US = 1000.0
 MOTOR_SPAN_US = 1000.0
-# Arrays without dimensions: NumPy takes twice as long to multiply with a plain number.
-_MIN_US, _SPAN_US = np.array(MOTOR_MIN_US), np.array(MOTOR_SPAN_US)
 
 
 class Cascade:
@@ -56,9 +57,9 @@ class Cascade:
         self._allocation = Allocation(count)
         self._steps = 0
         self._thrust = np.zeros(count)
-        self._split = _split(Setpoints.idle(count))
-        self._split_of = b""
-        self._was_trajectory = np.zeros(count, dtype=np.bool_)
+        self._groups = _Groups.of(count)
+        self._any_direct = False
+        """Whether any vehicle is flown below its body rates."""
         self.motor_signal = np.zeros((count, ROTOR_COUNT))
         """(N, 4) 0..1, what the rotors follow."""
         self.motors_us = np.full((count, ROTOR_COUNT), MOTOR_DISARMED_US)
@@ -84,69 +85,35 @@ class Cascade:
 
     def reset(self, i: int) -> None:
         """Vehicle `i` starts anew."""
-        mask = np.zeros(self._thrust.shape, dtype=np.bool_)
-        mask[i] = True
-        self._position.reset(mask)
-        self._hover.reset(mask)
-        self._rate.reset(mask)
+        self._position.reset(i)
+        self._hover.reset(np.arange(len(self._thrust)) == i)
+        self._rate.reset(i)
         self._thrust[i] = 0.0
         self.motor_signal[i] = 0.0
         self.motors_us[i] = MOTOR_DISARMED_US
-        self._was_trajectory = self._was_trajectory.copy()
-        self._was_trajectory[i] = False
+        self._groups.trajectory[i] = False
 
     def update(self, setpoints: Setpoints, estimate: EstimateState) -> None:
         """One step; results in `motor_signal`, `motors_us` and `target`."""
+        groups = self._groups
         self._steps += 1
         if self._steps % OUTER_EVERY_STEPS == 0:
             self._outer(setpoints, estimate)
         elif any_nonzero(setpoints.cut_in):
             self._cut_in_rates(setpoints)
-        split = self._split
-        if not split.any_powered:
-            self.motor_signal.fill(0.0)
-            self.torque_frd.fill(0.0)
-        else:
-            torque = self._rate.update(
-                estimate.rates_frd_rad_s,
-                estimate.angular_acceleration_frd_rad_s2,
-                self.target.rates_frd_rad_s,
-                setpoints.landed,
-                self._allocation.short_of,
-            )
-            if split.any_below_rates:
-                np.copyto(torque, np.nan_to_num(setpoints.torque_frd), where=split.below_rates[:, None])
-            if split.all_powered:
-                self.torque_frd[:] = torque
-            else:
-                # Else the mixer would look in vain for signals that give a vehicle on the ground a torque.
-                np.multiply(torque, split.powered[:, None], out=self.torque_frd)
-            motors = self._allocation.update(self.torque_frd, self._thrust)
-            if split.all_powered:
-                self.motor_signal[:] = motors
-            else:
-                np.multiply(motors, split.powered[:, None], out=self.motor_signal)
-        np.multiply(self.motor_signal, _SPAN_US, out=self.motors_us)
-        self.motors_us += _MIN_US
-        if split.any_by_motors:
-            self._drive_motors(setpoints)
-        if not all_of(setpoints.armed):
-            self.motors_us[~setpoints.armed] = MOTOR_DISARMED_US
-            self.motor_signal[~setpoints.armed] = 0.0
-
-    def _drive_motors(self, setpoints: Setpoints) -> None:
-        """Motor signals that bypass all controllers; a motor with NaN or a negative signal stands still."""
-        wanted = np.minimum(setpoints.motors, 1.0)
-        turning = wanted >= 0.0
-        rows = self._split.by_motors[:, None]
-        signal = np.where(turning, wanted, 0.0)
-        np.copyto(self.motor_signal, signal, where=rows)
-        pulses = np.where(turning, MOTOR_MIN_US + MOTOR_SPAN_US * signal, MOTOR_DISARMED_US)
-        np.copyto(self.motors_us, pulses, where=rows)
+        self._rate.update(
+            groups.rates, estimate.rates_frd_rad_s, estimate.angular_acceleration_frd_rad_s2,
+            self.target.rates_frd_rad_s, setpoints.landed, self._allocation.short_of, self.torque_frd,
+        )  # fmt: skip
+        if self._any_direct:
+            torque = np.nan_to_num(setpoints.torque_frd)
+            np.copyto(self.torque_frd, torque, where=(groups.level == _THRUST_TORQUE)[:, None])
+        self._allocation.update(groups.powered, self.torque_frd, self._thrust, self.motor_signal)
+        _drive(groups.level, setpoints.armed, setpoints.motors, self.motor_signal, self.motors_us)
 
     def _cut_in_rates(self, setpoints: Setpoints) -> None:
         """Body rates that arrived between two outputs of the outer controllers are flown at once."""
-        rows = (setpoints.cut_in == _RATES) & self._was_trajectory
+        rows = (setpoints.cut_in == _RATES) & self._groups.trajectory
         if any_of(rows):
             rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
             np.copyto(self.target.rates_frd_rad_s, rates, where=rows[:, None])
@@ -154,71 +121,28 @@ class Cascade:
             setpoints.cut_in[rows] = _DISARMED
 
     def _outer(self, setpoints: Setpoints, estimate: EstimateState) -> None:
-        target, split = self.target, self._split_now(setpoints)
-        trajectory = split.trajectory
-        if not split.all_powered:
-            idle = ~split.powered
-            self._rate.reset(idle)
-            self._thrust[idle] = 0.0
-            target.rates_frd_rad_s[idle] = 0.0
+        target, groups = self.target, self._groups
+        self._any_direct = _group(
+            setpoints.level, setpoints.armed, setpoints.landed, setpoints.ramp_thrust, groups.level,
+            groups.powered, groups.rates, groups.turned, groups.trajectory, groups.fresh, groups.grounded,
+            self._thrust, target.rates_frd_rad_s,
+        )  # fmt: skip
         self._position.track(estimate)
-        if split.any_grounded:
-            self._hover.reset(split.grounded)
-        if split.any_trajectory:
-            fresh = split.standing
-            if self._was_trajectory is not trajectory:
-                fresh = fresh | (trajectory & ~self._was_trajectory)
-            if any_of(fresh):
-                self._position.reset(fresh)
-            self._position.update(setpoints, estimate, self._hover.value, target)
-            if split.all_trajectory:
-                target.q_ned_frd[:] = self._position.q_ned_frd
-                self._thrust[:] = self._position.thrust
-            else:
-                np.copyto(target.q_ned_frd, self._position.q_ned_frd, where=trajectory[:, None])
-                np.copyto(self._thrust, self._position.thrust, where=trajectory)
-        self._was_trajectory = trajectory
-        if split.any_lower:
-            self._take_lower_levels(split, setpoints)
-        if any_nonzero(setpoints.cut_in):
-            self._take_attitudes(setpoints, (setpoints.cut_in == _ATTITUDE) & trajectory)
-            setpoints.cut_in[setpoints.cut_in == _ATTITUDE] = _DISARMED
-        if split.any_turned:
-            rates = self._attitude.update(estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s)
-            if split.all_turned:
-                target.rates_frd_rad_s[:] = rates
-            else:
-                np.copyto(target.rates_frd_rad_s, rates, where=split.turned[:, None])
+        self._hover.reset(groups.grounded)
+        self._position.update(
+            groups.trajectory, groups.fresh, setpoints, estimate, self._hover.value, target, self._thrust
+        )
+        _take_lower_levels(
+            groups.level, setpoints.cut_in, setpoints.q_ned_frd, setpoints.rates_frd_rad_s, setpoints.thrust,
+            target.q_ned_frd, target.rates_frd_rad_s, self._thrust,
+        )  # fmt: skip
+        self._attitude.update(
+            groups.turned, estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s,
+            target.rates_frd_rad_s,
+        )  # fmt: skip
         target.thrust[:] = self._thrust
         if self._steps % (OUTER_EVERY_STEPS * HOVER_EVERY_OUTER) == 0:
-            self._learn_hover(split.airborne, estimate)
-
-    def _split_now(self, setpoints: Setpoints) -> _Split:
-        """Groups the vehicles by control level; computed again only when a level, arming or take-off state
-        changes."""
-        armed, landed, ramp = setpoints.armed, setpoints.landed, setpoints.ramp_thrust
-        split_of = setpoints.level.tobytes() + armed.tobytes() + landed.tobytes() + ramp.tobytes()
-        if split_of != self._split_of:
-            self._split, self._split_of = _split(setpoints), split_of
-        return self._split
-
-    def _take_lower_levels(self, split: _Split, setpoints: Setpoints) -> None:
-        """Attitude, rate and thrust setpoints of vehicles flown by them; no number changes nothing."""
-        self._take_attitudes(setpoints, split.by_attitude)
-        rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
-        np.copyto(self.target.rates_frd_rad_s, rates, where=split.by_rates[:, None])
-        thrust = np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0)
-        np.copyto(self._thrust, thrust, where=split.direct)
-        if split.any_below_rates or split.any_by_motors:
-            self._rate.reset(split.below_rates | split.by_motors)
-
-    def _take_attitudes(self, setpoints: Setpoints, rows: BoolArray) -> None:
-        """Attitude and thrust as asked for the vehicles in `rows`."""
-        length = row_norm(setpoints.q_ned_frd)
-        usable = rows[:, None] & np.isfinite(length) & (length > _SHORTEST_QUATERNION)
-        q = setpoints.q_ned_frd / np.where(usable, length, 1.0)
-        np.copyto(self.target.q_ned_frd, q, where=usable)
-        np.copyto(self._thrust, np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0), where=rows)
+            self._learn_hover(groups.trajectory & ~groups.grounded, estimate)
 
     def _learn_hover(self, flying: BoolArray, estimate: EstimateState) -> None:
         if not any_of(flying):
@@ -232,70 +156,99 @@ class Cascade:
             -estimate.acceleration_ned_m_s2[:, 2],
             estimate.velocity_ned_m_s,
         )
-        self._position.hover_thrust_changed(old, self._hover.value, self.target)
+        new = self._hover.value
+        self._position.hover_thrust_changed(old != new, old, new, self.target)
 
 
 @dataclass(frozen=True, slots=True)
-class _Split:
-    """Masks (N,) of the vehicles by control level, read-only, and whether any or all of them are true."""
+class _Groups:
+    """The vehicles by control level, as the outer controllers saw it last; (N,) each, written in place."""
 
+    level: IntArray
+    """ControlLevel; of who is not armed DISARMED."""
     powered: BoolArray
-    any_powered: bool
-    all_powered: bool
-    by_motors: BoolArray
-    any_by_motors: bool
-    below_rates: BoolArray
-    any_below_rates: bool
-    by_rates: BoolArray
-    by_attitude: BoolArray
-    direct: BoolArray
-    """Past the attitude controller."""
-    any_lower: bool
-    """Whether any is flown by attitude or directly."""
+    """Some controller runs."""
+    rates: BoolArray
+    """The body rates are controlled,"""
     turned: BoolArray
-    """By the attitude controller."""
-    any_turned: bool
-    all_turned: bool
+    """and the attitude,"""
     trajectory: BoolArray
-    any_trajectory: bool
-    all_trajectory: bool
-    standing: BoolArray
-    """Of those on a trajectory: nothing is integrated yet. PX4 integrates from the start of the take-off ramp
-    on, though the vehicle still stands: that downward part is what lets it lift about 3 s after the ramp
+    """and the position."""
+    fresh: BoolArray
+    """Of those on a trajectory: just begun, or still standing. PX4 integrates from the start of the take-off
+    ramp on, though the vehicle still stands: that downward part is what lets it lift about 3 s after the ramp
     began."""
     grounded: BoolArray
-    any_grounded: bool
-    airborne: BoolArray
-    """Of those on a trajectory: the hover thrust can be learnt."""
+    """The hover thrust cannot be learnt."""
+
+    @classmethod
+    def of(cls, count: int) -> _Groups:
+        """Nobody is armed."""
+        masks = np.zeros((6, count), dtype=np.bool_)
+        return cls(np.zeros(count, dtype=np.int64), *masks)
 
 
-def _split(setpoints: Setpoints) -> _Split:
-    armed, landed, ramp = setpoints.armed, setpoints.landed, setpoints.ramp_thrust
-    level = np.where(armed, setpoints.level, _DISARMED)
-    powered, turned, trajectory = level > _DISARMED, level >= _ATTITUDE, level == _TRAJECTORY
-    by_motors, below_rates, by_attitude = level == _MOTORS, level == _THRUST_TORQUE, level == _ATTITUDE
-    direct = powered & ~turned
-    grounded = ~armed | landed | ramp
-    return _Split(
-        powered=powered,
-        any_powered=any_of(powered),
-        all_powered=all_of(powered),
-        by_motors=by_motors,
-        any_by_motors=any_of(by_motors),
-        below_rates=below_rates,
-        any_below_rates=any_of(below_rates),
-        by_rates=level == _RATES,
-        by_attitude=by_attitude,
-        direct=direct,
-        any_lower=any_of(by_attitude | direct),
-        turned=turned,
-        any_turned=any_of(turned),
-        all_turned=all_of(turned),
-        trajectory=trajectory,
-        any_trajectory=any_of(trajectory),
-        all_trajectory=all_of(trajectory),
-        standing=trajectory & landed & ~ramp,
-        grounded=grounded,
-        any_grounded=any_of(grounded),
-        airborne=trajectory & ~grounded,
-    )
+@kernel
+def _group(
+    wanted: Integers, armed: Flags, landed: Flags, ramp: Flags, level: Integers,
+    powered: Flags, rates: Flags, turned: Flags, trajectory: Flags, fresh: Flags,
+    grounded: Flags, thrust: Column, target_rates: Rows,
+) -> bool:  # fmt: skip
+    """Sorts the vehicles; who has no controller has no thrust. Whether any is flown below its body rates."""
+    any_direct = False
+    for i in range(level.shape[0]):
+        level[i] = now = wanted[i] if armed[i] else _DISARMED
+        powered[i], rates[i], turned[i] = now > _DISARMED, now >= _RATES, now >= _ATTITUDE
+        flies = now == _TRAJECTORY
+        fresh[i] = flies and (not trajectory[i] or (landed[i] and not ramp[i]))
+        trajectory[i] = flies
+        grounded[i] = not armed[i] or landed[i] or ramp[i]
+        if not powered[i]:
+            thrust[i] = target_rates[i, 0] = target_rates[i, 1] = target_rates[i, 2] = 0.0
+        any_direct = any_direct or (powered[i] and not rates[i])
+    return any_direct
+
+
+@kernel
+def _take_lower_levels(
+    level: Integers, cut_in: Integers, q: Rows, rates: Rows, thrust: Column,
+    target_q: Rows, target_rates: Rows, target_thrust: Column,
+) -> None:  # fmt: skip
+    """Attitude, rate and thrust setpoints of vehicles flown by them; no number changes nothing.
+
+    An attitude that cuts in on a trajectory is flown once.
+    """
+    for i in range(level.shape[0]):
+        cuts_in = cut_in[i] == _ATTITUDE
+        if cuts_in:
+            cut_in[i] = _DISARMED
+            cuts_in = level[i] == _TRAJECTORY
+        if level[i] == _DISARMED or (level[i] == _TRAJECTORY and not cuts_in):
+            continue
+        target_thrust[i] = 0.0 if math.isnan(thrust[i]) else within(thrust[i], 0.0, 1.0)
+        if level[i] >= _ATTITUDE:
+            size = math.sqrt(q[i, 0] ** 2 + q[i, 1] ** 2 + q[i, 2] ** 2 + q[i, 3] ** 2)
+            if math.isfinite(size) and size > _SHORTEST_QUATERNION:
+                for k in range(4):
+                    target_q[i, k] = q[i, k] / size
+        elif level[i] == _RATES:
+            for k in range(3):
+                rate = rates[i, k]
+                target_rates[i, k] = (
+                    0.0 if math.isnan(rate) else within(rate, -_FASTEST_RAD_S, _FASTEST_RAD_S)
+                )
+
+
+@kernel
+def _drive(level: Integers, armed: Flags, motors: Rows, signal: Rows, pulses_us: Rows) -> None:
+    """What the motors get; past all controllers a motor with NaN or a negative signal stands still."""
+    for i in range(level.shape[0]):
+        for k in range(ROTOR_COUNT):
+            if not armed[i]:
+                signal[i, k], pulses_us[i, k] = 0.0, MOTOR_DISARMED_US
+                continue
+            turns = True
+            if level[i] == _MOTORS:
+                turns = motors[i, k] >= 0.0
+                signal[i, k] = min(motors[i, k], 1.0) if turns else 0.0
+            pulses_us[i, k] = MOTOR_MIN_US + MOTOR_SPAN_US * signal[i, k] if turns else MOTOR_DISARMED_US

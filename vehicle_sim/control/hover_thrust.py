@@ -5,12 +5,15 @@ Where MPC_USE_HTE is off, on the ground and while the take-off ramp runs, MPC_TH
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.frames import GRAVITY_M_S2
-from vehicle_sim.masks import any_of
+from vehicle_sim.kernels import Column, Flags, Rows, kernel
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import within
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -64,11 +67,9 @@ class HoverThrust:
         self._range[i] = value("HTE_THR_RANGE")
         self._speed_limits[i] = value("HTE_VXY_THR"), value("HTE_VZ_THR")
 
-    def reset(self, mask: BoolArray) -> None:
-        """Back to MPC_THR_HOVER for the vehicles in `mask`."""
-        self.value[mask] = self._default[mask]
-        self._variance[mask] = self._start_variance[mask]
-        self._noise[mask] = _FIRST_ACCELERATION_VARIANCE
+    def reset(self, grounded: BoolArray) -> None:
+        """Back to MPC_THR_HOVER for the vehicles in `grounded` (N,)."""
+        _forget(grounded, self._default, self._start_variance, self.value, self._variance, self._noise)
 
     def update(
         self,
@@ -85,27 +86,45 @@ class HoverThrust:
             acceleration_up_m_s2: (N,).
             velocity_ned_m_s: (N, 3).
         """
-        active = active & self._use
-        if not any_of(active):
-            return
-        hover = self.value
-        self._variance += self._process_variance * self._dt_s * self._dt_s
-        slope = -GRAVITY_M_S2 * lift / (hover * hover)
-        innovation = acceleration_up_m_s2 - GRAVITY_M_S2 * (lift / hover - 1.0)
-        level = np.hypot(velocity_ned_m_s[:, 0], velocity_ned_m_s[:, 1])
-        fast = (level > self._speed_limits[:, 0]) | (
-            np.abs(velocity_ned_m_s[:, 2]) > self._speed_limits[:, 1]
-        )
-        noise = self._noise * np.where(fast, _FAST_NOISE_FACTOR, 1.0)
-        total = np.maximum(slope * slope * self._variance + noise, 1e-6)
-        gain = self._variance * slope / total
-        good = active & (innovation * innovation < self._gate * self._gate * total)
-        lowest = np.maximum(self._default - self._range, 0.1)
-        highest = np.minimum(self._default + self._range, 0.9)
-        learned = np.minimum(np.maximum(hover + gain * innovation, lowest), highest)
-        np.copyto(hover, learned, where=good)
-        narrower = np.minimum(np.maximum((1.0 - gain * slope) * self._variance, 1e-10), 1.0)
-        np.copyto(self._variance, narrower, where=good)
-        learn = self._dt_s / (_NOISE_LEARNING_S + self._dt_s)
-        seen = np.minimum(np.maximum(innovation * innovation, _LEAST_NOISE_M2_S4), 40.0)
-        np.copyto(self._noise, self._noise + learn * (seen - self._noise), where=active)
+        _learn(
+            self._dt_s, active, self._use, lift, acceleration_up_m_s2, velocity_ned_m_s, self._default,
+            self._process_variance, self._gate, self._range, self._speed_limits, self.value, self._variance,
+            self._noise,
+        )  # fmt: skip
+
+
+@kernel
+def _forget(
+    grounded: Flags, default: Column, start_variance: Column, value: Column,
+    variance: Column, noise: Column,
+) -> None:  # fmt: skip
+    for i in range(value.shape[0]):
+        if grounded[i]:
+            value[i], variance[i], noise[i] = default[i], start_variance[i], _FIRST_ACCELERATION_VARIANCE
+
+
+@kernel
+def _learn(
+    dt_s: float, active: Flags, use: Flags, lift: Column, acceleration_up_m_s2: Column,
+    velocity: Rows, default: Column, process_variance: Column, gate: Column,
+    reach: Column, speed_limits: Rows, value: Column, variance: Column, noise: Column,
+) -> None:  # fmt: skip
+    share = dt_s / (_NOISE_LEARNING_S + dt_s)
+    for i in range(value.shape[0]):
+        if not (active[i] and use[i]):
+            continue
+        hover = value[i]
+        variance[i] += process_variance[i] * dt_s * dt_s
+        slope = -GRAVITY_M_S2 * lift[i] / (hover * hover)
+        innovation = acceleration_up_m_s2[i] - GRAVITY_M_S2 * (lift[i] / hover - 1.0)
+        level = math.sqrt(velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1])
+        fast = level > speed_limits[i, 0] or abs(velocity[i, 2]) > speed_limits[i, 1]
+        counted = noise[i] * (_FAST_NOISE_FACTOR if fast else 1.0)
+        total = max(slope * slope * variance[i] + counted, 1e-6)
+        gain = variance[i] * slope / total
+        if innovation * innovation < gate[i] * gate[i] * total:
+            lowest, highest = max(default[i] - reach[i], 0.1), min(default[i] + reach[i], 0.9)
+            value[i] = min(max(hover + gain * innovation, lowest), highest)
+            variance[i] = within((1.0 - gain * slope) * variance[i], 1e-10, 1.0)
+        seen = within(innovation * innovation, _LEAST_NOISE_M2_S4, 40.0)
+        noise[i] += share * (seen - noise[i])

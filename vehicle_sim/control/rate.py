@@ -11,17 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.masks import any_nonzero, any_of
+from vehicle_sim.kernels import Column, Flags, Rows, kernel
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import within
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _INTEGRAL_FADE_RAD_S = math.radians(400.0)
-# Arrays without dimensions: NumPy takes twice as long to multiply with a plain number.
-_FADE = np.array(1.0 / _INTEGRAL_FADE_RAD_S)
-_ZERO = np.array(0.0)
-_ONE = np.array(1.0)
 
 
 class RateControl:
@@ -39,9 +36,7 @@ class RateControl:
         self._i_dt = np.zeros((count, 3))
         self._d = np.zeros((count, 3))
         self._ff = np.zeros((count, 3))
-        self._feeds_forward = False
         self._limit = np.zeros((count, 3))
-        self._least = np.zeros((count, 3))
         self._yaw_gain = np.ones(count)
         self._yaw_torque = np.zeros(count)
 
@@ -55,52 +50,57 @@ class RateControl:
             self._d[i, k] = overall * parameters.usable(name + "D")
             self._ff[i, k] = parameters.usable(name + "FF")
             self._limit[i, k] = parameters.usable(f"MC_{short}_INT_LIM")
-        self._least[i] = -self._limit[i]
-        self._feeds_forward = any_nonzero(self._ff)
         cutoff_hz = parameters.usable("MC_YAW_TQ_CUTOFF")
         self._yaw_gain[i] = (
             self._dt_s / (self._dt_s + 1.0 / (2.0 * math.pi * cutoff_hz)) if cutoff_hz > 0.0 else 1.0
         )
 
-    def reset(self, mask: BoolArray) -> None:
-        """Forget what was integrated for the vehicles in `mask`."""
-        self.integral[mask] = 0.0
-        self._yaw_torque[mask] = 0.0
+    def reset(self, i: int) -> None:
+        """Vehicle `i` forgets what was integrated."""
+        self.integral[i] = 0.0
+        self._yaw_torque[i] = 0.0
 
     def update(
-        self,
-        rates: FloatArray,
-        acceleration: FloatArray,
-        wanted: FloatArray,
-        landed: BoolArray,
-        short_of: FloatArray,
-    ) -> FloatArray:
-        """Normalised torques (N, 3).
+        self, controlled: BoolArray, rates: FloatArray, acceleration: FloatArray, wanted: FloatArray,
+        landed: BoolArray, short_of: FloatArray, torque: FloatArray,
+    ) -> None:  # fmt: skip
+        """Writes the normalised torques.
 
         Args:
+            controlled: (N,) whose body rates are controlled; the others have no torque.
             rates: (N, 3) filtered body rates.
             acceleration: (N, 3) filtered angular acceleration.
             wanted: (N, 3) rate setpoints.
             landed: (N,) do not integrate.
             short_of: (N, 3) torque that the motors could not give in the last step.
+            torque: (N, 3) written.
         """
-        error = wanted - rates
-        torque = self._p * error
-        torque += self.integral
-        torque -= self._d * acceleration
-        if self._feeds_forward:
-            torque += self._ff * wanted
-        yaw, yaw_torque = self._yaw_torque, torque[:, 2]
-        yaw += self._yaw_gain * (yaw_torque - yaw)
-        yaw_torque[:] = yaw
+        _hold_rates(
+            controlled, rates, acceleration, wanted, landed, short_of, self._p, self._i_dt, self._d, self._ff,
+            self._limit, self._yaw_gain, self.integral, self._yaw_torque, torque,
+        )  # fmt: skip
 
-        faded = error * _FADE
-        growth = np.maximum(_ONE - faded * faded, _ZERO) * error * self._i_dt
-        if any_of(landed):
-            growth[landed] = 0.0
-        if any_nonzero(short_of):
-            np.copyto(growth, _ZERO, where=short_of * growth > _ZERO)
-        self.integral += growth
-        np.minimum(self.integral, self._limit, out=self.integral)
-        np.maximum(self.integral, self._least, out=self.integral)
-        return torque
+
+@kernel
+def _hold_rates(
+    controlled: Flags, rates: Rows, acceleration: Rows, wanted: Rows, landed: Flags,
+    short_of: Rows, p: Rows, i_dt: Rows, d: Rows, feed_forward: Rows,
+    limit: Rows, yaw_gain: Column, integral: Rows, yaw_torque: Column, torque: Rows,
+) -> None:  # fmt: skip
+    for i in range(torque.shape[0]):
+        if not controlled[i]:
+            torque[i] = integral[i] = 0.0
+            yaw_torque[i] = 0.0
+            continue
+        for k in range(3):
+            error = wanted[i, k] - rates[i, k]
+            torque[i, k] = p[i, k] * error + integral[i, k] - d[i, k] * acceleration[i, k] + (
+                feed_forward[i, k] * wanted[i, k]
+            )  # fmt: skip
+            faded = error / _INTEGRAL_FADE_RAD_S
+            growth = max(1.0 - faded * faded, 0.0) * error * i_dt[i, k]
+            if landed[i] or short_of[i, k] * growth > 0.0:
+                growth = 0.0
+            integral[i, k] = within(integral[i, k] + growth, -limit[i, k], limit[i, k])
+        yaw_torque[i] += yaw_gain[i] * (torque[i, 2] - yaw_torque[i])
+        torque[i, 2] = yaw_torque[i]

@@ -2,7 +2,7 @@
 
 The model is that of PX4's SIH: thrust and moments proportional to a rotor's lagged signal, drag linear in
 speed and body rate, and ground contact that stops the vehicle dead while its weight exceeds its lift.
-Forces of all vehicles come from one matrix product over (rotor thrusts, body rates, their products).
+A vehicle's accelerations are one matrix times its rotor thrusts, body rates and their products.
 """
 
 from __future__ import annotations
@@ -11,20 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.frames import (
-    GRAVITY_M_S2,
-    cross_table,
-    quaternion_from_yaw,
-    quaternion_rate,
-    rotation_matrix,
-    row_norm,
-)
-from vehicle_sim.masks import any_of
+from vehicle_sim.frames import GRAVITY_M_S2, cross_table, quaternion_from_yaw, rotation_matrix
+from vehicle_sim.kernels import Blocks, Column, Flags, Rows, kernel
+from vehicle_sim.rotations import turn, write_matrix
 from vehicle_sim.state import ROTOR_COUNT, TruthState
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-_ZERO = np.array(0.0)
 _RATES = slice(ROTOR_COUNT, ROTOR_COUNT + 3)
 _PRODUCTS = slice(ROTOR_COUNT + 3, ROTOR_COUNT + 12)
 
@@ -38,8 +32,7 @@ class RigidBodies:
     """
 
     def __init__(self, count: int, dt_s: float) -> None:
-        self._dt_s = np.array(dt_s)
-        self._back_per_s = np.array(-1.0 / dt_s)
+        self._dt_s = dt_s
         self.state = TruthState(
             position_ned_m=np.zeros((count, 3)),
             velocity_ned_m_s=np.zeros((count, 3)),
@@ -54,19 +47,10 @@ class RigidBodies:
         self.wind_ned_m_s = np.zeros((count, 3))
         self.ground_ned_m = np.zeros(count)
         """(N,) down coordinate of what carries each body; 0: flat ground at home's level."""
-        self._inputs = np.zeros((count, 1, ROTOR_COUNT + 12))
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
+        """(N, 16, 4) thrust [m/s²] and angular accelerations [rad/s²] for each input."""
         self._lag = np.ones((count, ROTOR_COUNT))
         self._drag_per_s = np.zeros((count, 3))
-        self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
-        # Views of arrays that are only ever written in place: to make them anew costs as much as a product.
-        self._rotors_in = self._inputs[:, 0, :ROTOR_COUNT]
-        self._rates_in = self._inputs[:, 0, _RATES]
-        self._products_in = self._inputs[:, 0, _PRODUCTS].reshape(count, 3, 3)
-        rates = self.state.rates_frd_rad_s
-        self._rates_down, self._rates_across = rates[:, :, None], rates[:, None, :]
-        self._down_m = self.state.position_ned_m[:, 2]
-        self._sinking_m_s = self.state.velocity_ned_m_s[:, 2]
 
     def configure(self, i: int, airframe: Airframe) -> None:
         """Give vehicle `i` an airframe."""
@@ -80,8 +64,7 @@ class RigidBodies:
         gyroscopic = np.einsum("imk,mj->ijk", cross_table(), airframe.inertia_kg_m2).reshape(9, 3)
         response[_PRODUCTS, 1:] = -gyroscopic @ inverse.T
         self._drag_per_s[i] = airframe.drag_n_per_m_s / airframe.mass_kg
-        dt_s = float(self._dt_s)
-        self._lag[i] = min(1.0, dt_s / max(airframe.rotor_time_constant_s, dt_s))
+        self._lag[i] = min(1.0, self._dt_s / max(airframe.rotor_time_constant_s, self._dt_s))
 
     def place(self, i: int, position_ned_m: FloatArray, yaw_ned_rad: float) -> None:
         """Put vehicle `i` somewhere, level and at rest; below the surface counts as on it."""
@@ -97,46 +80,79 @@ class RigidBodies:
             rows[i] = 0.0
         state.q_ned_frd[i] = quaternion_from_yaw(np.array([yaw_ned_rad]))[0]
         state.on_ground[i] = state.position_ned_m[i, 2] >= self.ground_ned_m[i]
-        self.matrix = rotation_matrix(state.q_ned_frd)
+        self.matrix[:] = rotation_matrix(state.q_ned_frd)
 
     def turn(self, i: int, q_ned_frd: FloatArray) -> None:
         """Hold vehicle `i` in another attitude (4,), at rest."""
         state = self.state
         state.q_ned_frd[i] = q_ned_frd
         state.rates_frd_rad_s[i] = state.velocity_ned_m_s[i] = state.acceleration_ned_m_s2[i] = 0.0
-        self.matrix = rotation_matrix(state.q_ned_frd)
+        self.matrix[:] = rotation_matrix(state.q_ned_frd)
 
-    def step(self, motor_signal: FloatArray) -> None:
-        """Advance by one step with motor signals (N, 4), 0..1."""
-        state, dt_s = self.state, self._dt_s
-        rotors, rates = state.rotor_thrust, state.rates_frd_rad_s
-        position, velocity = state.position_ned_m, state.velocity_ned_m_s
-        rotors += self._lag * (motor_signal - rotors)
+    def step(self, motor_signal: FloatArray, motor_health: FloatArray) -> None:
+        """Advances by one step.
 
-        self._rotors_in[:] = rotors
-        self._rates_in[:] = rates
-        np.multiply(self._rates_down, self._rates_across, out=self._products_in)
-        response = (self._inputs @ self._response)[:, 0, :]
+        Args:
+            motor_signal: (N, 4) 0..1.
+            motor_health: (N, 4) part of its signal that each motor turns into thrust.
+        """
+        state = self.state
+        _advance(
+            self._dt_s, motor_signal, motor_health, self._lag, self._response, self._drag_per_s,
+            self.wind_ned_m_s, self.ground_ned_m, state.position_ned_m, state.velocity_ned_m_s,
+            state.acceleration_ned_m_s2, state.q_ned_frd, self.matrix, state.rates_frd_rad_s,
+            state.rotor_thrust, state.on_ground,
+        )  # fmt: skip
 
-        acceleration = self.matrix[:, :, 2] * response[:, :1]
-        acceleration += self._gravity
-        acceleration -= self._drag_per_s * (velocity - self.wind_ned_m_s)
 
-        position += dt_s * velocity
-        rates += dt_s * response[:, 1:]
+@kernel
+def _advance(
+    dt_s: float, motor_signal: Rows, motor_health: Rows, lag: Rows, response: Blocks,
+    drag_per_s: Rows, wind_ned_m_s: Rows, ground_ned_m: Column, position: Rows,
+    velocity: Rows, acceleration: Rows, q: Rows, matrix: Blocks, rates: Rows,
+    rotors: Rows, on_ground: Flags,
+) -> None:  # fmt: skip
+    """One step: positions by the velocities before, velocities and attitudes by the new accelerations."""
+    for i in range(position.shape[0]):
+        thrust = roll = pitch = yaw = 0.0
+        for k in range(ROTOR_COUNT):
+            rotors[i, k] += lag[i, k] * (motor_signal[i, k] * motor_health[i, k] - rotors[i, k])
+            thrust += rotors[i, k] * response[i, k, 0]
+            roll += rotors[i, k] * response[i, k, 1]
+            pitch += rotors[i, k] * response[i, k, 2]
+            yaw += rotors[i, k] * response[i, k, 3]
+        for k in range(3):
+            drag = ROTOR_COUNT + k
+            roll += rates[i, k] * response[i, drag, 1]
+            pitch += rates[i, k] * response[i, drag, 2]
+            yaw += rates[i, k] * response[i, drag, 3]
+        for j in range(3):
+            for k in range(3):
+                gyroscopic, square = ROTOR_COUNT + 3 + 3 * j + k, rates[i, j] * rates[i, k]
+                roll += square * response[i, gyroscopic, 1]
+                pitch += square * response[i, gyroscopic, 2]
+                yaw += square * response[i, gyroscopic, 3]
+        for k in range(3):
+            gravity = GRAVITY_M_S2 if k == 2 else 0.0
+            drag_m_s2 = drag_per_s[i, k] * (velocity[i, k] - wind_ned_m_s[i, k])
+            acceleration[i, k] = matrix[i, k, 2] * thrust + gravity - drag_m_s2
+            position[i, k] += dt_s * velocity[i, k]
+        rates[i, 0] += dt_s * roll
+        rates[i, 1] += dt_s * pitch
+        rates[i, 2] += dt_s * yaw
         # A sinking vehicle is stopped though its rotors slow it down; one that stands is held by its weight.
-        held = self._down_m >= self.ground_ned_m
-        if any_of(held):
-            sinking = self._sinking_m_s
-            held &= (sinking > _ZERO) | ((acceleration[:, 2] >= _ZERO) & (sinking >= _ZERO))
-            if any_of(held):
-                acceleration[held] = velocity[held] * self._back_per_s
-                rates[held] = 0.0
-                position[held, 2] = self.ground_ned_m[held]
-        velocity += dt_s * acceleration
-        state.acceleration_ned_m_s2[:] = acceleration
-        state.on_ground[:] = held
-        q = state.q_ned_frd
-        q += dt_s * quaternion_rate(q, rates)
-        q /= row_norm(q)
-        self.matrix = rotation_matrix(q)
+        sinking = velocity[i, 2]
+        held = position[i, 2] >= ground_ned_m[i] and (
+            sinking > 0.0 or (acceleration[i, 2] >= 0.0 and sinking >= 0.0)
+        )
+        on_ground[i] = held
+        if held:
+            position[i, 2] = ground_ned_m[i]
+            for k in range(3):
+                acceleration[i, k] = -velocity[i, k] / dt_s
+                velocity[i, k] = rates[i, k] = 0.0
+        else:
+            for k in range(3):
+                velocity[i, k] += dt_s * acceleration[i, k]
+        turn(q[i], dt_s * rates[i, 0], dt_s * rates[i, 1], dt_s * rates[i, 2])
+        write_matrix(q[i], matrix[i])

@@ -20,6 +20,18 @@ def allocation(count: int = 1) -> Allocation:
     return block
 
 
+def signals(block: Allocation, torque: np.ndarray, thrust: np.ndarray) -> np.ndarray:
+    motors = np.zeros((len(thrust), 4))
+    block.update(np.ones(len(thrust), dtype=np.bool_), torque, thrust, motors)
+    return motors
+
+
+def wanted_rates(control: AttitudeControl, q: np.ndarray, wanted: np.ndarray, yaw_rate: np.ndarray):
+    rates = np.zeros((len(q), 3))
+    control.update(np.ones(len(q), dtype=np.bool_), q, wanted, yaw_rate, rates)
+    return rates
+
+
 def test_mixer_is_the_normalised_quad_x():
     half = math.sqrt(0.5)
     assert mixer_of(Parameters()) == pytest.approx(
@@ -34,14 +46,14 @@ def test_rotors_in_a_line_are_refused():
 
 
 def test_what_fits_is_given_exactly():
-    motors = allocation().update(np.array([[0.05, -0.02, 0.03]]), np.array([0.5]))
+    motors = signals(allocation(), np.array([[0.05, -0.02, 0.03]]), np.array([0.5]))
     expected = 0.5 + np.array([0.05, -0.02, 0.03]) @ mixer_of(Parameters())[:3]
     assert motors[0] == pytest.approx(expected)
 
 
 def test_at_full_thrust_lift_gives_way_to_roll():
     block = allocation()
-    motors = block.update(np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
+    motors = signals(block, np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
     assert motors.max() == pytest.approx(1.0)
     assert motors[0, 1] - motors[0, 0] == pytest.approx(0.2 * 2 * math.sqrt(0.5))
     assert block.short_of[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
@@ -49,13 +61,13 @@ def test_at_full_thrust_lift_gives_way_to_roll():
 
 def test_without_thrust_there_is_no_torque_as_airmode_is_off():
     block = allocation()
-    motors = block.update(np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
+    motors = signals(block, np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
     assert motors[0] == pytest.approx(np.zeros(4), abs=1e-9)
     assert np.all(block.short_of[0] > 0.1)
 
 
 def test_yaw_gives_way_first():
-    motors = allocation().update(np.array([[0.2, 0.0, 0.9]]), np.array([0.5]))
+    motors = signals(allocation(), np.array([[0.2, 0.0, 0.9]]), np.array([0.5]))
     roll = (motors[0] @ np.array([-1, 1, 1, -1])) / (4 * math.sqrt(0.5))
     yaw = (motors[0] @ np.array([1, 1, -1, -1])) / 4
     assert roll == pytest.approx(0.2, abs=0.03)
@@ -66,7 +78,7 @@ def test_random_demands_stay_within_the_motors():
     generator = np.random.default_rng(1)
     block = allocation(200)
     for _ in range(20):
-        motors = block.update(generator.uniform(-2, 2, (200, 3)), generator.uniform(0, 1, 200))
+        motors = signals(block, generator.uniform(-2, 2, (200, 3)), generator.uniform(0, 1, 200))
         assert motors.min() >= 0.0
         assert motors.max() <= 1.0
 
@@ -79,11 +91,11 @@ def test_attitude_error_becomes_the_shortest_turn():
     wanted = np.stack(
         [frames.quaternion_from_euler(0.1, 0.0, 0.0), frames.quaternion_from_euler(0.0, 0.0, 0.1)]
     )
-    rates = control.update(level, wanted, np.full(2, np.nan))
+    rates = wanted_rates(control, level, wanted, np.full(2, np.nan))
     assert rates[0] == pytest.approx([6.5 * 2 * math.sin(0.05), 0.0, 0.0], abs=1e-6)
     # The weight takes from the angle what the gain gives back.
     assert rates[1] == pytest.approx([0.0, 0.0, 2.8 * 0.1], abs=1e-3)
-    assert control.update(level, -wanted, np.full(2, np.nan)) == pytest.approx(rates)
+    assert wanted_rates(control, level, -wanted, np.full(2, np.nan)) == pytest.approx(rates)
 
 
 def test_a_yaw_rate_is_fed_forward_about_the_vertical():
@@ -91,7 +103,7 @@ def test_a_yaw_rate_is_fed_forward_about_the_vertical():
     for i in range(2):
         control.configure(i, Parameters())
     level = frames.quaternion_from_yaw(np.zeros(2))
-    rates = control.update(level, level, np.array([0.5, np.nan]))
+    rates = wanted_rates(control, level, level, np.array([0.5, np.nan]))
     assert rates == pytest.approx(np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.0]]), abs=1e-9)
 
 
@@ -103,7 +115,9 @@ def test_attitude_control_gets_there_from_anywhere(roll, pitch, yaw):
     q = frames.quaternion_from_euler(roll, pitch, yaw)[None, :]
     wanted = frames.quaternion_from_euler(0.1, -0.1, -0.5)[None, :]
     for _ in range(1500):
-        q = frames.normalized(q + 0.004 * frames.quaternion_rate(q, control.update(q, wanted, np.zeros(1))))
+        q = frames.normalized(
+            q + 0.004 * frames.quaternion_rate(q, wanted_rates(control, q, wanted, np.zeros(1)))
+        )
     assert abs(float(q[0] @ wanted[0])) == pytest.approx(1.0, abs=1e-5)
 
 

@@ -1,0 +1,137 @@
+"""Compiled loops: what runs for every vehicle at every step, written as one vehicle's formulas.
+
+A call of NumPy costs a microsecond however few vehicles there are, and a step needs hundreds. The idioms:
+
+- A `@kernel` takes arrays of all vehicles and fills arrays that it is given: it loops over the rows and
+  allocates nothing. The vehicles share nothing, so the bits of one do not depend on the others.
+- A `@formula` takes and returns plain numbers, or rows, of one vehicle; kernels and formulas call it.
+- The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`, `float`,
+  `int`, `bool`. It is compiled when its module is imported, never in flight; formulas stand above it. Arrays
+  are whole (C order).
+- The compiler must not rearrange sums (`fastmath` is off), and uses what every processor of a kind has: the
+  same seed gives the same flight everywhere. Division by zero gives infinity or NaN, as in NumPy. Comparisons
+  are written so that NaN takes the branch it takes in NumPy.
+- Nothing random is drawn in here: NumPy draws it before (`noise.py`), in the same order for every fleet.
+- A module's constants are compiled in; what changes is an argument.
+
+Compiled code is kept in a folder named after the sources of all kernels: a change in one file makes all of
+them new, because the compiler does not notice when a formula of another file changed. Processes that start
+at once compile each kernel once. Where no folder can be written every process compiles for itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import inspect
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[np.float64]
+"""(N,) a number of each vehicle."""
+Rows = NDArray[np.float64]
+"""(N, m) a vector of each vehicle."""
+Blocks = NDArray[np.float64]
+"""(N, m, k) a matrix of each vehicle."""
+Flags = NDArray[np.bool_]
+"""(N,)."""
+Integers = NDArray[np.int64]
+"""(N,)."""
+F = TypeVar("F", bound=Callable[..., Any])
+
+PACKAGE = Path(__file__).resolve().parent
+UNUSED_AFTER_S = 7 * 86400.0
+"""Compiled code of other sources is removed when nothing has loaded it for so long."""
+_TYPES: dict[str, Any] = {
+    "Column": numba.float64[::1],
+    "Rows": numba.float64[:, ::1],
+    "Blocks": numba.float64[:, :, ::1],
+    "Flags": numba.boolean[::1],
+    "Integers": numba.int64[::1],
+    "float": numba.float64,
+    "int": numba.int64,
+    "bool": numba.boolean,
+}
+
+
+def _sources_digest() -> str:
+    """A name for the present state of all files that have kernels or formulas."""
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if path.name != "generated_dialect.py":
+            source = path.read_bytes()
+            if b"vehicle_sim.kernels" in source or path == Path(__file__):
+                digest.update(source)
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path | None:
+    """Where compiled code is kept: beside the sources, else in the user's cache; None: nowhere."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    folders = [Path(own)] if own else [PACKAGE / "__pycache__", home / "offboard-gcs"]
+    name = f"kernels-{_sources_digest()}"
+    for folder in folders:
+        try:
+            if not (folder / name).exists():
+                _remove_unused(folder)
+                (folder / name).mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder / name):
+                return folder / name
+        except OSError:
+            continue
+    return None
+
+
+def _remove_unused(folder: Path) -> None:
+    for old in folder.glob("kernels-*"):
+        with contextlib.suppress(OSError):
+            if time.clock_gettime(time.CLOCK_REALTIME) - (old / "lock").stat().st_mtime > UNUSED_AFTER_S:
+                shutil.rmtree(old, ignore_errors=True)
+
+
+_folder = _cache_folder()
+_config = cast(Any, numba.config)
+if _folder is not None:
+    _config.CACHE_DIR = str(_folder)
+if not _config.CPU_NAME:
+    _config.CPU_NAME, _config.CPU_FEATURES = "generic", ""
+
+
+@contextlib.contextmanager
+def _one_at_a_time() -> Iterator[None]:
+    """Of processes that start at once the first compiles a kernel, the others wait and load it."""
+    if _folder is None:
+        yield
+        return
+    with (_folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _compiler(types: tuple[Any, ...] | None) -> Callable[[F], F]:
+    compiler = numba.njit(types, cache=_folder is not None, error_model="numpy", fastmath=False)
+    return cast(Callable[[F], F], compiler)
+
+
+def kernel(function: F) -> F:
+    """Compiles a loop over vehicles for the types of its annotations."""
+    parameters = inspect.signature(function).parameters.values()
+    with _one_at_a_time():
+        return _compiler(tuple(_TYPES[each.annotation] for each in parameters))(function)
+
+
+def formula(function: F) -> F:
+    """Compiles the formulas of one vehicle, for whatever types its callers have."""
+    return _compiler(None)(function)
