@@ -30,7 +30,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -102,7 +102,7 @@ def _remove_unused(folder: Path) -> None:
 
 
 _folder = _cache_folder()
-_config = cast(Any, numba.config)
+_config = cast(Any, numba).config
 if _folder is not None:
     _config.CACHE_DIR = str(_folder)
 if not _config.CPU_NAME:
@@ -110,7 +110,7 @@ if not _config.CPU_NAME:
 
 
 @contextlib.contextmanager
-def _one_at_a_time() -> Iterator[None]:
+def _one_at_a_time() -> Generator[None]:
     """Of processes that start at once the first compiles a kernel, the others wait and load it."""
     if _folder is None:
         yield
