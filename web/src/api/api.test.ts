@@ -1,7 +1,9 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
-import { ApiClient, pageName, type Outcome } from './client';
+import { ApiClient, ofVehicle, pageName, type Outcome } from './client';
 import { furtherReasons, parseProblem } from './problems';
 import { Turns } from './turns';
+
+const headersOf = (init: RequestInit | undefined): object => Object.fromEntries(new Headers(init?.headers));
 
 describe('problems', () => {
   it('reads the vehicle’s words and what to do', () => {
@@ -37,19 +39,26 @@ describe('files', () => {
       asked.push(init);
       return Promise.resolve(answers.shift() ?? new Response(null, { status: 500 }));
     });
-    expect(await client.upload('/plans/import', file)).toEqual({ ok: true, value: { notes: [] } });
+    const read = () =>
+      client.post('/plans/import', {
+        params: { query: { filename: 'a b.plan' } },
+        body: file,
+        bodySerializer: (body) => body,
+        headers: { 'Content-Type': 'application/octet-stream' },
+      });
+    expect(await read()).toEqual({ ok: true, value: { notes: [] } });
     expect(asked[0]?.body).toBe(file);
-    expect(asked[0]?.headers).toMatchObject({ 'Content-Type': 'application/octet-stream', 'X-Client': 'page-7' });
-    expect(await client.upload('/plans/import', file)).toMatchObject({ ok: false, problem: { detail: 'line 2: no number.', status: 422 } });
+    expect(headersOf(asked[0])).toMatchObject({ 'content-type': 'application/octet-stream', 'x-client': 'page-7' });
+    expect(await read()).toMatchObject({ ok: false, problem: { detail: 'line 2: no number.', status: 422 } });
   });
 
   it('come with the notes of their header, or with none', async () => {
     const download = async (headers: Record<string, string>, status = 200) => {
-      const client = new ApiClient('page-7', undefined, (_, init) => {
-        expect(init.body).toBe('{"plan":{}}');
+      const client = new ApiClient('page-7', undefined, (path, init) => {
+        expect([path, init.body]).toEqual(['/api/v1/plans/export?format=yaml', '{"plan":{}}']);
         return Promise.resolve(new Response(status === 200 ? 'steps:' : '{"detail": "Write it as yaml."}', { status, headers }));
       });
-      return client.download('/plans/export?format=yaml', { plan: {} }, 'X-Plan-Notes');
+      return client.download('/plans/export', { params: { query: { format: 'yaml' } }, body: { plan: {} as never } }, 'X-Plan-Notes');
     };
     const written = await download({ 'X-Plan-Notes': '["The geofence is left out."]' });
     expect(written.ok && [await written.value.file.text(), written.value.notes]).toEqual(['steps:', ['The geofence is left out.']]);
@@ -67,15 +76,15 @@ describe('client', () => {
       seen = init;
       return Promise.resolve(new Response('{"ok":true}'));
     });
-    expect(await client.post('/vehicles/1/takeoff', { alt_home_m: 10 })).toEqual({ ok: true, value: { ok: true } });
-    expect(seen.headers).toMatchObject({ 'X-Client': 'page-7', 'Content-Type': 'application/json' });
+    expect(await client.post('/vehicles/{v}/takeoff', { ...ofVehicle('1'), body: { alt_home_m: 10 } })).toEqual({ ok: true, value: { ok: true } });
+    expect(headersOf(seen)).toMatchObject({ 'x-client': 'page-7', 'content-type': 'application/json' });
     expect(seen.body).toBe('{"alt_home_m":10}');
   });
   it('turns a refusal and a dead server into problems', async () => {
     const refused = new ApiClient('p', undefined, () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
-    expect(await refused.post('/x')).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
+    expect(await refused.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
     const dead = new ApiClient('p', undefined, () => Promise.reject(new TypeError('failed')));
-    expect(await dead.post('/x')).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
+    expect(await dead.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
   });
   it('says that the server wants another token', async () => {
     let told = 0;
@@ -85,7 +94,7 @@ describe('client', () => {
         'p',
         () => (told += 1),
         () => answer(status),
-      ).get('/x');
+      ).get('/version');
     expect(told).toBe(1);
   });
   it('tells two pages apart', () => {

@@ -1,6 +1,8 @@
-/** Calls to the ground station: every outcome is a value, nothing throws. */
+/** Calls to the ground station, typed by its own description: every outcome is a value, nothing throws. */
 
+import createClient, { type Client, type ClientPathsWithMethod, type MaybeOptionalInit, type MethodResponse } from 'openapi-fetch';
 import { parseProblem, unreachable, type Problem } from './problems';
+import type { paths } from './schema';
 
 export type Outcome<T> = { ok: true; value: T } | { ok: false; problem: Problem };
 
@@ -8,8 +10,33 @@ export type Fetch = (path: string, init: RequestInit) => Promise<Response>;
 
 /** Request timeout [ms]; longer than any command's deadline, so that the server answers first. */
 const TIMEOUT_MS = 45_000;
+const BASE = '/api/v1';
+
+/** The server's paths without their common beginning. */
+type Api = { [P in keyof paths as P extends `${typeof BASE}${infer Rest}` ? Rest : never]: paths[P] };
+type Server = Client<Api>;
+type Method = 'get' | 'post' | 'put' | 'delete';
+type Path<M extends Method> = ClientPathsWithMethod<Server, M>;
+type Init<M extends Method, P extends Path<M>> = MaybeOptionalInit<Api[P], M>;
+/** Path parameters, query and body; may be left out where nothing of them is required. */
+type Arguments<I> = undefined extends I ? [I?] : [I];
+type Ask<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<Server, M, P, I>>>;
+
+/** A request as openapi-fetch writes it. In its parts, since a `Request` outside a browser takes no path without a host. */
+class Asked {
+  constructor(
+    readonly url: string,
+    readonly init: RequestInit,
+  ) {}
+}
 
 export class ApiClient {
+  private readonly server: Server;
+  readonly get: Ask<'get'> = this.method('get');
+  readonly post: Ask<'post'> = this.method('post');
+  readonly put: Ask<'put'> = this.method('put');
+  readonly delete: Ask<'delete'> = this.method('delete');
+
   /**
    * @param who this page's name in the journal, and its unique id.
    * @param signedOut called when the server rejects this page's token (it may have been changed).
@@ -18,8 +45,9 @@ export class ApiClient {
     private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
     private readonly signedOut: () => void = () => undefined,
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
-    private readonly base = '/api/v1',
-  ) {}
+  ) {
+    this.server = createClient<Api>({ baseUrl: BASE, Request: Asked as never, fetch: (asked) => this.send(asked as unknown as Asked) });
+  }
 
   /** The present identity: a person may rename the page. */
   get name(): string {
@@ -31,62 +59,39 @@ export class ApiClient {
     return typeof this.who === 'string' ? null : this.who.key;
   }
 
-  get<T>(path: string): Promise<Outcome<T>> {
-    return this.call<T>('GET', path);
-  }
-
-  post<T>(path: string, body?: object): Promise<Outcome<T>> {
-    return this.call<T>('POST', path, body);
-  }
-
-  put<T>(path: string, body: object): Promise<Outcome<T>> {
-    return this.call<T>('PUT', path, body);
-  }
-
-  delete(path: string): Promise<Outcome<null>> {
-    return this.call<null>('DELETE', path);
-  }
-
-  /** Sends a file as it is. */
-  upload<T>(path: string, file: Blob): Promise<Outcome<T>> {
-    return this.send('POST', path, 'application/octet-stream', file, (response) => response.json().catch(() => null) as Promise<T>);
-  }
-
   /** Downloads a file; `notes` are texts about it, sent as JSON in a header. */
-  download(path: string, body: object, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
-    return this.send('POST', path, 'application/json', JSON.stringify(body), async (response) => {
+  download<P extends Path<'post'>>(path: P, init: Init<'post', P>, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
+    return this.outcome('post', path, { ...init, parseAs: 'blob' }, (file, response) => {
       const notes: unknown = JSON.parse(response.headers.get(notesHeader) ?? '[]');
-      return { file: await response.blob(), notes: Array.isArray(notes) ? notes.map(String) : [] };
+      return { file: file as Blob, notes: Array.isArray(notes) ? notes.map(String) : [] };
     });
   }
 
-  private call<T>(method: string, path: string, body?: object): Promise<Outcome<T>> {
-    const [type, text] = body === undefined ? [null, null] : ['application/json', JSON.stringify(body)];
-    return this.send(method, path, type, text, (response) => response.json().catch(() => null) as Promise<T>);
+  private method<M extends Method>(method: M): Ask<M> {
+    return (path, ...[init]) => this.outcome(method, path, init ?? {}, (data) => data as never);
   }
 
-  private async send<T>(
-    method: string,
-    path: string,
-    type: string | null,
-    body: BodyInit | null,
-    read: (response: Response) => Promise<T>,
-  ): Promise<Outcome<T>> {
-    const headers: Record<string, string> = { 'X-Client': this.name, Accept: 'application/json' };
-    if (typeof this.who !== 'string') headers['X-Client-Id'] = this.who.id;
-    if (type !== null) headers['Content-Type'] = type;
-    const init: RequestInit = { method, headers, signal: AbortSignal.timeout(TIMEOUT_MS) };
-    if (body !== null) init.body = body;
+  private async outcome<T>(method: Method, path: string, init: object, read: (data: unknown, response: Response) => T): Promise<Outcome<T>> {
     try {
-      const response = await this.fetch(this.base + path, init);
+      const { data, error, response } = await this.server.request(method, path as never, init as never);
       if (response.status === 401) this.signedOut();
-      if (response.ok) return { ok: true, value: await read(response) };
-      return { ok: false, problem: parseProblem(response.status, await response.json().catch(() => null)) };
+      return response.ok ? { ok: true, value: read(data, response) } : { ok: false, problem: parseProblem(response.status, error) };
     } catch {
       return { ok: false, problem: unreachable() };
     }
   }
+
+  private send({ url, init }: Asked): Promise<Response> {
+    const headers = new Headers(init.headers);
+    headers.set('Accept', 'application/json');
+    headers.set('X-Client', this.name);
+    if (typeof this.who !== 'string') headers.set('X-Client-Id', this.who.id);
+    return this.fetch(url, { ...init, headers, signal: AbortSignal.timeout(TIMEOUT_MS) });
+  }
 }
+
+/** The path parameter of a call about one vehicle. */
+export const ofVehicle = (v: string): { params: { path: { v: string } } } => ({ params: { path: { v } } });
 
 /** A default name for this page, different for two pages in the journal. */
 export function pageName(random: () => number = Math.random): string {

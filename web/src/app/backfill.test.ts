@@ -1,9 +1,9 @@
 import { describe, expect, it } from 'vitest';
-import type { ApiClient } from '../api/client';
+import { ApiClient } from '../api/client';
 import { TelemetryStore } from '../live/store';
 import { loadFleet } from './backfill';
 
-const answering = (value: unknown): ApiClient => ({ get: () => Promise.resolve({ ok: true, value }) }) as unknown as ApiClient;
+const answering = (value: unknown): ApiClient => new ApiClient('p', undefined, () => Promise.resolve(Response.json(value)));
 const identity = (firmware: string) => ({ vehicle: '1', topic: 'identity', vehicle_time_boot_s: null, received_unix_s: 90, value: { firmware } });
 
 describe('the fleet as the server lists it', () => {

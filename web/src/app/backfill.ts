@@ -1,6 +1,6 @@
 /** Loads what the socket does not send: the fleet's present state and the last minutes, after each (re)connection. */
 
-import type { ApiClient } from '../api/client';
+import { ofVehicle, type ApiClient } from '../api/client';
 import type { TelemetryStore } from '../live/store';
 import type { WireEvent, WireSample } from '../live/wire';
 
@@ -20,7 +20,7 @@ function list(answer: unknown, name: string): Raw[] {
  */
 export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; forgotten: boolean }> {
   const before = new Map(store.vehicles);
-  const answer = await api.get<unknown>('/vehicles');
+  const answer = await api.get('/vehicles');
   if (!answer.ok) return { ids: store.ids(), forgotten: false };
   const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
@@ -52,12 +52,11 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
 
 /** Reads a vehicle's last minutes (trail, flight time) and messages. */
 export async function loadPast(api: ApiClient, store: TelemetryStore, id: string): Promise<void> {
-  const base = `/vehicles/${encodeURIComponent(id)}`;
   const vehicle = store.vehicles.get(id);
-  const since = (store.nowUnixS(id) - PAST_S).toFixed(0);
+  const since = Math.round(store.nowUnixS(id) - PAST_S);
   const [history, messages] = await Promise.all([
-    api.get<unknown>(`${base}/history?topics=status,global_position&since_unix_s=${since}`),
-    api.get<unknown>(`${base}/messages`),
+    api.get('/vehicles/{v}/history', { params: { path: { v: id }, query: { topics: 'status,global_position', since_unix_s: since } } }),
+    api.get('/vehicles/{v}/messages', ofVehicle(id)),
   ]);
   if (vehicle === undefined || store.vehicles.get(id) !== vehicle) return;
   if (history.ok) vehicle.applyHistory(list(history.value, 'samples') as unknown as WireSample[]);

@@ -105,7 +105,7 @@ class Page {
 
   /** Recognises this page among the clients that the server names. */
   private async learnKey(): Promise<void> {
-    const me = await this.api.get<{ key: string }>('/me');
+    const me = await this.api.get('/me');
     if (me.ok) this.who.key = me.value.key;
   }
 

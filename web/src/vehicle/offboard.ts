@@ -137,14 +137,14 @@ export function streamWords(status: OffboardStatus): string {
 }
 
 /** Distance from the target [m]; null where the target is no full position. */
-export function error_m(status: OffboardStatus, position_ned_m: Vector3 | null): number | null {
+export function error_m(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null): number | null {
   const target = status.position_ned_m;
   if (target === null || position_ned_m === null || target.some((v) => v === null)) return null;
   return Math.hypot(...position_ned_m.map((v, i) => v - (target[i] ?? 0)));
 }
 
 /** The setpoint a nudge starts from: the streamed one where it is a position, else where the vehicle is. */
-export function nudgeBase(status: OffboardStatus, position_ned_m: Vector3 | null, yaw_ned_rad: number | null): PositionSetpoint | null {
+export function nudgeBase(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null, yaw_ned_rad: number | null): PositionSetpoint | null {
   const target = status.position_ned_m;
   const full = target !== null && target.every((v) => v !== null) ? (target as Vector3) : position_ned_m;
   const yaw = status.yaw_ned_rad ?? yaw_ned_rad;

@@ -1,11 +1,14 @@
 /** Setpoints as the API takes them, and the steps a person nudges them by. */
 
 import type { Outcome } from '../api/client';
+import type { components } from '../api/schema';
 import type { Vector3 } from '../live/topics';
+
+type Schemas = components['schemas'];
 
 export interface PositionSetpoint {
   type: 'position';
-  position_ned_m: Vector3;
+  position_ned_m: Readonly<Vector3>;
   yaw_ned_rad: number;
 }
 
@@ -25,6 +28,9 @@ export const STEPS: readonly Steps[] = [
 
 /** Any setpoint as the API takes it. */
 export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };
+
+/** A setpoint for a request: its fields were named by a form, the server checks them. */
+export const asBody = (setpoint: AnySetpoint): Schemas['StartGroup']['members'][number]['setpoint'] => setpoint as never;
 
 export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };
 

@@ -1,5 +1,6 @@
 import { describe, expect, it } from 'vitest';
-import { call, question, unavailable, type ActionFacts, type ActionName } from './actions';
+import { ApiClient } from '../../api/client';
+import { question, send, unavailable, type ActionFacts, type ActionName } from './actions';
 import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './confirmation';
 
 const facts: ActionFacts = {
@@ -25,7 +26,13 @@ describe('actions', () => {
   it('say that the vehicle falls, and confirm in the words the server wants', () => {
     expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
     expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
-    expect(call('kill', { ...facts, vehicleId: '1~2' })).toEqual({ path: '/vehicles/1~2/kill', body: { confirm: 'motors stop, vehicle 1~2 falls' } });
+    const asked: unknown[] = [];
+    const api = new ApiClient('p', undefined, (path, init) => {
+      asked.push([path, init.body]);
+      return Promise.resolve(Response.json({}));
+    });
+    void send(api, 'kill', { ...facts, vehicleId: '1~2' });
+    expect(asked).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
   });
   it('never ask before Hold and never disable it or Stop motors for a vehicle', () => {
     expect(question('hold', facts)).toBeNull();

@@ -1,5 +1,6 @@
 /** The vehicle actions: their names, confirmation texts with numbers, and API requests. */
 
+import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import { fixed, metres, UNKNOWN } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { StartWish } from '../../vehicle/setpoint';
@@ -159,21 +160,29 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
   }
 }
 
-export interface Call {
-  path: string;
-  body?: object;
-}
-
-/** The request an action makes, under /vehicles/{id}. */
-export function call(action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts, goal: Goal | null = null): Call {
-  const base = `/vehicles/${encodeURIComponent(facts.vehicleId)}`;
-  if (action === 'takeoff') return { path: `${base}/takeoff`, body: { alt_home_m: facts.takeoffAlt_home_m } };
-  if (action === 'land_now') return { path: `${base}/land_now`, body: { confirm: `vehicle ${facts.vehicleId} lands now` } };
-  if (action === 'force_control') return { path: `${base}/control/take`, body: { force: true } };
-  if (action === 'kill') return { path: `${base}/kill`, body: { confirm: `motors stop, vehicle ${facts.vehicleId} falls` } };
-  if (action === 'mission/start') return { path: `${base}/mission/start`, body: facts.inAir ? {} : { item: 0 } };
-  if (goal !== null) return { path: `${base}/goto`, body: { lat_deg: goal.lat_deg, lon_deg: goal.lon_deg, alt_home_m: goal.alt_home_m } };
-  return { path: `${base}/${action}` };
+/** Sends the request of an action. */
+export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts, goal: Goal | null = null): Promise<Outcome<unknown>> {
+  const id = facts.vehicleId;
+  const of = ofVehicle(id);
+  switch (action) {
+    case 'takeoff':
+      return api.post('/vehicles/{v}/takeoff', { ...of, body: { alt_home_m: facts.takeoffAlt_home_m } });
+    case 'land_now':
+      return api.post('/vehicles/{v}/land_now', { ...of, body: { confirm: `vehicle ${id} lands now` } });
+    case 'force_control':
+      return api.post('/vehicles/{v}/control/take', { ...of, body: { force: true } });
+    case 'kill':
+      return api.post('/vehicles/{v}/kill', { ...of, body: { confirm: `motors stop, vehicle ${id} falls` } });
+    case 'mission/start':
+      return api.post('/vehicles/{v}/mission/start', { ...of, body: facts.inAir ? {} : { item: 0 } });
+    case 'goto': {
+      if (goal === null) throw new Error('goto takes a goal');
+      const { lat_deg, lon_deg, alt_home_m } = goal;
+      return api.post('/vehicles/{v}/goto', { ...of, body: { lat_deg, lon_deg, alt_home_m } });
+    }
+    default:
+      return api.post(`/vehicles/{v}/${action}`, of);
+  }
 }
 
 /** Tooltip that says why an action is not possible now; null if it is. Hold and Stop motors always are. */

@@ -5,7 +5,7 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import { notYours, otherHolder } from '../../vehicle/control';
-import { actionFacts, ASKED, call, question, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
+import { actionFacts, ASKED, question, send, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
 import type { StartWish } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
@@ -217,8 +217,7 @@ export class ActionController {
 
   private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StartWish | null): Promise<Outcome<unknown>> {
     if (action === 'offboard_start') return this.startOffboard(facts, start);
-    const { path, body } = call(action, this.facts(facts), goal);
-    return this.api.post(path, body);
+    return send(this.api, action, this.facts(facts), goal);
   }
 
   private now(facts: VehicleFacts): VehicleFacts {
@@ -232,7 +231,7 @@ export class ActionController {
 
   /** Does not wait: the text shows the altitude once the parameter has been read. */
   private async askReturnHeight(id: string): Promise<void> {
-    const answer = await this.api.get<{ value: unknown }>(`/vehicles/${encodeURIComponent(id)}/params/${RETURN_ALT}`);
+    const answer = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT } } });
     if (!answer.ok || typeof answer.value.value !== 'number') return;
     this.returnAlt_home_m.set(id, answer.value.value);
     if (this.asked?.action === 'rtl') this.asked = { ...this.asked };

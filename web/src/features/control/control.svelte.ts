@@ -1,7 +1,7 @@
 /** Takes, requests, gives and releases control of the selected vehicle. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
-import type { ApiClient } from '../../api/client';
+import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { toAnswer, type ControlRequest } from '../../vehicle/control';
@@ -29,26 +29,29 @@ export class ControlDesk {
   }
 
   take(facts: VehicleFacts): void {
-    void this.post('Take control', facts, 'take');
+    void this.attempt('Take control', facts, () => this.api.post('/vehicles/{v}/control/take', ofVehicle(facts.id)));
   }
 
   ask(facts: VehicleFacts): void {
     const reason = this.reason.trim().slice(0, REASON_MAX);
     this.denials[facts.id] = false;
-    void this.post('Request control', facts, 'request', reason === '' ? {} : { reason });
+    const body = reason === '' ? {} : { reason };
+    void this.attempt('Request control', facts, () => this.api.post('/vehicles/{v}/control/request', { ...ofVehicle(facts.id), body }));
   }
 
   /** Gives control up, or takes a request back. */
   release(facts: VehicleFacts): void {
-    void this.post('Release control', facts, 'release');
+    void this.attempt('Release control', facts, () => this.api.post('/vehicles/{v}/control/release', ofVehicle(facts.id)));
   }
 
   grant(facts: VehicleFacts, to: ControlRequest): void {
-    void this.post('Give control', facts, 'grant', { client: to.key });
+    const body = { client: to.key };
+    void this.attempt('Give control', facts, () => this.api.post('/vehicles/{v}/control/grant', { ...ofVehicle(facts.id), body }));
   }
 
   deny(facts: VehicleFacts, to: ControlRequest): void {
-    void this.post('Keep control', facts, 'deny', { client: to.key });
+    const body = { client: to.key };
+    void this.attempt('Keep control', facts, () => this.api.post('/vehicles/{v}/control/deny', { ...ofVehicle(facts.id), body }));
   }
 
   /** Keyboard answer to the first request; false if there is none. */
@@ -67,7 +70,7 @@ export class ControlDesk {
     if (event['previous_key'] !== null && event['previous_key'] !== undefined) this.denials[event.vehicle] = false;
   }
 
-  private async post(what: string, facts: VehicleFacts, call: string, body?: object): Promise<void> {
-    await this.actions.attempt(what, facts, 'control', () => this.api.post(`/vehicles/${encodeURIComponent(facts.id)}/control/${call}`, body));
+  private async attempt(what: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
+    await this.actions.attempt(what, facts, 'control', send);
   }
 }

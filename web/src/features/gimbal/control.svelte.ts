@@ -2,7 +2,7 @@
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
-import type { ApiClient } from '../../api/client';
+import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { LatestSender } from './latest';
 import { limits, type Angles } from '../../vehicle/gimbal';
@@ -17,8 +17,7 @@ export type Roi = components['schemas']['Roi'];
 
 interface Order {
   facts: VehicleFacts;
-  path: 'angles' | 'rates';
-  body: object;
+  send: () => Promise<Outcome<unknown>>;
 }
 
 export class GimbalControl {
@@ -42,9 +41,7 @@ export class GimbalControl {
     private readonly api: ApiClient,
     private readonly actions: ActionController,
   ) {
-    this.sender = new LatestSender((order) =>
-      this.actions.attempt('Gimbal', order.facts, 'gimbal', () => this.api.post(`${base(order.facts)}/${order.path}`, order.body)),
-    );
+    this.sender = new LatestSender((order) => this.actions.attempt('Gimbal', order.facts, 'gimbal', () => order.send()));
   }
 
   /** Whether the reported holder is this server; false until the server has confirmed it. */
@@ -55,7 +52,7 @@ export class GimbalControl {
   /** Asks the server whose id the holder's is; called when the holder changes. */
   async askHolder(facts: VehicleFacts): Promise<void> {
     const key = holderKey(facts);
-    const answer = await this.api.get<{ in_control: boolean; roi: Roi | null }>(base(facts));
+    const answer = await this.api.get('/vehicles/{v}/gimbal', ofVehicle(facts.id));
     if (!answer.ok) return;
     this.mine = { key, mine: answer.value.in_control };
     this.roi = { id: facts.id, roi: answer.value.roi };
@@ -68,7 +65,7 @@ export class GimbalControl {
 
   async clearRoi(facts: VehicleFacts): Promise<void> {
     this.busy = true;
-    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post(`${base(facts)}/roi/clear`));
+    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', ofVehicle(facts.id)));
     this.busy = false;
     await this.askHolder(facts);
   }
@@ -82,7 +79,9 @@ export class GimbalControl {
     this.asked = null;
     clearTimeout(this.settling);
     this.limited = null;
-    await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () => this.api.post(`${base(facts)}/${take ? 'take' : 'release'}`));
+    await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () =>
+      this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, ofVehicle(facts.id)),
+    );
     this.busy = false;
   }
 
@@ -95,7 +94,7 @@ export class GimbalControl {
     // With lock the API counts yaw from north.
     const yaw_deg = lock && vehicleYaw !== null ? wrap(held.yaw_deg + (vehicleYaw * 180) / Math.PI) : held.yaw_deg;
     const body = { pitch_deg: round(held.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
-    this.push({ facts, path: 'angles', body: { ...body, wait: false } });
+    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofVehicle(facts.id), body: { ...body, wait: false } }) });
     this.settling = setTimeout(() => void this.settle(facts, body), SETTLES_MS);
   }
 
@@ -105,9 +104,9 @@ export class GimbalControl {
   }
 
   /** Sends the same angles again and waits until the camera stops; other commands are not delayed. */
-  private async settle(facts: VehicleFacts, body: object): Promise<void> {
+  private async settle(facts: VehicleFacts, body: { pitch_deg: number; yaw_deg: number; yaw_lock: boolean }): Promise<void> {
     const mine = this.orders;
-    const answer = await this.api.post<{ limited: { text: string } | null }>(`${base(facts)}/angles`, { ...body, wait: true });
+    const answer = await this.api.post('/vehicles/{v}/gimbal/angles', { ...ofVehicle(facts.id), body: { ...body, wait: true } });
     if (mine === this.orders && answer.ok && answer.value.limited != null) this.limited = { id: facts.id, text: answer.value.limited.text };
   }
 
@@ -139,17 +138,14 @@ export class GimbalControl {
   }
 
   private rates(facts: VehicleFacts, pitch: number, yaw: number): void {
-    this.push({ facts, path: 'rates', body: { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) } });
+    const body = { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) };
+    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/rates', { ...ofVehicle(facts.id), body }) });
   }
 }
 
 /** Changes when the vehicle or its gimbal's holder does. */
 export function holderKey(facts: VehicleFacts): string {
   return `${facts.id}/${facts.gimbal?.value.primary_control?.join('.') ?? 'nobody'}`;
-}
-
-function base(facts: VehicleFacts): string {
-  return `/vehicles/${encodeURIComponent(facts.id)}/gimbal`;
 }
 
 function round(value: number): number {

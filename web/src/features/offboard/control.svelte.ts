@@ -1,12 +1,23 @@
 /** This page as a source of setpoints: starts the stream at the vehicle's position, nudges and renews it. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
-import type { ApiClient, Outcome } from '../../api/client';
+import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Turns } from '../../api/turns';
 import { ageText } from '../../live/age';
 import { SetpointRenewer } from './renewer';
-import { LASTING, nudge, STEPS, type AnySetpoint, type Axis, type Lasting, type PositionSetpoint, type StartWish, type Steps } from '../../vehicle/setpoint';
+import {
+  asBody,
+  LASTING,
+  nudge,
+  STEPS,
+  type AnySetpoint,
+  type Axis,
+  type Lasting,
+  type PositionSetpoint,
+  type StartWish,
+  type Steps,
+} from '../../vehicle/setpoint';
 import { nudgeBase } from '../../vehicle/offboard';
 
 /** The page's own refusal, without asking the server: there is no position to hold. */
@@ -89,7 +100,10 @@ export class OffboardControl {
 
   private async begin(id: string, setpoint: AnySetpoint, lasting: Lasting, rate_hz?: number): Promise<Outcome<unknown>> {
     const { valid_for_s, on_expiry } = lasting;
-    const outcome = await this.api.post(`${base(id)}/start`, { setpoint, valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) });
+    const outcome = await this.api.post('/vehicles/{v}/offboard/start', {
+      ...ofVehicle(id),
+      body: { setpoint: asBody(setpoint), valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) },
+    });
     if (outcome.ok) this.renewer(id).keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
     return outcome;
   }
@@ -107,7 +121,7 @@ export class OffboardControl {
 
   /** Leads its setpoints past obstacles from now on, or no longer. */
   avoid(id: string, on: boolean): Promise<Outcome<unknown>> {
-    return this.api.put(`${base(id)}/avoidance`, { on });
+    return this.api.put('/vehicles/{v}/offboard/avoidance', { ...ofVehicle(id), body: { on } });
   }
 
   /** Vehicles whose setpoint this page renews. */
@@ -121,7 +135,9 @@ export class OffboardControl {
   }
 
   private say(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Lasting): Promise<Outcome<unknown>> {
-    return this.turns.run([id], () => this.api.post(`${base(id)}/setpoint`, { setpoint, valid_for_s, on_expiry }));
+    return this.turns.run([id], () =>
+      this.api.post('/vehicles/{v}/offboard/setpoint', { ...ofVehicle(id), body: { setpoint: asBody(setpoint), valid_for_s, on_expiry } }),
+    );
   }
 
   private renewer(id: string): SetpointRenewer {
@@ -153,9 +169,5 @@ function wholePosition(setpoint: AnySetpoint | null): PositionSetpoint | null {
   const place = setpoint?.['position_ned_m'];
   const yaw = setpoint?.['yaw_ned_rad'];
   if (setpoint?.type !== 'position' || typeof yaw !== 'number' || !Array.isArray(place)) return null;
-  return { type: 'position', position_ned_m: place as PositionSetpoint['position_ned_m'], yaw_ned_rad: yaw };
-}
-
-function base(id: string): string {
-  return `/vehicles/${encodeURIComponent(id)}/offboard`;
+  return { type: 'position', position_ned_m: place as [number, number, number], yaw_ned_rad: yaw };
 }

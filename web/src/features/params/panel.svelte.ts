@@ -1,8 +1,8 @@
 /** The parameter panel: what is known of one vehicle's parameters, and setting one. */
 
-import type { ApiClient, Outcome } from '../../api/client';
+import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
-import { NO_FILTER, type Filter, type Parameter, type Parameters } from './params';
+import { NO_FILTER, type Filter, type Parameters } from './params';
 
 /** While they are read the page looks this often [ms]. */
 const LOOK_MS = 500;
@@ -37,7 +37,7 @@ class ParamPanel {
     await this.look(api, vehicle, mine);
     if (mine !== this.looks) return;
     if (again || this.content?.list.state !== 'ready') {
-      const begun = await api.post(`${base(vehicle)}/params/refresh`);
+      const begun = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
       if (mine !== this.looks) return;
       if (!begun.ok) {
         this.problem = begun.problem;
@@ -56,7 +56,7 @@ class ParamPanel {
     if (this.busy) return false;
     this.busy = true;
     this.problem = null;
-    const outcome: Outcome<Parameter> = await api.put(`${base(vehicle)}/params/${name}`, force ? { value, force } : { value });
+    const outcome = await api.put('/vehicles/{v}/params/{name}', { params: { path: { v: vehicle, name } }, body: force ? { value, force } : { value } });
     this.busy = false;
     if (!outcome.ok) {
       this.problem = outcome.problem;
@@ -75,15 +75,11 @@ class ParamPanel {
   }
 
   private async look(api: ApiClient, vehicle: string, mine: number): Promise<void> {
-    const outcome = await api.get<Parameters>(`${base(vehicle)}/params`);
+    const outcome = await api.get('/vehicles/{v}/params', ofVehicle(vehicle));
     if (mine !== this.looks) return;
     if (outcome.ok) this.content = outcome.value;
     else this.problem = outcome.problem;
   }
-}
-
-function base(vehicle: string): string {
-  return `/vehicles/${encodeURIComponent(vehicle)}`;
 }
 
 export const params = new ParamPanel();

@@ -14,6 +14,7 @@ type Schemas = components['schemas'];
 
 /** A version of a plan, without the plan. */
 export type PlanVersion = Readonly<Schemas['PlanVersion']>;
+export type Pattern = Schemas['SurveyPattern'];
 export type Estimates = Readonly<Schemas['PlanEstimates']>;
 
 export interface Check {
@@ -58,7 +59,9 @@ export const FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Forma
 
 export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz,.yaml,.yml';
 
-const of = (id: string): string => `/plans/${encodeURIComponent(id)}`;
+/** Documents as this room edits them: more kinds of items and steps than it knows are kept as they are. */
+export const sent = <D extends Document>(plan: D) => plan as unknown as D extends Mission ? Schemas['OffboardMission'] : Schemas['Plan'];
+const edited = <T>(answer: Promise<Outcome<unknown>>) => answer as Promise<Outcome<T>>;
 
 export class PlanApi {
   constructor(private readonly api: ApiClient) {}
@@ -69,47 +72,47 @@ export class PlanApi {
 
   /** @param version the newest unless named. */
   open(id: string, version: number | null = null): Promise<Outcome<PlanVersion & { plan: Document }>> {
-    return this.api.get(`${of(id)}${version === null ? '' : `?version=${version}`}`);
+    return edited(this.api.get('/plans/{plan}', { params: { path: { plan: id }, query: version === null ? {} : { version } } }));
   }
 
   /** Newest first. */
   versions(id: string): Promise<Outcome<{ versions: readonly PlanVersion[] }>> {
-    return this.api.get(`${of(id)}/versions`);
+    return this.api.get('/plans/{plan}/versions', { params: { path: { plan: id } } });
   }
 
   create(name: string, plan: Document): Promise<Outcome<PlanVersion>> {
-    return this.api.post('/plans', { name, plan });
+    return this.api.post('/plans', { body: { name, plan: sent(plan) } });
   }
 
   save(id: string, name: string, plan: Document, base_version: number): Promise<Outcome<PlanVersion>> {
-    return this.api.put(of(id), { name, plan, base_version });
+    return this.api.put('/plans/{plan}', { params: { path: { plan: id } }, body: { name, plan: sent(plan), base_version } });
   }
 
   delete(id: string, base_version: number): Promise<Outcome<null>> {
-    return this.api.delete(`${of(id)}?base_version=${base_version}`);
+    return this.api.delete('/plans/{plan}', { params: { path: { plan: id }, query: { base_version } } });
   }
 
   check(plan: Document, vehicle: string | null, power: Power | null): Promise<Outcome<Check>> {
-    return this.api.post('/plans/check', { plan, vehicle, power });
+    return edited(this.api.post('/plans/check', { body: { plan: sent(plan), vehicle, power } }));
   }
 
   /** The mission that flies a waypoint plan. */
   convert(plan: Plan, name: string, vehicle: string | null): Promise<Outcome<{ plan: Mission; notes: readonly string[] }>> {
-    return this.api.post('/plans/convert', { plan, name, vehicle });
+    return edited(this.api.post('/plans/convert', { body: { plan: sent(plan), name, vehicle } }));
   }
 
   /** @param altitude_m above home, of points that have none. */
   import(file: File, altitude_m: number | null): Promise<Outcome<Imported>> {
-    const query = new URLSearchParams({ filename: file.name });
-    if (altitude_m !== null) query.set('altitude_m', String(altitude_m));
-    return this.api.upload(`/plans/import?${query}`, file);
+    const query = { filename: file.name, ...(altitude_m === null ? {} : { altitude_m }) };
+    const headers = { 'Content-Type': 'application/octet-stream' };
+    return edited(this.api.post('/plans/import', { params: { query }, body: file, bodySerializer: (body) => body, headers }));
   }
 
   export(plan: Document, format: Format): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
-    return this.api.download(`/plans/export?format=${format}`, { plan }, 'X-Plan-Notes');
+    return this.api.download('/plans/export', { params: { query: { format } }, body: { plan: sent(plan) } }, 'X-Plan-Notes');
   }
 
-  pattern(pattern: object): Promise<Outcome<{ plan: Plan }>> {
-    return this.api.post('/plans/pattern', pattern);
+  pattern(pattern: Pattern): Promise<Outcome<{ plan: Plan }>> {
+    return edited(this.api.post('/plans/pattern', { body: pattern }));
   }
 }

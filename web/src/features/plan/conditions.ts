@@ -82,7 +82,7 @@ export function powerOf({ hover_power_w, battery_wh, mass_kg, reserve_percent }:
 }
 
 /** The conditions as a dry run takes them. */
-export function asDryRun(conditions: Conditions): object {
+export function asDryRun(conditions: Conditions) {
   const { flights, hover_power_w, battery_wh } = conditions;
   return {
     conditions: {
@@ -90,6 +90,7 @@ export function asDryRun(conditions: Conditions): object {
       gusts_m_s: conditions.gusts_m_s,
       mass_scale: conditions.mass_percent / 100,
       battery_scale: conditions.battery_percent / 100,
+      sensor_noise: 1,
     },
     flights: flights === 0 ? null : flights,
     endurance_s: hover_power_w === null || battery_wh === null ? null : Math.min(100_000, (battery_wh / hover_power_w) * 3600),

@@ -4,6 +4,7 @@ import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
+import { sent } from './api';
 import { asDryRun, type Conditions } from './conditions';
 import type { Document } from './kinds';
 
@@ -39,14 +40,14 @@ export class DryRun {
   async start(document: Document, flownBy: FlownBy, conditions: Conditions): Promise<void> {
     this.problem = null;
     this.asked = document;
-    const answer = await this.api.post<Operation>('/dry_runs', { plan: document, ...flownBy, ...asDryRun(conditions) });
+    const answer = await this.api.post('/dry_runs', { body: { plan: sent(document), ...flownBy, ...asDryRun(conditions) } });
     if (!answer.ok) this.problem = answer.problem;
     else if (this.operation?.id !== answer.value.id) this.operation = answer.value;
   }
 
   async cancel(): Promise<void> {
     if (this.operation === null) return;
-    const answer = await this.api.delete(`/operations/${encodeURIComponent(this.operation.id)}`);
+    const answer = await this.api.delete('/operations/{o}', { params: { path: { o: this.operation.id } } });
     if (!answer.ok) this.problem = answer.problem;
   }
 
@@ -58,7 +59,7 @@ export class DryRun {
     this.operation = operation;
     const id = operation.result?.['dry_run'];
     if (operation.state !== 'succeeded' || typeof id !== 'string') return;
-    const answer = await this.api.get<DryRunView>(`/dry_runs/${encodeURIComponent(id)}`);
+    const answer = await this.api.get('/dry_runs/{d}', { params: { path: { d: id } } });
     if (!answer.ok) {
       this.problem = answer.problem;
       return;

@@ -1,6 +1,6 @@
 /** Which plan the selected vehicle holds, and the transfer that is under way; both are the server's, and found again after a reload. */
 
-import type { ApiClient } from '../../api/client';
+import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
@@ -11,7 +11,7 @@ type View = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;
 export type Downloaded = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
 /** A version that the server keeps, or a plan as it is. */
-type Which = { readonly plan_id: string; readonly version: number } | { readonly plan: Plan };
+type Which = Readonly<components['schemas']['WhichPlan']>;
 
 const TRANSFERS = ['mission/upload', 'mission/download'];
 
@@ -40,11 +40,11 @@ export class VehicleMission {
   async ask(): Promise<void> {
     const vehicle = this.vehicle;
     if (vehicle === null) return;
-    const view = await this.api.get<View>(this.path(''));
+    const view = await this.api.get('/vehicles/{v}/mission', ofVehicle(vehicle));
     if (vehicle !== this.vehicle) return;
     this.view = view.ok ? view.value : null;
     if (this.view?.transfer == null || this.running) return;
-    const all = await this.api.get<{ operations: readonly Operation[] }>(`/operations?vehicle=${encodeURIComponent(vehicle)}`);
+    const all = await this.api.get('/operations', { params: { query: { vehicle } } });
     const found = all.ok ? all.value.operations.find((one) => TRANSFERS.includes(one.kind) && one.state === 'running') : undefined;
     if (vehicle === this.vehicle && found !== undefined) this.transfer = found;
   }
@@ -56,13 +56,13 @@ export class VehicleMission {
 
   async send(plan_id: string, version: number): Promise<void> {
     this.compared = null;
-    await this.begin('/upload', { plan_id, version });
+    await this.begin((of) => this.api.post('/vehicles/{v}/mission/upload', { ...of, body: { plan_id, version } }));
   }
 
   /** Reads the vehicle's plan, then compares it with this one. */
   async readBack(to: Plan, which: Which): Promise<void> {
     this.compared = this.wanted = null;
-    const download = await this.begin('/download', {});
+    const download = await this.begin((of) => this.api.post('/vehicles/{v}/mission/download', of));
     if (download !== null) this.wanted = { download, to, which };
     // A short plan may have been read before the answer came.
     if (this.transfer?.id === download && this.transfer?.state === 'succeeded') await this.compare();
@@ -75,14 +75,14 @@ export class VehicleMission {
 
   /** The plan that the vehicle held when it was read; null: `problem` says why not. */
   async held(): Promise<Downloaded | null> {
-    const answer = await this.api.get<Downloaded>(this.path('/plan'));
+    const answer = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(this.vehicle ?? ''));
     this.problem = answer.ok ? null : answer.problem;
-    return answer.ok ? answer.value : null;
+    return answer.ok ? (answer.value as Downloaded) : null;
   }
 
   async cancel(): Promise<void> {
     if (this.transfer === null) return;
-    const answer = await this.api.delete(`/operations/${encodeURIComponent(this.transfer.id)}`);
+    const answer = await this.api.delete('/operations/{o}', { params: { path: { o: this.transfer.id } } });
     if (!answer.ok) this.problem = answer.problem;
   }
 
@@ -96,9 +96,9 @@ export class VehicleMission {
   }
 
   /** @returns the operation's id; null: it was refused. */
-  private async begin(what: string, body: object): Promise<string | null> {
+  private async begin(send: (of: ReturnType<typeof ofVehicle>) => Promise<Outcome<Operation>>): Promise<string | null> {
     this.problem = null;
-    const answer = await this.api.post<Operation>(this.path(what), body);
+    const answer = await send(ofVehicle(this.vehicle ?? ''));
     if (!answer.ok) {
       this.problem = answer.problem;
       return null;
@@ -112,14 +112,10 @@ export class VehicleMission {
     const [wanted, vehicle] = [this.wanted, this.vehicle];
     if (wanted === null) return;
     this.wanted = null;
-    const found = await this.api.post<Comparison>(this.path('/compare'), wanted.which);
+    const found = await this.api.post('/vehicles/{v}/mission/compare', { ...ofVehicle(vehicle ?? ''), body: wanted.which });
     if (vehicle !== this.vehicle) return;
     if (found.ok) this.compared = { to: wanted.to, found: found.value };
     else this.problem = found.problem;
     await this.ask();
-  }
-
-  private path(what: string): string {
-    return `/vehicles/${encodeURIComponent(this.vehicle ?? '')}/mission${what}`;
   }
 }

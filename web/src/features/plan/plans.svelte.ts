@@ -3,7 +3,7 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import type { Area, Check, Format, Imported, PlanApi, PlanVersion } from './api';
+import type { Area, Check, Format, Imported, Pattern, PlanApi, PlanVersion } from './api';
 import { CONDITIONS, powerOf, type Conditions } from './conditions';
 import { EMPTY, type Home } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
@@ -205,7 +205,7 @@ export class Plans {
   }
 
   /** Lines over an area, with pictures, at the end of the plan. */
-  async pattern(pattern: object): Promise<boolean> {
+  async pattern(pattern: Pattern): Promise<boolean> {
     const answer = await this.call(this.api.pattern(pattern));
     if (!answer.ok) {
       this.fail('The survey was not created.', answer.problem);

@@ -22,7 +22,7 @@ export function startQuestion(vehicleName: string, inAir: boolean, row: number |
   };
 }
 
-export function startBody(plan: Plan, inAir: boolean, row: number | null, despite: readonly Finding[]): object {
+export function startBody(plan: Plan, inAir: boolean, row: number | null, despite: readonly Finding[]): { item?: number; despite: string[] } {
   const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
   return { ...(item === null ? {} : { item }), despite: codesOf(despite) };
 }

@@ -1,6 +1,7 @@
 /** A survey of a drawn area, as the server makes it. */
 
 import type { Place } from '../../vehicle/geo';
+import type { Pattern } from './api';
 
 /** A common 20-megapixel camera with a one-inch sensor; overlaps as photogrammetry programs ask for. */
 export const SURVEY = {
@@ -15,7 +16,7 @@ export const SURVEY = {
 const IMAGE_WIDTH_PX = 5472;
 
 /** The ground is taken as level with home: the distance to it is the altitude above home. */
-export function surveyOf(outer: readonly Place[], values: typeof SURVEY): object {
+export function surveyOf(outer: readonly Place[], values: typeof SURVEY): Pattern {
   const { alt_home_m, sensor_width_mm, sensor_height_mm, focal_length_mm } = values;
   const image_height_px = Math.round((IMAGE_WIDTH_PX * sensor_height_mm) / sensor_width_mm);
   const camera = { sensor_width_mm, sensor_height_mm, focal_length_mm, image_width_px: IMAGE_WIDTH_PX, image_height_px };

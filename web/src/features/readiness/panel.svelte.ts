@@ -1,6 +1,6 @@
 /** The readiness panel: open or not, and the vehicle asked to look again. */
 
-import type { ApiClient } from '../../api/client';
+import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 
 class ReadinessPanel {
@@ -24,7 +24,7 @@ class ReadinessPanel {
     if (this.choosing) return;
     this.choosing = true;
     this.problem = null;
-    const outcome = await api.post(`/vehicles/${encodeURIComponent(vehicle)}/mode`, { mode });
+    const outcome = await api.post('/vehicles/{v}/mode', { ...ofVehicle(vehicle), body: { mode } });
     this.choosing = false;
     if (!outcome.ok) this.problem = outcome.problem;
   }
@@ -34,7 +34,7 @@ class ReadinessPanel {
     if (this.asking) return;
     this.asking = true;
     this.problem = null;
-    const outcome = await api.post(`/vehicles/${encodeURIComponent(vehicle)}/readiness/check`);
+    const outcome = await api.post('/vehicles/{v}/readiness/check', ofVehicle(vehicle));
     this.asking = false;
     if (!outcome.ok) this.problem = outcome.problem;
   }

@@ -16,6 +16,8 @@ interface Wish {
   position_unix_s?: number;
 }
 
+const of = (name: string): { params: { path: { name: string } } } => ({ params: { path: { name } } });
+
 export interface ReplayDeps {
   api: ApiClient;
   replays: () => readonly Replay[];
@@ -52,7 +54,7 @@ export class ReplayControl {
 
   async list(): Promise<void> {
     this.listOpen = true;
-    const answer = await this.deps.api.get<{ recordings: Recording[] }>('/recordings');
+    const answer = await this.deps.api.get('/recordings');
     if (answer.ok) this.recordings = answer.value.recordings;
     this.problem = answer.ok ? null : answer.problem;
   }
@@ -60,7 +62,7 @@ export class ReplayControl {
   async open(recording: string): Promise<void> {
     this.opening = recording;
     this.problem = null;
-    const answer = await this.deps.api.post<Replay>('/replays', { recording });
+    const answer = await this.deps.api.post('/replays', { body: { recording } });
     this.opening = null;
     if (!answer.ok) {
       this.problem = answer.problem;
@@ -77,7 +79,7 @@ export class ReplayControl {
     const name = this.shown?.name;
     if (name === undefined) return;
     this.awaited = null;
-    const answer = await this.deps.api.delete(`/replays/${encodeURIComponent(name)}`);
+    const answer = await this.deps.api.delete('/replays/{name}', of(name));
     if (!answer.ok) this.problem = answer.problem;
   }
 
@@ -125,7 +127,7 @@ export class ReplayControl {
       const wish: Wish = this.wish;
       this.wish = null;
       if (name === undefined) break;
-      const answer = await this.deps.api.post<Replay>(`/replays/${encodeURIComponent(name)}`, wish);
+      const answer = await this.deps.api.post('/replays/{name}', { ...of(name), body: wish });
       this.problem = answer.ok ? null : answer.problem;
     }
     if (this.problem !== null) this.wanted_unix_s = null;
@@ -148,7 +150,7 @@ export class ReplayControl {
     this.indexed = name;
     this.index = null;
     if (name === null) return;
-    const answer = await this.deps.api.get<RecordingIndex>(`/replays/${encodeURIComponent(name)}/index`);
+    const answer = await this.deps.api.get('/replays/{name}/index', of(name));
     if (this.indexed !== name) return;
     if (answer.ok) this.index = answer.value;
     else this.problem = answer.problem;

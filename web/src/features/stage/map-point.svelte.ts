@@ -1,7 +1,7 @@
 /** The menu at a place: open or not, its heights, what it asks for, and what became of that. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
-import type { ApiClient } from '../../api/client';
+import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { service } from '../../app/services';
@@ -97,7 +97,7 @@ export class MapPointMenu {
     if (angles === null) return;
     const lock = service('gimbal').lock(facts);
     const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
-    await this.send('Look here', facts, 'angles', body);
+    await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofVehicle(facts.id), body }));
   }
 
   /** The camera keeps looking there, wherever the vehicle flies. */
@@ -105,7 +105,8 @@ export class MapPointMenu {
     const home = homeAmsl_m(facts);
     if (this.mapPoint === null || home === null) return;
     const { lat_deg, lon_deg } = this.mapPoint;
-    await this.send('Set ROI', facts, 'roi', { lat_deg, lon_deg, alt_amsl_m: home + this.point_home_m });
+    const body = { lat_deg, lon_deg, alt_amsl_m: home + this.point_home_m };
+    await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...ofVehicle(facts.id), body }));
   }
 
   /** What a vehicle was asked to do by place, for the map to draw. */
@@ -118,9 +119,9 @@ export class MapPointMenu {
     return { go: this.going.get(facts.id) ?? null, look };
   }
 
-  private async send(what: string, facts: VehicleFacts, path: 'angles' | 'roi', body: object): Promise<void> {
+  private async send(what: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
     this.busy = true;
-    const taken = await this.actions.attempt(what, facts, 'stage', () => this.api.post(`/vehicles/${encodeURIComponent(facts.id)}/gimbal/${path}`, body));
+    const taken = await this.actions.attempt(what, facts, 'stage', send);
     this.busy = false;
     await service('gimbal').askHolder(facts);
     if (taken) this.close();
@@ -130,7 +131,7 @@ export class MapPointMenu {
     if (id in this.speeds) return;
     this.speeds = { ...this.speeds, [id]: NO_SPEEDS };
     const ask = async (name: string): Promise<number | null> => {
-      const answer = await this.api.get<{ value: unknown }>(`/vehicles/${encodeURIComponent(id)}/params/${name}`);
+      const answer = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name } } });
       return answer.ok && typeof answer.value.value === 'number' ? answer.value.value : null;
     };
     const level_m_s = await ask(SPEEDS.level_m_s);

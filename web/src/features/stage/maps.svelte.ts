@@ -1,19 +1,18 @@
 /** Which offline maps the server has; asked for once the map is shown. */
 
 import type { ApiClient } from '../../api/client';
-import type { components } from '../../api/schema';
 import { offlineMap, type OfflineMap } from './offline-maps';
 
 class Maps {
-  list = $state.raw<OfflineMap[]>([]);
+  list = $state.raw<readonly OfflineMap[]>([]);
   /** Files that cannot be shown, each with the reason. */
-  unreadable = $state.raw<string[]>([]);
+  unreadable = $state.raw<readonly string[]>([]);
   private asked = false;
 
   async ask(api: ApiClient): Promise<void> {
     if (this.asked) return;
     this.asked = true;
-    const answer = await api.get<components['schemas']['Maps']>('/maps');
+    const answer = await api.get('/maps');
     this.asked = answer.ok;
     if (!answer.ok) return;
     this.list = answer.value.maps.map((file) => offlineMap(file, location.origin));

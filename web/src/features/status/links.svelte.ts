@@ -8,8 +8,8 @@ const EVERY_MS = 3000;
 const LOSS_OVER = 10;
 
 class Links {
-  list = $state.raw<LinkLine[]>([]);
-  notices = $state.raw<StationNotice[]>([]);
+  list = $state.raw<readonly LinkLine[]>([]);
+  notices = $state.raw<readonly StationNotice[]>([]);
   known = $state(false);
   /** What comes in now [bytes/s]; null before two answers. */
   rate_bytes_s = $state<number | null>(null);
@@ -20,7 +20,7 @@ class Links {
 
   poll(api: ApiClient): void {
     const ask = async (): Promise<void> => {
-      const [links, warnings] = await Promise.all([api.get<{ links: LinkLine[] }>('/links'), api.get<{ warnings: StationNotice[] }>('/warnings')]);
+      const [links, warnings] = await Promise.all([api.get('/links'), api.get('/warnings')]);
       this.known = links.ok && warnings.ok;
       this.list = links.ok ? (links.value.links ?? []) : [];
       this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];

@@ -1,11 +1,8 @@
 /** The list of vehicles: open or not, holding all that fly, removing those that are silent. */
 
-import type { ApiClient } from '../../api/client';
+import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
-import type { components } from '../../api/schema';
 import { heldWords, type Filter } from './fleet';
-
-type HoldResults = components['schemas']['HoldResults'];
 
 const wordsOf = (problem: Problem): string => [problem.detail, problem.remedy].filter(Boolean).join(' ');
 
@@ -33,7 +30,7 @@ class VehicleList {
     if (this.holding || vehicles.length === 0) return;
     this.said = null;
     this.holding = true;
-    const outcome = await api.post<HoldResults>('/hold', { vehicles: vehicles.map((one) => one.id) });
+    const outcome = await api.post('/hold', { body: { vehicles: vehicles.map((one) => one.id) } });
     this.holding = false;
     if (outcome.ok) {
       const failed = new Set(outcome.value.results.filter((one) => !one.held).map((one) => one.vehicle));
@@ -46,7 +43,7 @@ class VehicleList {
 
   /** Forgets a vehicle that is not heard any more; a refusal says why. */
   async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
-    const outcome = await api.delete(`/vehicles/${encodeURIComponent(vehicle.id)}`);
+    const outcome = await api.delete('/vehicles/{v}', ofVehicle(vehicle.id));
     const text = outcome.ok ? `${vehicle.name} is removed.` : wordsOf(outcome.problem);
     this.said = { text, refused: !outcome.ok };
   }

@@ -5,16 +5,12 @@ import type { Problem } from '../../../api/problems';
 import type { Turns } from '../../../api/turns';
 import type { WireEvent } from '../../../live/wire';
 import type { ActionController } from '../../../app/actions/controller.svelte';
-import type { AnySetpoint, Lasting } from '../../../vehicle/setpoint';
+import { asBody, type AnySetpoint, type Lasting } from '../../../vehicle/setpoint';
+import type { GroupBody, MemberSetpoint } from './order';
 import { isLive, keyOf, newestOver, readGroup, withGroup, type Group, type Heard } from './group';
 import { GroupRenewer, type Said } from './renewer';
 
 const ASK_EVERY_S = 1;
-
-export interface Ordered {
-  vehicle: string;
-  setpoint: AnySetpoint;
-}
 
 export class GroupController {
   list = $state.raw<readonly Heard[]>([]);
@@ -84,15 +80,16 @@ export class GroupController {
     this.tellKept();
   }
 
-  async start(body: { members: readonly Ordered[] }, lasting: Lasting): Promise<Outcome<Group>> {
+  async start(body: GroupBody, lasting: Lasting): Promise<Outcome<Group>> {
     for (const { vehicle } of body.members) this.forgetAlone(vehicle);
-    const outcome = await this.api.post<Group>('/groups', body);
+    const members = body.members.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) }));
+    const outcome = await this.api.post('/groups', { body: { ...body, members } });
     if (outcome.ok) this.taken(outcome.value, body.members, lasting);
     return outcome;
   }
 
   /** New setpoints for some members, the others renewed; without any, all renewed. */
-  async send(group: Group, setpoints: readonly Ordered[], lasting: Lasting): Promise<Outcome<Group>> {
+  async send(group: Group, setpoints: readonly MemberSetpoint[], lasting: Lasting): Promise<Outcome<Group>> {
     for (const { vehicle } of setpoints) this.forgetAlone(vehicle);
     return this.inTurn(group, async () => {
       const outcome = await this.post(group, setpoints, lasting);
@@ -119,7 +116,7 @@ export class GroupController {
   async hold(group: Group): Promise<void> {
     this.keepNone();
     await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'room', async () => {
-      const outcome = await this.api.post<Group>(`${path(group)}/hold`);
+      const outcome = await this.api.post('/groups/{g}/hold', of(group));
       if (outcome.ok) this.take(outcome.value);
       return outcome;
     });
@@ -142,7 +139,7 @@ export class GroupController {
   }
 
   /** This page's setpoints of the members that still follow the group. */
-  private again(group: Group): Ordered[] {
+  private again(group: Group): MemberSetpoint[] {
     const asked = this.asked.get(keyOf(group));
     return group.members.flatMap(({ vehicle, held }) => {
       const setpoint = asked?.get(vehicle);
@@ -155,11 +152,14 @@ export class GroupController {
     return this.turns.run(vehiclesOf(group), send);
   }
 
-  private post(group: Group, setpoints: readonly Ordered[], { valid_for_s, on_expiry }: Lasting): Promise<Outcome<Group>> {
-    return this.api.post<Group>(`${path(group)}/setpoints`, { setpoints, valid_for_s, on_expiry });
+  private post(group: Group, setpoints: readonly MemberSetpoint[], { valid_for_s, on_expiry }: Lasting): Promise<Outcome<Group>> {
+    return this.api.post('/groups/{g}/setpoints', {
+      ...of(group),
+      body: { setpoints: setpoints.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) })), valid_for_s, on_expiry },
+    });
   }
 
-  private taken(group: Group, setpoints: readonly Ordered[], lasting: Lasting): void {
+  private taken(group: Group, setpoints: readonly MemberSetpoint[], lasting: Lasting): void {
     this.take(group);
     const asked = this.asked.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
     for (const { vehicle, setpoint } of setpoints) asked.set(vehicle, setpoint);
@@ -196,7 +196,7 @@ export class GroupController {
     if (this.asking) return;
     this.asking = true;
     this.askedAt_s = now_s;
-    const answer = await this.api.get<{ groups: Group[] }>('/groups');
+    const answer = await this.api.get('/groups');
     this.asking = false;
     if (!answer.ok) return;
     const heardAt_s = this.nowS();
@@ -209,6 +209,4 @@ function vehiclesOf(group: Group): string[] {
   return group.members.map((member) => member.vehicle);
 }
 
-function path(group: Group): string {
-  return `/groups/${encodeURIComponent(group.id)}`;
-}
+const of = (group: Group): { params: { path: { g: string } } } => ({ params: { path: { g: group.id } } });

@@ -1,5 +1,6 @@
 /** The group form's values and the request they make; every wrong field is named. Pure. */
 
+import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { fixed } from '../../../ui/format';
 import type { Question } from '../../../app/actions/actions';
@@ -85,11 +86,19 @@ export function flownHow(group: Group): Together {
   return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
 
-export type Ordered = { ok: true; setpoints: { vehicle: string; setpoint: AnySetpoint }[] } | { ok: false; detail: string };
+/** A member and its setpoint. */
+export interface MemberSetpoint {
+  vehicle: string;
+  setpoint: AnySetpoint;
+}
+
+export type GroupBody = Omit<components['schemas']['StartGroup'], 'members'> & { members: readonly MemberSetpoint[] };
+
+export type Ordered = { ok: true; setpoints: MemberSetpoint[] } | { ok: false; detail: string };
 
 /** The setpoints of all members, or the members without a known position. */
 export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Ordered {
-  const setpoints: { vehicle: string; setpoint: AnySetpoint }[] = [];
+  const setpoints: MemberSetpoint[] = [];
   const nowhere: string[] = [];
   for (const facts of all) {
     const setpoint = setpointFor(facts, draft);
@@ -104,16 +113,12 @@ export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Ordere
 }
 
 /** The body that starts a group; the instant is counted from `now_unix_s`, the server's clock. */
-export function startBody(
-  setpoints: readonly { vehicle: string; setpoint: AnySetpoint }[],
-  draft: Draft,
-  now_unix_s: number,
-): { members: typeof setpoints } & Record<string, unknown> {
+export function startBody(setpoints: readonly MemberSetpoint[], draft: Draft, now_unix_s: number): GroupBody {
   const { valid_for_s, on_expiry } = lastingOf(draft);
   const startIn_s = typed(draft.startIn_s);
   return {
     members: setpoints,
-    minimum_separation_m: typed(draft.apart_m),
+    minimum_separation_m: typed(draft.apart_m) ?? 0,
     valid_for_s,
     on_expiry,
     others_go_on: draft.othersGoOn,

@@ -4,14 +4,14 @@ import { page } from '../../../app/page.svelte';
 import { actions } from '../../../app/session.svelte';
 import { offboard } from '../controllers';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import type { Outcome } from '../../../api/client';
+import { ofVehicle, type Outcome } from '../../../api/client';
 import type { Vector3 } from '../../../live/topics';
 import type { WireEvent } from '../../../live/wire';
 import { fixed } from '../../../ui/format';
 import type { AnySetpoint, Lasting, OnExpiry } from '../../../vehicle/setpoint';
 import { readOffboard } from '../../../vehicle/offboard';
 import { build, formHere, type Form } from './form';
-import type { Failsafe, FailsafeAction, Limits, OffboardView } from './info';
+import type { FailsafeAction, LimitsBody, OffboardView } from './info';
 import { KINDS, specOf, type Kind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, wayWords, type Preview } from './preview';
 import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';
@@ -121,13 +121,13 @@ class SetpointEditor {
   // --- what the server says ---
 
   async ask(id: string): Promise<void> {
-    const answer = await page.api.get<OffboardView>(`/vehicles/${encodeURIComponent(id)}/offboard`);
+    const answer = await page.api.get('/vehicles/{v}/offboard', ofVehicle(id));
     if (answer.ok && id === this.vehicle) this.view = answer.value;
   }
 
-  async setLimits(facts: VehicleFacts, limits: object): Promise<boolean> {
+  async setLimits(facts: VehicleFacts, limits: LimitsBody): Promise<boolean> {
     return actions.attempt('Limits', facts, 'room', async () => {
-      const answer = await page.api.put<Limits>(`/vehicles/${encodeURIComponent(facts.id)}/offboard/limits`, limits);
+      const answer = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
       if (answer.ok && this.view !== null) this.view = { ...this.view, limits: answer.value };
       return answer;
     });
@@ -135,7 +135,7 @@ class SetpointEditor {
 
   async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
     return actions.attempt('Failsafe', facts, 'room', async () => {
-      const answer = await page.api.put<Failsafe>(`/vehicles/${encodeURIComponent(facts.id)}/offboard/failsafe`, { action, after_s });
+      const answer = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
       if (answer.ok && this.view !== null) this.view = { ...this.view, failsafe: answer.value };
       return answer;
     });

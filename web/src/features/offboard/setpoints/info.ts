@@ -9,6 +9,7 @@ export type OffboardView = Schemas['OffboardView'];
 export type Limits = Schemas['OffboardLimits'];
 export type Failsafe = Schemas['OffboardFailsafe'];
 export type OperatorLimits = Limits['operator'];
+export type LimitsBody = Schemas['LimitsRequest'];
 export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
 /** The server's words with the kinds called as the form calls them: "thrust and torque", not "thrust_torque". */

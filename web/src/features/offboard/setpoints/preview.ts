@@ -57,7 +57,7 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   return null;
 }
 
-function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Vector3, yaw_ned_rad: number | null): Preview | null {
+function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Readonly<Vector3>, yaw_ned_rad: number | null): Preview | null {
   const here = facts.global?.value;
   if (here === undefined) return null;
   const { east_m, north_m } = eastNorth(here, { lat_deg: setpoint['lat_deg'] as number, lon_deg: setpoint['lon_deg'] as number });

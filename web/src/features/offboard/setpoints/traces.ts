@@ -71,7 +71,7 @@ export interface Asked {
 
 const NOTHING: MaybeVector3 = [null, null, null];
 
-function upwards(v: MaybeVector3 | null): MaybeVector3 {
+function upwards(v: Readonly<MaybeVector3> | null): MaybeVector3 {
   return v === null ? NOTHING : [v[0], v[1], v[2] === null ? null : 0 - v[2]];
 }
 
