@@ -135,7 +135,7 @@ class Server:
             missions=missions,
             operations=Operations(clock, self.supervisor, self._publish_operation),
             plans=plans,
-            plan_work=PlanWork(),
+            plan_work=PlanWork(folder.elevation),
             dry_runs=dry_runs,
             started_s=clock.monotonic_s(),
             own_ids=(settings.system_id, COMPONENT_ID),

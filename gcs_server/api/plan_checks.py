@@ -53,7 +53,8 @@ async def check_document(
     }
     small = not isinstance(document, OffboardMission) and is_small(document)
     found = await station.plan_work.run("check", arguments, small=small)
-    return {**found, "vehicle": None if vehicle is None else vehicle.id, "not_known": known.not_known}
+    not_known = (*known.not_known, *found.pop("ground_not_known"))
+    return {**found, "vehicle": None if vehicle is None else vehicle.id, "not_known": not_known}
 
 
 def text_of(document: Document) -> str:

@@ -110,6 +110,20 @@ class PlanToCheck(StrictBody):
     )
 
 
+class PlanToFollowGround(StrictBody):
+    """The waypoint plan whose altitudes above the ground are resolved."""
+
+    plan: PlanBody
+    tolerance_m: float | None = Field(
+        default=None,
+        ge=1.0,
+        le=1000.0,
+        allow_inf_nan=False,
+        description="Add waypoints until straight lines are within this of their height above the ground "
+        "[m]; null: none are added.",
+    )
+
+
 class PlanToExport(StrictBody):
     """The plan to export."""
 
@@ -194,7 +208,11 @@ class PlanCheck(AnswerBody):
     estimates: EstimateModel = Field(description="Of the whole flight.")  # type: ignore[valid-type]
     flight: OffboardFlight | None = Field(description="Of an offboard mission.")
     vehicle: str | None = Field(description="Vehicle for which the plan was checked.")
-    not_known: list[str] = Field(description="What is not known about the vehicle; sentences.")
+    ground: list[tuple[float, float | None]] = Field(
+        description="The ground below the flight: distance along it [m], and the ground's height above home, "
+        "of an offboard mission above the start [m]; null: not known. Empty without elevation files."
+    )
+    not_known: list[str] = Field(description="What is not known about the vehicle or the ground; sentences.")
 
 
 class ImportedArea(AnswerBody):
@@ -220,6 +238,35 @@ class ConvertedPlan(AnswerBody):
 
     plan: OffboardMission = Field(description="The mission.")
     notes: list[str] = Field(description="Parts of the plan that the mission does not have; sentences.")
+
+
+class GroundPlan(AnswerBody):
+    """A plan that follows the ground; nothing is saved."""
+
+    plan: Plan = Field(description="The plan.")
+    resolved: int = Field(description="Items and rally points whose altitude was resolved.")
+    unknown: int = Field(description="Those whose altitude stays unresolved: no file knows the ground there.")
+    added: int = Field(description="Waypoints added between others.")
+    notes: list[str] = Field(description="Files that cannot be used, and places without ground; sentences.")
+
+
+class ElevationFileModel(AnswerBody):
+    """One elevation file."""
+
+    name: str = Field(description="Name of the file.")
+    west_deg: float = Field(description="Western edge [deg].")
+    south_deg: float = Field(description="Southern edge [deg].")
+    east_deg: float = Field(description="Eastern edge [deg].")
+    north_deg: float = Field(description="Northern edge [deg].")
+    spacing_m: float = Field(description="Between two rows, over the ground [m].")
+
+
+class ElevationFiles(AnswerBody):
+    """The operator's elevation files."""
+
+    folder: str = Field(description="Where to put GeoTIFF (.tif, .tiff) and HGT files.")
+    files: list[ElevationFileModel] = Field(description="The finest first.")
+    unreadable: list[str] = Field(description="Files there that cannot be used, each with the reason.")
 
 
 class PatternFigures(AnswerBody):

@@ -85,6 +85,18 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     return answer({**found, "plan": Raw(found["plan"].encode())})
 
 
+@router.post("/ground", response_model=m.GroundPlan)
+async def follow_ground(body: m.PlanToFollowGround, station: StationDep) -> Response:
+    """Resolves a plan's altitudes above the ground with the operator's elevation files. Saves nothing.
+
+    PX4 flies each item at one altitude above sea level, and straight lines between them. With `tolerance_m`,
+    waypoints are added where a line would be too far from its height above the ground.
+    """
+    arguments = {"plan": text_of(body.plan), "tolerance_m": body.tolerance_m}
+    found = await station.plan_work.run("follow_ground", arguments, small=False)
+    return answer({**found, "plan": Raw(found["plan"].encode())})
+
+
 @router.get("/schema/{kind}", response_model=dict[str, Any])
 async def plan_schema(kind: Kind) -> Response:
     """The JSON Schema of the documents of a kind."""

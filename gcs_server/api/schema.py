@@ -14,6 +14,7 @@ from starlette.routing import BaseRoute
 from gcs_server.api import (
     control_routes,
     dry_run_routes,
+    elevation_routes,
     gimbal_routes,
     group_routes,
     hold_routes,
@@ -56,6 +57,7 @@ def api_router() -> APIRouter:
         recording_routes,
         operation_routes,
         plan_routes,
+        elevation_routes,
         dry_run_routes,
         mission_routes,
         offboard_mission_routes,

@@ -172,6 +172,19 @@ class SyncPlans:
         """The offboard mission (`plan`) that flies a waypoint plan, and `notes`; saves nothing."""
         return self._portal.call(lambda: self._inner.convert(plan, name, vehicle_id=vehicle_id))
 
+    def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
+        """A waypoint plan (`plan`) with its altitudes above the ground resolved by elevation files; saves
+        nothing.
+
+        With `tolerance_m`, waypoints are added where a straight line would be farther than that from its
+        height.
+        """
+        return self._portal.call(lambda: self._inner.follow_ground(plan, tolerance_m=tolerance_m))
+
+    def elevation_files(self) -> dict[str, Any]:
+        """The server's elevation files (`files`), where they are (`folder`), and those it cannot use."""
+        return self._portal.call(lambda: self._inner.elevation_files())
+
     def schema(self, kind: str = "offboard_mission") -> dict[str, Any]:
         """The JSON Schema of `offboard_mission` or `waypoint_plan` documents."""
         return self._portal.call(lambda: self._inner.schema(kind))

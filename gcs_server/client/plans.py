@@ -81,6 +81,20 @@ class Plans:
             body["vehicle"] = vehicle_id
         return await self._gcs.request("POST", "/plans/convert", body)
 
+    async def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
+        """A waypoint plan (`plan`) with its altitudes above the ground resolved by elevation files; saves
+        nothing.
+
+        With `tolerance_m`, waypoints are added where a straight line would be farther than that from its
+        height.
+        """
+        body: dict[str, Any] = {"plan": dict(plan), "tolerance_m": tolerance_m}
+        return await self._gcs.request("POST", "/plans/ground", body)
+
+    async def elevation_files(self) -> dict[str, Any]:
+        """The server's elevation files (`files`), where they are (`folder`), and those it cannot use."""
+        return await self._gcs.request("GET", "/elevation")
+
     async def schema(self, kind: str = "offboard_mission") -> dict[str, Any]:
         """The JSON Schema of `offboard_mission` or `waypoint_plan` documents."""
         return await self._gcs.request("GET", f"/plans/schema/{quote(kind, safe='')}")

@@ -277,6 +277,8 @@ ALL: tuple[Command, ...] = (
         "POST /plans/import",
         "POST /plans/export",
         "POST /plans/pattern",
+        "POST /plans/ground",
+        "GET /elevation",
         "GET /dry_runs/{d}",
         "POST /vehicles/{v}/mission/compare",
     ),

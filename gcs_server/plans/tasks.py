@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import pickle
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from missions import documents
@@ -21,12 +21,15 @@ from missions.formats.results import ImportOptions
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
 from missions.offboard.findings import MissionFinding
+from missions.terrain.profile import PlanGround
 from missions.values import Altitude, HomePosition
 from missions.vehicle import PowerModel, VehicleModel
 
 if TYPE_CHECKING:
     from missions.offboard.places import Start
+    from missions.offboard.samples import Leg
     from missions.offboard.state import MissionVehicle
+    from missions.offboard.timeline import Timeline
     from missions.trajectory.limits import MotionLimits
 
 Values = dict[str, Any]
@@ -42,7 +45,8 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
 
 
 def _check(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text); `parameters`; `home`, `origin`, `reported` of the vehicle and `power`, or null."""
+    """`plan` (JSON text); `parameters`; `home`, `origin`, `reported` of the vehicle and `power`, or null;
+    `elevation`: paths of elevation files."""
     document = documents.read(arguments["plan"])
     power = None if arguments["power"] is None else PowerModel(**arguments["power"])
     if isinstance(document, OffboardMission):
@@ -52,11 +56,19 @@ def _check(arguments: Mapping[str, Any]) -> Values:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
     findings = check(plan, Limits(vehicle=vehicle, power=power))
+    below = PlanGround()
+    if arguments["elevation"]:
+        from gcs_server.plans import terrain_tasks  # GDAL, 0.3 s to import
+
+        of_ground, below = terrain_tasks.of_plan(plan, arguments["elevation"], vehicle.return_alt_m)
+        findings = (*findings, *of_ground)
     return {
         "kind": "waypoint_plan",
         "findings": [_finding(each) for each in findings],
         "estimates": dataclasses.asdict(estimate(plan, vehicle, power)),
         "flight": None,
+        "ground": list(below.profile),
+        "ground_not_known": list(below.not_known),
     }
 
 
@@ -93,31 +105,44 @@ def _check_mission(
         arguments["parameters"], Limits(power=power), arguments["reported"]
     )
     if mission.roles:
-        return _check_roles(mission, vehicle)
+        return _check_roles(mission, vehicle, arguments["elevation"])
     timeline = compiler.compile_mission(mission, vehicle, start)
     here = start.position_ned_m
+    legs = samples.legs(timeline, here)
+    of_ground, below = _mission_ground(legs, start.origin, here[2], arguments["elevation"])
     estimates = Estimate(
         timeline.length_m, timeline.duration_s, mission_checks.climb_m(timeline, here[2]), timeline.photos,
         timeline.energy_wh, endless=False, known_altitudes=True,
     )  # fmt: skip
     return {
         "kind": "offboard_mission",
-        "findings": [_mission_finding(each) for each in timeline.findings],
+        "findings": [_mission_finding(each) for each in (*timeline.findings, *of_ground)],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
-            "legs": [dataclasses.asdict(each) for each in samples.legs(timeline, here)],
+            "legs": [dataclasses.asdict(each) for each in legs],
             "needs": list(timeline.needs),
             "start_ned_m": here,
             "origin": None if start.origin is None else dataclasses.asdict(start.origin),
         },
+        "ground": list(below.profile),
+        "ground_not_known": list(below.not_known),
     }
 
 
-def _check_roles(mission: OffboardMission, vehicle: MissionVehicle) -> Values:
-    """Checks a mission of several vehicles. All have these parameters and start on the ground at their
-    role's start
-    position.
+def _mission_ground(
+    legs: Sequence[Leg], origin: LocalOrigin | None, start_down_m: float, elevation: Sequence[str]
+) -> tuple[list[MissionFinding], PlanGround]:
+    if not elevation:
+        return [], PlanGround()
+    from gcs_server.plans import terrain_tasks
+
+    return terrain_tasks.of_mission(legs, origin, start_down_m, elevation)
+
+
+def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: Sequence[str]) -> Values:
+    """Checks a mission of several vehicles. All have these parameters and start on the ground at the start
+    position of their role.
     """
     from missions.offboard import mission_checks, roles, samples
 
@@ -135,21 +160,23 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle) -> Values:
         max(known_wh) if len(known_wh) == len(energy_wh) else None, endless=False, known_altitudes=True,
     )  # fmt: skip
     origin = next(iter(starts.values())).origin
+    legs = [
+        leg for role, each in timelines.items() for leg in samples.legs(each, starts[role].position_ned_m)
+    ]
+    of_ground, below = _mission_ground(legs, origin, 0.0, elevation)
     return {
         "kind": "offboard_mission",
-        "findings": [_mission_finding(each) for each in compiled.findings],
+        "findings": [_mission_finding(each) for each in (*compiled.findings, *of_ground)],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(s) for each in timelines.values() for s in samples.step_times(each)],
-            "legs": [
-                dataclasses.asdict(leg)
-                for role, each in timelines.items()
-                for leg in samples.legs(each, starts[role].position_ned_m)
-            ],
+            "legs": [dataclasses.asdict(each) for each in legs],
             "needs": list(dict.fromkeys(need for each in timelines.values() for need in each.needs)),
             "start_ned_m": (0.0, 0.0, 0.0),
             "origin": None if origin is None else dataclasses.asdict(origin),
         },
+        "ground": list(below.profile),
+        "ground_not_known": list(below.not_known),
     }
 
 
@@ -223,7 +250,8 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
 
 
 def _compile(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `parameters`, `reported`, `start` (as `Start`, `origin` as a mapping or null).
+    """`plan` (JSON text), `parameters`, `reported`, `start` (as `Start`, `origin` as a mapping or null),
+    `elevation`: paths of elevation files.
 
     `flown` is pickled: only a process of this server writes it, and only this server reads it.
     """
@@ -231,28 +259,39 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
 
     mission = _mission_of(arguments["plan"])
     vehicle = _vehicle_of(arguments)
-    timeline = compile_mission(mission, vehicle, _start_of(arguments["start"]))
+    start = _start_of(arguments["start"])
+    timeline = compile_mission(mission, vehicle, start)
+    of_ground = _ground_findings(timeline, start, arguments["elevation"])
     return {
-        "findings": [_short_finding(each) for each in timeline.findings],
+        "findings": [_short_finding(each) for each in (*timeline.findings, *of_ground)],
         "flown": _pickled((timeline, _motion_of(mission, vehicle))),
     }
 
 
 def _compile_roles(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `vehicles`: for each role the vehicle's arguments of `compile`. `flown` is
-    pickled: for each
-    role its timeline and its limits of motion.
+    """`plan` (JSON text), `vehicles`: for each role the vehicle's arguments of `compile`; `elevation`.
+
+    `flown` is pickled: for each role its timeline and its limits of motion.
     """
     from missions.offboard.roles import compile_roles
 
     mission = _mission_of(arguments["plan"])
     by_role: Mapping[str, Values] = arguments["vehicles"]
     vehicles = {role: _vehicle_of(each) for role, each in by_role.items()}
-    compiled = compile_roles(
-        mission, vehicles, {role: _start_of(each["start"]) for role, each in by_role.items()}
-    )
+    starts = {role: _start_of(each["start"]) for role, each in by_role.items()}
+    compiled = compile_roles(mission, vehicles, starts)
+    findings = list(compiled.findings)
+    for role, timeline in compiled.timelines.items():
+        findings += _ground_findings(timeline, starts[role], arguments["elevation"])
     flown = {role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()}
-    return {"findings": [_short_finding(each) for each in compiled.findings], "flown": _pickled(flown)}
+    return {"findings": [_short_finding(each) for each in findings], "flown": _pickled(flown)}
+
+
+def _ground_findings(timeline: Timeline, start: Start, elevation: Sequence[str]) -> list[MissionFinding]:
+    from missions.offboard import samples
+
+    here = start.position_ned_m
+    return _mission_ground(samples.legs(timeline, here), start.origin, here[2], elevation)[0]
 
 
 def _mission_of(text: str) -> OffboardMission:
@@ -298,11 +337,27 @@ def _pickled(value: object) -> str:
     return base64.b64encode(pickle.dumps(value)).decode()
 
 
+def _follow_ground(arguments: Mapping[str, Any]) -> Values:
+    from gcs_server.plans import terrain_tasks
+
+    return terrain_tasks.follow(arguments)
+
+
+def _elevation_files(arguments: Mapping[str, Any]) -> Values:
+    from gcs_server.plans import terrain_tasks
+
+    return terrain_tasks.files(arguments)
+
+
+WITH_ELEVATION = frozenset({"check", "compile", "compile_roles", "elevation_files", "follow_ground"})
+"""Tasks that take the paths of the operator's elevation files; they run in a process if there are any."""
 TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "check": _check,
     "compile": _compile,
     "compile_roles": _compile_roles,
     "convert": _convert,
+    "elevation_files": _elevation_files,
+    "follow_ground": _follow_ground,
     "import": _import,
     "export": _export,
     "pattern": _pattern,

@@ -8,6 +8,7 @@ import json
 import sys
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 from gcs_server.errors import InvalidRequest, Refused
@@ -18,13 +19,20 @@ AT_ONCE = 2
 """Processes at a time; a small computer has two cores, and the vehicles need one."""
 MAX_WAITING = 16
 MAX_ANSWER_BYTES = 32 * 1024 * 1024
+ELEVATION_SUFFIXES = (".tif", ".tiff", ".hgt")
+MAX_ELEVATION_FILES = 200
 COMMAND = (sys.executable, "-m", "gcs_server.plans.worker")
 
 
 class PlanWork:
     """The tasks of one server."""
 
-    def __init__(self) -> None:
+    def __init__(self, elevation: Path) -> None:
+        """
+        Args:
+            elevation: folder of the operator's elevation files; need not exist.
+        """
+        self.elevation = elevation
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="plan work")
         self._free = asyncio.Semaphore(AT_ONCE)
         self._pending = 0
@@ -49,6 +57,10 @@ class PlanWork:
                 f"{MAX_WAITING} other tasks on plans are still waiting.",
                 remedy="Try again in a moment.",
             )
+        if task in tasks.WITH_ELEVATION:
+            elevation = await asyncio.to_thread(elevation_files, self.elevation)
+            arguments = {**arguments, "elevation": elevation}
+            small = small and not elevation
         self._pending += 1
         try:
             if small:
@@ -79,3 +91,13 @@ class PlanWork:
                 f"The {task} took more memory or time than it may, or failed: {error}",
                 remedy="Make the plan, file or area smaller.",
             ) from error
+
+
+def elevation_files(folder: Path) -> list[str]:
+    """Paths of the files in a folder that are elevation files by name, in order of their names."""
+    if not folder.is_dir():
+        return []
+    found = (
+        each for each in folder.iterdir() if each.suffix.lower() in ELEVATION_SUFFIXES and each.is_file()
+    )
+    return sorted(map(str, found))[:MAX_ELEVATION_FILES]

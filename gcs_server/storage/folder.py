@@ -63,6 +63,11 @@ class DataFolder:
         return self.path / "cache"
 
     @property
+    def elevation(self) -> Path:
+        """Folder of the operator's elevation files."""
+        return self.path / "elevation"
+
+    @property
     def limits(self) -> Path:
         """Folder of the operator's limits and fences, one file per vehicle."""
         return self.path / "limits"
@@ -92,6 +97,7 @@ class DataFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             self.recordings.mkdir(exist_ok=True)
             self.maps.mkdir(exist_ok=True)
+            self.elevation.mkdir(exist_ok=True)
         except OSError as error:
             raise StorageError(
                 f"The data folder {self.path} cannot be created: {error.strerror or error}.",

@@ -26,6 +26,8 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
     "fence_crossed": ("error", "the path leaves the geofence"),
     "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
+    "terrain_hit": ("error", "the path goes below the ground"),
+    "terrain_near": ("warning", "the path comes within 10 m of the ground"),
     "condition_never": ("warning", "a condition that can never become true"),
     "condition_unreported": ("warning", "a condition on a value that the vehicle does not report"),
     "gimbal_steep": ("warning", "the gimbal is commanded beyond straight up or down"),

@@ -41,7 +41,7 @@ def station_of(world):
         missions=OffboardMissions(world.clock, world.streamer, world.streamer._streams, world.supervisor),
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),
-        plan_work=PlanWork(),
+        plan_work=PlanWork(Path("no elevation")),
         dry_runs=DryRuns(),
         own_ids=(255, 190),
         maps=Path("no maps"),

@@ -2,6 +2,7 @@
 
 import functools
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -59,7 +60,7 @@ class WorkHere:
     """Work about plans without a process."""
 
     async def run(self, task, arguments, **_):
-        return tasks.run(task, json.loads(json.dumps(arguments)))
+        return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
 def stage(jump, story):
@@ -221,7 +222,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
 def test_a_mission_of_several_vehicles_never_starts_on_one(jump):
     async def story(at):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
-        at.station.plan_work = PlanWork()
+        at.station.plan_work = PlanWork(Path("no elevation"))
         with pytest.raises(InvalidRequest, match="it is for 2 vehicles"):
             await routes.start("1", body, at.station, ANNA)
         assert at.vehicles[0].offboard_mission.status() is None

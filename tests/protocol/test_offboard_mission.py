@@ -297,7 +297,7 @@ class WorkHere:
     """Work about plans without a process."""
 
     async def run(self, task, arguments, **_):
-        return tasks.run(task, json.loads(json.dumps(arguments)))
+        return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
 def routed(jump, story):

@@ -4,6 +4,7 @@ import asyncio
 import base64
 import json
 import math
+from pathlib import Path
 
 import pytest
 
@@ -19,7 +20,7 @@ def plan_text(count):
 
 
 def run(story):
-    plan_work = PlanWork()
+    plan_work = PlanWork(Path("no elevation"))
     try:
         return asyncio.run(story(plan_work))
     finally:
@@ -34,6 +35,7 @@ def test_a_process_answers_what_a_thread_answers():
         "origin": None,
         "reported": None,
         "power": None,
+        "elevation": [],
     }
 
     async def story(plan_work):
@@ -100,4 +102,5 @@ def test_no_more_wait_than_there_is_room_for(monkeypatch):
 
 
 def test_every_task_has_its_function():
-    assert set(tasks.TASKS) == {"check", "compile", "compile_roles", "convert", "import", "export", "pattern"}
+    names = {"check", "compile", "compile_roles", "convert", "elevation_files", "export", "follow_ground"}
+    assert set(tasks.TASKS) == names | {"import", "pattern"}

@@ -1,0 +1,19 @@
+"""Route of the operator's elevation files."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from gcs_server.api import plan_models as m
+from gcs_server.api.problems import RESPONSES
+from gcs_server.api.responses import answer
+from gcs_server.api.station import StationDep
+
+router = APIRouter(prefix="/elevation", tags=["plans"], responses=RESPONSES)
+
+
+@router.get("", response_model=m.ElevationFiles)
+async def list_elevation_files(station: StationDep) -> Response:
+    """The elevation files in the data folder, the finest first, and those that cannot be read."""
+    found = await station.plan_work.run("elevation_files", {}, small=False)
+    return answer({"folder": str(station.plan_work.elevation), **found})

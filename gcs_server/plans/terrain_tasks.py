@@ -1,0 +1,107 @@
+"""Computations with the operator's elevation files; only processes of plan work import this, since GDAL reads
+the files."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from missions import plan as plan_document
+from missions.checks import Finding
+from missions.geodesy import LocalOrigin
+from missions.items import PlacedItem
+from missions.offboard.findings import MissionFinding
+from missions.offboard.samples import Leg
+from missions.plan import Plan
+from missions.terrain import clearance, profile
+from missions.terrain.files import Area, Elevation, ElevationFile
+from missions.terrain.follow import follow_ground
+from missions.terrain.ground import Ground
+from missions.terrain.profile import PlanGround
+
+MARGIN_M = 100.0
+"""Around the places of a plan."""
+LONGEST_SIDE_M = 100_000.0
+"""Of a plan's area: farther than any of these vehicles fly."""
+
+
+def of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
+    """Findings about a waypoint plan, and the ground below it."""
+    ground, not_known = _ground(Elevation.of(map(Path, paths)), _places(plan))
+    if ground is None:
+        return [], PlanGround(not_known=not_known)
+    findings = list(clearance.plan_findings(plan, ground, return_alt_m))
+    return findings, PlanGround(profile.plan_profile(plan, ground), not_known)
+
+
+def of_mission(
+    legs: Sequence[Leg], origin: LocalOrigin | None, start_down_m: float, paths: Sequence[str]
+) -> tuple[list[MissionFinding], PlanGround]:
+    """Findings about a compiled offboard mission, and the ground below it.
+
+    Args:
+        legs: of one vehicle or, one after the other, of all roles, in the frame of `origin`.
+        origin: None: not known, so nothing is.
+        start_down_m: where the flight starts.
+        paths: of elevation files.
+    """
+    if origin is None:
+        return [], PlanGround()
+    places = [origin.to_geodetic((point[1], point[2], point[3]))[:2] for leg in legs for point in leg.points]
+    ground, not_known = _ground(Elevation.of(map(Path, paths)), places)
+    if ground is None:
+        return [], PlanGround(not_known=not_known)
+    findings = list(clearance.mission_findings(legs, origin, ground))
+    return findings, PlanGround(profile.mission_profile(legs, origin, start_down_m, ground), not_known)
+
+
+def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """`plan` (JSON text), `elevation` (paths), `tolerance_m` (null: no waypoints are added)."""
+    plan = plan_document.read(arguments["plan"])
+    ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), _places(plan))
+    found = follow_ground(plan, ground, arguments["tolerance_m"])
+    return {
+        "plan": plan_document.write(found.plan).decode(),
+        "resolved": found.resolved,
+        "unknown": found.unknown,
+        "added": found.added,
+        "notes": problems,
+    }
+
+
+def files(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """`elevation` (paths): what each covers."""
+    elevation = Elevation.of(map(Path, arguments["elevation"]))
+    found: list[ElevationFile] = [file for _, file in elevation.files]
+    return {"files": [dataclasses.asdict(each) for each in found], "unreadable": list(elevation.problems)}
+
+
+def _places(plan: Plan) -> list[tuple[float, float]]:
+    items = [item for _, item in plan.simple_items() if isinstance(item, PlacedItem)]
+    home = [] if plan.planned_home is None else [plan.planned_home]
+    return [(each.lat_deg, each.lon_deg) for each in (*home, *items, *plan.rally_points)]
+
+
+def _ground(
+    elevation: Elevation, places: Sequence[tuple[float, float]]
+) -> tuple[Ground | None, tuple[str, ...]]:
+    """The ground around places, and sentences about what is not known of it."""
+    area = Area.around(places, MARGIN_M)
+    if area is None or not elevation.files:
+        return None, elevation.problems
+    if area.side_m > LONGEST_SIDE_M:
+        wide, most = f"{area.side_m / 1000:.0f} km", f"{LONGEST_SIDE_M / 1000:.0f} km"
+        text = f"The plan is {wide} wide; elevation data are used up to {most}."
+        return None, (*elevation.problems, text)
+    ground = elevation.ground(area)
+    if ground is None:
+        return None, (
+            *elevation.problems,
+            "No elevation file covers the plan: the ground below it is not known.",
+        )
+    lat, lon = zip(*places, strict=True)
+    if ground.unknown_at(lat, lon):
+        return ground, (*elevation.problems, "The elevation files do not cover all of the plan.")
+    return ground, elevation.problems

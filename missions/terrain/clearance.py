@@ -1,0 +1,141 @@
+"""How near a flight comes to the ground: findings about a waypoint plan and about an offboard mission."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from missions.check_context import Finding, name
+from missions.geodesy import LocalOrigin
+from missions.items import Land, PlacedItem, ReturnHome
+from missions.offboard.findings import MissionFinding
+from missions.offboard.samples import Leg
+from missions.plan import Plan
+from missions.route import Step, follow, is_flown_to
+from missions.terrain.ground import Floats, Ground, between
+
+CLEARANCE_M = 10.0
+"""Nearer than this is a finding: elevation models are wrong by some metres, and most know no trees."""
+OUTDATED_M = 1.0
+HOME_OFF_M = 10.0
+STANDING_M = 1.0
+"""A leg that moves less than this over the ground climbs, descends or holds; the leg before it is judged."""
+
+Position = tuple[float, float, float]
+"""Latitude, longitude [deg], altitude AMSL [m]."""
+
+
+def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[Finding]:
+    """What the ground says about a waypoint plan, each item at most once.
+
+    The first leg is flown at the altitude of its end (the vehicle climbs first), a landing is approached at
+    the altitude of the item before it, and a return is flown at RTL_RETURN_ALT above home or higher.
+
+    Args:
+        plan: with its altitudes above the ground resolved; legs with an unknown altitude are left out.
+        ground: of the plan's area.
+        return_alt_m: the vehicle's RTL_RETURN_ALT, above home.
+    """
+    home = plan.planned_home
+    home_amsl_m = None if home is None else home.alt_amsl_m
+    if home is not None:
+        found_m = ground.one(home.lat_deg, home.lon_deg)
+        if found_m is not None and abs(found_m - home.alt_amsl_m) > HOME_OFF_M:
+            message = (
+                f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; the ground there is at {found_m:.0f} m "
+                "by the elevation data."
+            )
+            yield Finding("home_off_ground", message, fix="Check the altitude of the planned home.")
+    seen: set[int] = set()
+    here: Position | None = None
+    for step in follow(plan).steps:
+        item = step.item
+        if isinstance(item, ReturnHome) and home is not None and here is not None:
+            height_m = max(here[2], home.alt_amsl_m + return_alt_m)
+            yield from _near(step, (*here[:2], height_m), (home.lat_deg, home.lon_deg, height_m), ground)
+        if not isinstance(item, PlacedItem) or not is_flown_to(item):
+            continue
+        amsl_m = item.altitude.amsl_m(home_amsl_m)
+        if amsl_m is None:
+            here = None
+            continue
+        start = here
+        if start is None and home is not None and not seen:
+            start = (home.lat_deg, home.lon_deg, amsl_m)
+        height_m = start[2] if isinstance(item, Land) and start is not None else amsl_m
+        here = (item.lat_deg, item.lon_deg, height_m)
+        if step.seq not in seen:
+            seen.add(step.seq)
+            yield from _outdated(step, item, ground)
+            yield from _near(step, start or here, here, ground)
+
+
+def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]:
+    altitude = item.altitude
+    if altitude.reference != "terrain" or altitude.resolved_amsl_m is None:
+        return
+    ground_m = ground.one(item.lat_deg, item.lon_deg)
+    if ground_m is None:
+        return
+    above_m = altitude.resolved_amsl_m - ground_m
+    if abs(above_m - altitude.value_m) > OUTDATED_M:
+        message = (
+            f"{name(step.row, step.item)} would be {above_m:.0f} m above the ground, not "
+            f"{altitude.value_m:.0f} m: it was moved, or the elevation data changed."
+        )
+        yield Finding("terrain_outdated", message, step.row, fix="Resolve the altitudes again.")
+
+
+def _near(step: Step, start: Position, end: Position, ground: Ground) -> Iterator[Finding]:
+    line = between(start[:2], end[:2], ground.spacing_m)
+    flown_m = start[2] + (end[2] - start[2]) * line[:, 2]
+    above_m = flown_m - ground.at(line[:, 0], line[:, 1])
+    if np.isnan(above_m).all():
+        return
+    least_m = float(np.nanmin(above_m))
+    what = f"The straight path to {name(step.row, step.item).lower()}"
+    if isinstance(step.item, ReturnHome):
+        what = f"The straight path home of {name(step.row, step.item).lower()}"
+    found = _code(least_m, what)
+    if found is not None:
+        yield Finding(*found, step.row, fix="Raise it, or let it follow the ground.")
+
+
+def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -> Iterator[MissionFinding]:
+    """What the ground says about an offboard mission, each step at most once.
+
+    Args:
+        legs: of the compiled mission.
+        origin: of their local frame.
+        ground: of the area.
+    """
+    least_m: dict[str, float] = {}
+    for leg in legs:
+        places = np.array(leg.points)[:, 1:]
+        if np.hypot(*np.ptp(places[:, :2], axis=0)) < STANDING_M:
+            continue
+        lat_deg, lon_deg, amsl_m = geodetic(places, origin)
+        above_m = amsl_m - ground.at(lat_deg, lon_deg)
+        if not np.isnan(above_m).all():
+            least_m[leg.place] = min(least_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
+    for place, metres in least_m.items():
+        found = _code(metres, "The path")
+        if found is not None:
+            yield MissionFinding(*found, place, fix="Raise its points.")
+
+
+def geodetic(places_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
+    """Latitudes, longitudes [deg] and altitudes AMSL [m] of local positions (N, 3)."""
+    found = np.array([origin.to_geodetic((n, e, d)) for n, e, d in places_ned_m.tolist()])
+    return found[:, 0], found[:, 1], found[:, 2]
+
+
+def _code(least_m: float, what: str) -> tuple[str, str] | None:
+    """Code and sentence."""
+    if least_m <= 0.0:
+        return "terrain_hit", f"{what} goes {-least_m:.0f} m below the ground."
+    if least_m < CLEARANCE_M:
+        return "terrain_near", f"{what} comes within {least_m:.0f} m of the ground."
+    return None

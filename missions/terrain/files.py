@@ -1,0 +1,210 @@
+"""Elevation files of the operator (GeoTIFF, HGT): what each covers, and the ground of an area.
+
+Altitudes are metres above mean sea level, as in SRTM, Copernicus DEM and national models. GDAL (rasterio)
+reads the files and resamples those in other coordinate systems to latitude and longitude.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+from numpy.typing import NDArray
+from rasterio.crs import CRS
+from rasterio.enums import Resampling
+from rasterio.errors import RasterioError
+from rasterio.transform import Affine
+from rasterio.vrt import WarpedVRT
+from rasterio.warp import transform_bounds
+
+from missions.errors import PlanError
+from missions.geodesy import EARTH_RADIUS_M
+from missions.terrain.ground import Ground
+
+MAX_CELLS = 4_000_000
+"""Of one ground; a larger area is read with a wider grid."""
+MARGIN_CELLS = 2
+LOWEST_M, HIGHEST_M = -1_000.0, 9_000.0
+"""Of the earth's land; outside these a value means that nothing is known."""
+WGS84 = CRS.from_epsg(4326)
+DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT"}
+"""By suffix; GDAL tries no others, some of which follow links to other files."""
+FIX = "Use a GeoTIFF or HGT file with one band of altitudes in metres."
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationFile:
+    """One file, as the operator sees it."""
+
+    name: str
+    west_deg: float
+    south_deg: float
+    east_deg: float
+    north_deg: float
+    spacing_m: float
+    """Between two rows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A box of latitude and longitude; `west_deg` is less than `east_deg`, which may be more than 180."""
+
+    west_deg: float
+    south_deg: float
+    east_deg: float
+    north_deg: float
+
+    @property
+    def side_m(self) -> float:
+        """The longer side, over the ground."""
+        middle = math.radians((self.south_deg + self.north_deg) / 2)
+        wide = math.radians(self.east_deg - self.west_deg) * math.cos(middle)
+        return max(wide, math.radians(self.north_deg - self.south_deg)) * EARTH_RADIUS_M
+
+    @classmethod
+    def around(cls, places: Iterable[tuple[float, float]], margin_m: float) -> Area | None:
+        """Around places (latitude, longitude); None without any."""
+        found = list(places)
+        if not found:
+            return None
+        first = found[0][1]
+        lats = [lat for lat, _ in found]
+        lons = [first + math.remainder(lon - first, 360.0) for _, lon in found]
+        high = math.degrees(margin_m / EARTH_RADIUS_M)
+        wide = high / max(0.05, math.cos(math.radians(max(map(abs, lats)))))
+        return cls(min(lons) - wide, min(lats) - high, max(lons) + wide, max(lats) + high)
+
+
+def inspect(path: Path) -> ElevationFile:
+    """What a file covers.
+
+    Raises:
+        PlanError: it cannot be read, has no coordinate system, or more than one band.
+    """
+    with _opened(path) as data:
+        west, south, east, north = transform_bounds(data.crs, WGS84, *data.bounds)
+        spacing_deg = (north - south) / data.height
+        return ElevationFile(path.name, west, south, east, north, math.radians(spacing_deg) * EARTH_RADIUS_M)
+
+
+@dataclass(frozen=True, slots=True)
+class Elevation:
+    """The operator's elevation files, as far as they can be read."""
+
+    files: tuple[tuple[Path, ElevationFile], ...]
+    """Finest first."""
+    problems: tuple[str, ...]
+    """Of files that cannot be used; sentences."""
+
+    @classmethod
+    def of(cls, paths: Iterable[Path]) -> Elevation:
+        """Inspects each file."""
+        files: list[tuple[Path, ElevationFile]] = []
+        problems: list[str] = []
+        for path in paths:
+            try:
+                files.append((path, inspect(path)))
+            except PlanError as error:
+                problems.append(
+                    f"{error.place[0].upper()}{error.place[1:]} is not used: {error.reason}. {error.fix}"
+                )
+        files.sort(key=lambda each: (each[1].spacing_m, each[1].name))
+        return cls(tuple(files), tuple(problems))
+
+    def ground(self, area: Area) -> Ground | None:
+        """The ground of an area, at each place from the finest file that has it; None: no file covers it.
+
+        Raises:
+            PlanError: a file cannot be read.
+        """
+        covering = [(path, file) for path, file in self.files if _overlap(file, area)]
+        if not covering:
+            return None
+        step_deg = math.degrees(covering[0][1].spacing_m / EARTH_RADIUS_M)
+        width_deg, height_deg = area.east_deg - area.west_deg, area.north_deg - area.south_deg
+        step_deg = max(step_deg, math.sqrt(width_deg * height_deg / MAX_CELLS))
+        grid = _Grid(
+            area.west_deg - MARGIN_CELLS * step_deg, area.north_deg + MARGIN_CELLS * step_deg, step_deg,
+            2 * MARGIN_CELLS + 1 + math.ceil(height_deg / step_deg),
+            2 * MARGIN_CELLS + 1 + math.ceil(width_deg / step_deg),
+        )  # fmt: skip
+        heights = np.full((grid.rows, grid.columns), np.nan, dtype=np.float32)
+        for path, file in covering:
+            if not np.isnan(heights).any():
+                break
+            heights = np.where(np.isnan(heights), _read(path, file, grid), heights)
+        return Ground(
+            grid.north_deg - step_deg / 2, grid.west_deg + step_deg / 2, step_deg, step_deg, heights
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Cells of one size; edges, not centres."""
+
+    west_deg: float
+    north_deg: float
+    step_deg: float
+    rows: int
+    columns: int
+
+
+def _overlap(file: ElevationFile, area: Area) -> bool:
+    """Also where one of the two lies a turn of the earth farther east."""
+    if file.north_deg < area.south_deg or file.south_deg > area.north_deg:
+        return False
+    return any(
+        file.west_deg + turn <= area.east_deg and file.east_deg + turn >= area.west_deg
+        for turn in (-360.0, 0.0, 360.0)
+    )
+
+
+def _read(path: Path, file: ElevationFile, grid: _Grid) -> NDArray[np.float32]:
+    """A grid from one file, NaN where it knows nothing."""
+    middle_deg = grid.west_deg + grid.columns * grid.step_deg / 2
+    turn_deg = 360.0 * round((middle_deg - (file.west_deg + file.east_deg) / 2) / 360.0)
+    options: dict[str, Any] = {
+        "crs": WGS84,
+        "transform": Affine(
+            grid.step_deg, 0.0, grid.west_deg - turn_deg, 0.0, -grid.step_deg, grid.north_deg
+        ),
+        "width": grid.columns,
+        "height": grid.rows,
+        "resampling": Resampling.bilinear,
+        "dtype": "float32",
+        "nodata": math.nan,
+    }
+    with _opened(path) as data:
+        if data.nodata is not None:
+            options["src_nodata"] = data.nodata
+        try:
+            with WarpedVRT(data, **options) as view:
+                found = view.read(1).astype(np.float32)
+        except RasterioError as error:
+            raise PlanError(f"the elevation file {path.name}", f"it cannot be read ({error})", FIX) from error
+        found = (found * data.scales[0] + data.offsets[0]).astype(np.float32)
+    found[(found < LOWEST_M) | (found > HIGHEST_M)] = np.nan
+    return found
+
+
+def _opened(path: Path) -> Any:
+    """An open dataset, which closes itself as a context.
+
+    Raises:
+        PlanError: it cannot be used.
+    """
+    place = f"the elevation file {path.name}"
+    try:
+        data = rasterio.open(path, driver=DRIVERS[path.suffix.lower()])
+    except RasterioError as error:
+        raise PlanError(place, f"it cannot be read ({error})", FIX) from error
+    if data.crs is None or data.count != 1:
+        reason = "it has no coordinate system" if data.crs is None else f"it has {data.count} bands"
+        data.close()
+        raise PlanError(place, reason, FIX)
+    return data

@@ -1,0 +1,167 @@
+"""Resolves altitudes above the ground to altitudes above mean sea level, and adds waypoints so that a plan
+follows the ground.
+
+PX4 refuses terrain frames: it flies to each item at one altitude, and straight lines between items.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from missions.errors import PlanError
+from missions.items import Jump, PlacedItem, Takeoff, Waypoint
+from missions.plan import MAX_ITEMS, ComplexItem, Plan, PlanItem, SimpleItem
+from missions.route import is_flown_to
+from missions.terrain.ground import Ground, between
+from missions.values import Altitude, RallyPoint
+
+DEFAULT_TOLERANCE_M = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """A plan whose altitudes above the ground are resolved."""
+
+    plan: Plan
+    resolved: int
+    """Items and rally points whose altitude was resolved."""
+    unknown: int
+    """Those that stay unresolved: no file knows the ground there."""
+    added: int
+    """Waypoints added between others."""
+
+
+def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None = None) -> Followed:
+    """The plan with all its altitudes above the ground resolved.
+
+    Args:
+        plan: any.
+        ground: of the plan's area; None: not known anywhere.
+        tolerance_m: between two items above the ground, waypoints are added until the straight lines are
+            within this of their height above the ground (interpolated between both ends). None: none are
+            added.
+
+    Raises:
+        PlanError: it would have more items than PX4 has room for.
+    """
+    resolved = unknown = added = 0
+
+    def altitude_at(lat_deg: float, lon_deg: float, altitude: Altitude) -> Altitude:
+        nonlocal resolved, unknown
+        if altitude.reference != "terrain":
+            return altitude
+        amsl_m = None if ground is None else ground.one(lat_deg, lon_deg)
+        resolved, unknown = resolved + (amsl_m is not None), unknown + (amsl_m is None)
+        return altitude.model_copy(
+            update={"resolved_amsl_m": None if amsl_m is None else round(amsl_m + altitude.value_m, 2)}
+        )
+
+    def at_height(item: SimpleItem) -> SimpleItem:
+        if not isinstance(item, PlacedItem):
+            return item
+        return item.model_copy(update={"altitude": altitude_at(item.lat_deg, item.lon_deg, item.altitude)})
+
+    def rally_at_height(point: RallyPoint) -> RallyPoint:
+        return point.model_copy(
+            update={"altitude": altitude_at(point.lat_deg, point.lon_deg, point.altitude)}
+        )
+
+    items: list[PlanItem] = []
+    first_of: list[int] = []
+    """Of each item as uploaded before: its index as uploaded now."""
+    count = 0
+    before: PlacedItem | None = None
+    for row in plan.items:
+        if isinstance(row, ComplexItem):
+            inner = tuple(at_height(each) for each in row.items)
+            first_of += range(count, count + len(inner))
+            count += len(inner)
+            items.append(row.model_copy(update={"items": inner}))
+            before = None
+            continue
+        item = at_height(row)
+        flown = item if isinstance(item, PlacedItem) and is_flown_to(item) else None
+        if flown is not None and before is not None and ground is not None and tolerance_m is not None:
+            between_them = _between(before, flown, ground, tolerance_m)
+            items += between_them
+            added, count = added + len(between_them), count + len(between_them)
+        first_of.append(count)
+        items.append(item)
+        count += 1
+        if flown is not None:
+            before = flown
+    if count > MAX_ITEMS:
+        reason = f"following the ground needs {count} items, the maximum is {MAX_ITEMS}"
+        raise PlanError("the plan", reason, "Raise the tolerance, or split the plan.")
+    return Followed(
+        plan.model_copy(
+            update={
+                "items": tuple(_jumping_to(item, first_of) for item in items) if added else tuple(items),
+                "rally_points": tuple(rally_at_height(each) for each in plan.rally_points),
+            }
+        ),
+        resolved,
+        unknown,
+        added,
+    )  # fmt: skip
+
+
+def _jumping_to(item: PlanItem, first_of: Sequence[int]) -> PlanItem:
+    """The item, where it jumps with its target's new index."""
+    if isinstance(item, Jump) and item.target_index < len(first_of):
+        return item.model_copy(update={"target_index": first_of[item.target_index]})
+    return item
+
+
+def _between(start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: float) -> list[Waypoint]:
+    """Waypoints so that the straight lines from start to end stay near their height above the ground.
+
+    A line is divided where it is farthest from that height (Ramer, Douglas, Peucker). None are added where an
+    end's altitude is not above the ground, or the ground is not known on all of the line.
+    """
+    low, high = start.altitude, end.altitude
+    if low.reference != "terrain" or high.reference != "terrain":
+        return []
+    if low.resolved_amsl_m is None or high.resolved_amsl_m is None:
+        return []
+    line = between((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), ground.spacing_m)
+    share = line[:, 2]
+    height_m = low.value_m + (high.value_m - low.value_m) * share
+    wanted_m = ground.at(line[:, 0], line[:, 1]) + height_m
+    if np.isnan(wanted_m).any():
+        return []
+    keep = _divided(share, wanted_m, tolerance_m)
+    found: list[Waypoint] = []
+    for index in keep:
+        altitude = Altitude(
+            value_m=round(float(height_m[index]), 2), reference="terrain",
+            resolved_amsl_m=round(float(wanted_m[index]), 2),
+        )  # fmt: skip
+        lon_deg = float((line[index, 1] + 180.0) % 360.0 - 180.0)
+        heading = end.yaw_ned_deg if isinstance(end, Waypoint | Takeoff) else None
+        found.append(
+            Waypoint(lat_deg=float(line[index, 0]), lon_deg=lon_deg, altitude=altitude, yaw_ned_deg=heading)
+        )
+    return found
+
+
+def _divided(share: np.ndarray, wanted_m: np.ndarray, tolerance_m: float) -> list[int]:
+    """Indices between the ends that a line needs, in order."""
+    keep: list[int] = []
+    parts = [(0, len(share) - 1)]
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        inner = slice(first + 1, last)
+        straight_m = np.interp(share[inner], share[[first, last]], wanted_m[[first, last]])
+        off_m = np.abs(wanted_m[inner] - straight_m)
+        worst = int(np.argmax(off_m))
+        if off_m[worst] <= tolerance_m:
+            continue
+        keep.append(first + 1 + worst)
+        parts += [(first, keep[-1]), (keep[-1], last)]
+    return sorted(keep)

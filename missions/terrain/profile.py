@@ -1,0 +1,83 @@
+"""The ground below a flight, to be drawn below its altitudes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from missions.geodesy import LocalOrigin, distance_m
+from missions.items import PlacedItem
+from missions.offboard.samples import Leg
+from missions.plan import Plan
+from missions.route import is_flown_to
+from missions.terrain.clearance import geodetic
+from missions.terrain.ground import Floats, Ground, between
+
+MAX_POINTS = 600
+
+Profile = tuple[tuple[float, float | None], ...]
+"""Distance along the flight [m], and height of the ground above home or the start [m]; None: not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanGround:
+    """The ground below a plan."""
+
+    profile: Profile = ()
+    not_known: tuple[str, ...] = ()
+    """Sentences."""
+
+
+def plan_profile(plan: Plan, ground: Ground) -> Profile:
+    """From home through all that is flown to, in the order of the items; empty without a planned home."""
+    home = plan.planned_home
+    if home is None:
+        return ()
+    places = [(home.lat_deg, home.lon_deg)]
+    places += [
+        (item.lat_deg, item.lon_deg)
+        for _, item in plan.simple_items()
+        if isinstance(item, PlacedItem) and is_flown_to(item)
+    ]
+    return _thinned(_lines(places, ground), home.alt_amsl_m)
+
+
+def mission_profile(legs: Sequence[Leg], origin: LocalOrigin, start_down_m: float, ground: Ground) -> Profile:
+    """Along the way that takes longest; heights above the start."""
+    rows = [point[1:] for leg in legs if leg.main for point in leg.points]
+    if not rows:
+        return ()
+    places = np.array(rows)
+    steps_m = np.hypot(*np.diff(places[:, :2], axis=0).T)
+    lat_deg, lon_deg, _ = geodetic(places, origin)
+    along_m = np.concatenate(([0.0], np.cumsum(steps_m)))
+    return _thinned([(along_m, ground.at(lat_deg, lon_deg))], origin.alt_amsl_m - start_down_m)
+
+
+def _lines(places: Sequence[tuple[float, float]], ground: Ground) -> Iterable[tuple[Floats, Floats]]:
+    along_m = 0.0
+    for start, end in itertools.pairwise(places):
+        line = between(start, end, ground.spacing_m)
+        length_m = distance_m(*start, *end)
+        yield along_m + line[:, 2] * length_m, ground.at(line[:, 0], line[:, 1])
+        along_m += length_m
+
+
+def _thinned(lines: Iterable[tuple[Floats, Floats]], zero_amsl_m: float) -> Profile:
+    """At most `MAX_POINTS`; of points left out between two, the highest counts."""
+    parts = list(lines)
+    if not parts:
+        return ()
+    along_m = np.concatenate([along for along, _ in parts])
+    height_m = np.concatenate([amsl for _, amsl in parts]) - zero_amsl_m
+    each = max(1, -(-len(along_m) // MAX_POINTS))
+    found: list[tuple[float, float | None]] = []
+    for first in range(0, len(along_m), each):
+        part = height_m[first : first + each]
+        top = None if np.isnan(part).all() else int(np.nanargmax(part))
+        at_m = float(along_m[first + (top or 0)])
+        found.append((round(at_m, 1), None if top is None else round(float(part[top]), 1)))
+    return tuple(found)

@@ -1,0 +1,99 @@
+"""Elevation files over HTTP: listed, used by checks, and by plans that follow the ground."""
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.settings import Settings
+from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
+
+HOME = {"lat_deg": LAT_DEG - 0.01, "lon_deg": LON_DEG, "alt_amsl_m": 500}
+
+
+def item(north_deg, value_m, reference="terrain"):
+    altitude = {"value_m": value_m, "reference": reference}
+    return {"kind": "waypoint", "lat_deg": LAT_DEG + north_deg, "lon_deg": LON_DEG, "altitude": altitude}
+
+
+def plan(*items):
+    return {"planned_home": HOME, "items": list(items)}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    (data / "elevation").mkdir()
+    settings = Settings(port=0, links=(), sim=0, data=data, scene=False, record=False)
+    with TestClient(create_app(settings), base_url="http://localhost/api/v1/") as client:
+        write(data / "elevation" / "hill.tif", hill(500.0, 80.0))
+        (data / "elevation" / "broken.tif").write_bytes(b"II*\x00 no more")
+        yield client
+
+
+def codes(check):
+    return [each["code"] for each in check["findings"]]
+
+
+def test_files_are_listed_and_broken_ones_named(client):
+    found = client.get("elevation").json()
+    assert [each["name"] for each in found["files"]] == ["hill.tif"]
+    assert found["files"][0]["south_deg"] < LAT_DEG < found["files"][0]["north_deg"]
+    (problem,) = found["unreadable"]
+    assert "broken.tif" in problem
+    assert found["folder"].endswith("elevation")
+
+
+def test_a_plan_above_the_ground_is_resolved_followed_and_then_without_findings(client):
+    drawn = plan(item(-0.009, 30), item(0.009, 30))
+    before = client.post("plans/check", json={"plan": drawn}).json()
+    assert codes(before).count("terrain_unresolved") == 2
+    assert max(height for _, height in before["ground"]) == pytest.approx(80, abs=2)
+    assert any("broken.tif" in text for text in before["not_known"])
+    straight = client.post("plans/ground", json={"plan": drawn}).json()
+    assert (straight["resolved"], straight["unknown"], straight["added"]) == (2, 0, 0)
+    assert "terrain_hit" in codes(client.post("plans/check", json={"plan": straight["plan"]}).json())
+    followed = client.post("plans/ground", json={"plan": drawn, "tolerance_m": 5}).json()
+    assert followed["added"] == len(followed["plan"]["items"]) - 2 > 0
+    after = codes(client.post("plans/check", json={"plan": followed["plan"]}).json())
+    assert not {"terrain_unresolved", "terrain_hit", "terrain_near", "terrain_outdated"} & set(after)
+
+
+def test_an_offboard_mission_into_the_hill_names_its_step(client):
+    mission = {
+        "format": "offboard-gcs-mission",
+        "name": "Into the hill",
+        "home": HOME,
+        "steps": [
+            {"step": "take_off", "height_m": 30},
+            {"step": "fly", "points": [{"offset_ned_m": [1100, 0, -30]}]},
+            {"step": "land"},
+        ],
+    }
+    check = client.post("plans/check", json={"plan": mission}).json()
+    assert [
+        (each["code"], each["place"]["step"]) for each in check["findings"] if "terrain" in each["code"]
+    ] == [("terrain_hit", "step 2")]
+    assert check["ground"]
+
+
+def test_a_plan_elsewhere_says_that_the_ground_is_not_known(client):
+    elsewhere = {"items": [{**item(0, 30), "lat_deg": -33.0}]}
+    check = client.post("plans/check", json={"plan": elsewhere}).json()
+    assert check["ground"] == []
+    assert "No elevation file covers the plan: the ground below it is not known." in check["not_known"]
+    found = client.post("plans/ground", json={"plan": elsewhere}).json()
+    assert (found["resolved"], found["unknown"]) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({"plan": plan(), "tolerance_m": 0.1}, "tolerance_m"),
+        ({"tolerance_m": 5}, "plan"),
+        ({"plan": plan(), "tol": 1}, "tol"),
+    ],
+)
+def test_a_wrong_request_names_the_field(client, body, field):
+    answer = client.post("plans/ground", json=body)
+    assert answer.status_code == 422
+    assert field in answer.json()["field"]

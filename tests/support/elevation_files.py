@@ -1,0 +1,63 @@
+"""Elevation files made for tests: a hill, a slope, a hole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from rasterio.transform import Affine
+
+LAT_DEG, LON_DEG = 47.4, 8.5
+STEP_DEG = 0.0003
+"""About 33 m to the north."""
+
+Height = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def write(
+    path: Path,
+    height: Height,
+    *,
+    west_deg: float = LON_DEG - 0.03,
+    north_deg: float = LAT_DEG + 0.03,
+    cells: int = 200,
+    step_deg: float = STEP_DEG,
+    driver: str = "GTiff",
+    **options: object,
+) -> Path:
+    """A file whose cells have these altitudes, as a function of latitudes and longitudes of their centres."""
+    lat = north_deg - (np.arange(cells) + 0.5) * step_deg
+    lon = west_deg + (np.arange(cells) + 0.5) * step_deg
+    lons, lats = np.meshgrid(lon, lat)
+    values = height(lats, lons).astype("float32")
+    given = {
+        "count": 1,
+        "crs": "EPSG:4326",
+        "transform": Affine(step_deg, 0.0, west_deg, 0.0, -step_deg, north_deg),
+        "nodata": -9999.0,
+        **options,
+    }
+    with rasterio.open(path, "w", driver=driver, width=cells, height=cells, dtype="float32", **given) as data:
+        data.write(values, 1)
+    return path
+
+
+def flat(amsl_m: float) -> Height:
+    """The same everywhere."""
+    return lambda lat, lon: np.full_like(lat, amsl_m)
+
+
+def hill(
+    amsl_m: float,
+    top_m: float,
+    *,
+    lat_deg: float = LAT_DEG,
+    lon_deg: float = LON_DEG,
+    width_deg: float = 0.002,
+) -> Height:
+    """A hill on flat ground, round in degrees."""
+    return lambda lat, lon: (
+        amsl_m + top_m * np.exp(-(((lat - lat_deg) ** 2 + (lon - lon_deg) ** 2) / (2 * width_deg**2)))
+    )

@@ -1,0 +1,279 @@
+"""The ground of elevation files: read, interpolated, followed, and kept away from."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs_server.plans.work import ELEVATION_SUFFIXES, elevation_files
+from missions.errors import PlanError
+from missions.formats.mavlink_items import mission_items
+from missions.geodesy import LocalOrigin, distance_m
+from missions.items import Jump, Land, ReturnHome, Takeoff, Waypoint
+from missions.offboard.samples import Leg
+from missions.plan import Plan
+from missions.terrain.clearance import mission_findings, plan_findings
+from missions.terrain.files import DRIVERS, Area, Elevation, inspect
+from missions.terrain.follow import follow_ground
+from missions.terrain.ground import Ground, between
+from missions.terrain.profile import mission_profile, plan_profile
+from missions.values import Altitude, HomePosition, RallyPoint
+from tests.support.elevation_files import LAT_DEG, LON_DEG, flat, hill, write
+
+HOME = HomePosition(lat_deg=LAT_DEG - 0.01, lon_deg=LON_DEG, alt_amsl_m=500.0)
+
+
+def above(value_m: float) -> Altitude:
+    return Altitude(value_m=value_m, reference="terrain")
+
+
+def to(north_deg: float, altitude: Altitude, east_deg: float = 0.0) -> Waypoint:
+    return Waypoint(lat_deg=LAT_DEG + north_deg, lon_deg=LON_DEG + east_deg, altitude=altitude)
+
+
+def ground_of(*files: Path, margin_m: float = 3000.0) -> Ground:
+    area = Area.around([(LAT_DEG, LON_DEG)], margin_m)
+    assert area is not None
+    elevation = Elevation.of(files)
+    assert elevation.problems == ()
+    found = elevation.ground(area)
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def hilly(tmp_path_factory: pytest.TempPathFactory) -> Ground:
+    return ground_of(write(tmp_path_factory.mktemp("elevation") / "hill.tif", hill(500.0, 80.0)))
+
+
+def test_a_slope_is_read_between_its_cells(tmp_path: Path) -> None:
+    def slope(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
+        return 500.0 + 2000.0 * (lat - LAT_DEG) + 1000.0 * (lon - LON_DEG)
+
+    ground = ground_of(write(tmp_path / "slope.tif", slope))
+    rng = np.random.default_rng(1)
+    lat, lon = LAT_DEG + rng.uniform(-0.02, 0.02, 200), LON_DEG + rng.uniform(-0.02, 0.02, 200)
+    # GDAL places cells to an eighth of one, here 0.075 m of the slope.
+    np.testing.assert_allclose(ground.at(lat, lon), slope(lat, lon), atol=0.1)
+
+
+def test_a_file_in_metres_of_utm_is_found_at_its_place(tmp_path: Path) -> None:
+    # UTM zone 32: 47.4 N 8.5 E lies at 462 260 E, 5 249 780 N (within 100 m).
+    path = write(
+        tmp_path / "utm.tif",
+        flat(432.0),
+        west_deg=462_260.0 - 2000.0,
+        north_deg=5_249_780.0 + 2000.0,
+        step_deg=20.0,
+        crs="EPSG:32632",
+    )
+    found = inspect(path)
+    assert found.south_deg < LAT_DEG < found.north_deg
+    assert found.west_deg < LON_DEG < found.east_deg
+    assert ground_of(path, margin_m=500.0).one(LAT_DEG, LON_DEG) == pytest.approx(432.0)
+
+
+def test_an_hgt_file_is_placed_by_its_name(tmp_path: Path) -> None:
+    heights = np.full((1201, 1201), 321, dtype=">i2")
+    heights[:600] = 654
+    (tmp_path / "N47E008.hgt").write_bytes(heights.tobytes())
+    ground = ground_of(tmp_path / "N47E008.hgt")
+    assert ground.one(LAT_DEG, LON_DEG) == pytest.approx(321.0)
+    assert 85.0 < ground.spacing_m < 100.0
+
+
+def test_the_finest_file_counts_and_a_coarser_one_fills_its_holes(tmp_path: Path) -> None:
+    def holed(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
+        return np.where(lon > LON_DEG, -9999.0, 100.0)
+
+    fine = write(tmp_path / "fine.tif", holed)
+    coarse = write(tmp_path / "coarse.tif", flat(200.0), step_deg=0.001)
+    for files in ((fine, coarse), (coarse, fine)):
+        ground = ground_of(*files, margin_m=1000.0)
+        assert ground.one(LAT_DEG, LON_DEG - 0.005) == pytest.approx(100.0)
+        assert ground.one(LAT_DEG, LON_DEG + 0.005) == pytest.approx(200.0)
+
+
+def test_outside_all_files_nothing_is_known(hilly: Ground) -> None:
+    assert hilly.one(LAT_DEG + 1.0, LON_DEG) is None
+    assert hilly.one(LAT_DEG, LON_DEG - 1.0) is None
+    assert hilly.one(-LAT_DEG, LON_DEG) is None
+
+
+def test_a_file_at_the_date_line_is_found_from_both_sides(tmp_path: Path) -> None:
+    write(tmp_path / "east.tif", flat(12.0), west_deg=180.0 - 0.05, north_deg=0.03)
+    for lon_deg in (179.99, -180.01):
+        area = Area.around([(0.0, lon_deg)], 200.0)
+        assert area is not None
+        ground = Elevation.of([tmp_path / "east.tif"]).ground(area)
+        assert ground is not None
+        assert ground.one(0.0, 179.99) == pytest.approx(12.0)
+
+
+def test_a_large_area_is_read_with_a_wider_grid(tmp_path: Path) -> None:
+    path = write(tmp_path / "country.tif", flat(300.0), cells=100, step_deg=0.0001)
+    area = Area(LON_DEG - 2.0, LAT_DEG - 2.0, LON_DEG + 2.0, LAT_DEG + 2.0)
+    ground = Elevation.of([path]).ground(area)
+    assert ground is not None
+    assert ground.amsl_m.size < 4_100_000
+
+
+@pytest.mark.parametrize("name", ["text.tif", "empty.hgt", "N99E999.hgt"])
+def test_what_is_no_elevation_file_is_named_and_left_out(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"no picture at all")
+    (tmp_path / "notes.txt").write_text("left alone")
+    good = write(tmp_path / "good.tif", flat(10.0))
+    found = [Path(each) for each in elevation_files(tmp_path)]
+    assert {each.name for each in found} == {name, "good.tif"}
+    assert tuple(DRIVERS) == ELEVATION_SUFFIXES
+    elevation = Elevation.of(found)
+    assert [path for path, _ in elevation.files] == [good]
+    (problem,) = elevation.problems
+    assert name in problem
+    assert "Use a GeoTIFF or HGT file" in problem
+
+
+def test_two_bands_and_no_coordinate_system_are_refused(tmp_path: Path) -> None:
+    for options, reason in (({"crs": None}, "no coordinate system"), ({"count": 2}, "2 bands")):
+        path = write(tmp_path / "odd.tif", flat(1.0), **options)
+        with pytest.raises(PlanError, match=reason):
+            inspect(path)
+
+
+def test_altitudes_above_the_ground_are_resolved(hilly: Ground) -> None:
+    plan = Plan(
+        planned_home=HOME,
+        items=(to(0.0, above(30.0)), to(0.0, Altitude(value_m=50.0, reference="home"))),
+        rally_points=(RallyPoint(lat_deg=LAT_DEG, lon_deg=LON_DEG, altitude=above(20.0)),),
+    )
+    found = follow_ground(plan, hilly)
+    assert (found.resolved, found.unknown, found.added) == (2, 0, 0)
+    first, second = found.plan.items
+    assert isinstance(first, Waypoint)
+    assert first.altitude.resolved_amsl_m == pytest.approx(610.0, abs=1.0)
+    assert second == plan.items[1]
+    assert found.plan.rally_points[0].altitude.resolved_amsl_m == pytest.approx(600.0, abs=1.0)
+    assert len(mission_items(found.plan)) == 2
+
+
+def test_where_no_file_knows_the_ground_altitudes_stay_unresolved(hilly: Ground) -> None:
+    plan = Plan(
+        items=(to(0.0, above(30.0).model_copy(update={"resolved_amsl_m": 1.0})), to(1.0, above(30.0)))
+    )
+    for ground, unknown in ((hilly, 1), (None, 2)):
+        found = follow_ground(plan, ground)
+        assert found.unknown == unknown
+        last = found.plan.items[-1]
+        assert isinstance(last, Waypoint)
+        assert last.altitude.resolved_amsl_m is None
+
+
+@given(st.floats(1.0, 30.0), st.floats(5.0, 100.0), st.floats(-0.004, 0.004))
+def test_a_followed_line_is_within_the_tolerance_of_its_height(
+    hilly: Ground, tolerance_m: float, height_m: float, east_deg: float
+) -> None:
+    plan = Plan(planned_home=HOME, items=(to(-0.009, above(height_m)), to(0.009, above(height_m), east_deg)))
+    found = follow_ground(plan, hilly, tolerance_m)
+    items = [each for each in found.plan.items if isinstance(each, Waypoint)]
+    assert len(items) == 2 + found.added
+    for start, end in itertools.pairwise(items):
+        line = between((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), hilly.spacing_m)
+        low, high = start.altitude.resolved_amsl_m, end.altitude.resolved_amsl_m
+        assert low is not None
+        assert high is not None
+        above_m = low + (high - low) * line[:, 2] - hilly.at(line[:, 0], line[:, 1])
+        # Another sampling of the same lines: the ground between two samples is a metre or two different.
+        assert np.abs(above_m - height_m).max() < tolerance_m + 2.0
+    assert not list(plan_findings(found.plan, hilly, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
+
+
+def test_added_waypoints_keep_the_target_of_a_jump(hilly: Ground) -> None:
+    plan = Plan(items=(to(-0.009, above(30.0)), to(0.009, above(30.0)), Jump(target_index=1, repeat=1)))
+    found = follow_ground(plan, hilly, 5.0)
+    assert found.added > 0
+    jump = found.plan.items[-1]
+    assert isinstance(jump, Jump)
+    assert found.plan.items[jump.target_index] == follow_ground(plan, hilly).plan.items[1]
+
+
+def test_too_many_waypoints_are_refused(hilly: Ground) -> None:
+    items = tuple(to(0.009 * (-1) ** i, above(30.0)) for i in range(400))
+    with pytest.raises(PlanError, match="Raise the tolerance"):
+        follow_ground(Plan(items=items), hilly, 0.01)
+
+
+def codes(plan: Plan, ground: Ground, return_alt_m: float = 30.0) -> list[tuple[str, int | None]]:
+    return [(each.code, each.row) for each in plan_findings(plan, ground, return_alt_m)]
+
+
+def test_a_line_through_the_hill_a_line_near_it_and_one_above(hilly: Ground) -> None:
+    for height_m, wanted in ((40.0, [("terrain_hit", 1)]), (86.0, [("terrain_near", 1)]), (120.0, [])):
+        altitude = Altitude(value_m=height_m, reference="home")
+        plan = Plan(planned_home=HOME, items=(to(-0.01, altitude), to(0.01, altitude)))
+        assert codes(plan, hilly) == wanted
+
+
+def test_the_way_home_is_judged_at_the_return_altitude(hilly: Ground) -> None:
+    around = [
+        to(-0.01, Altitude(value_m=20.0, reference="home"), 0.01),
+        to(0.01, Altitude(value_m=20.0, reference="home"), 0.01),
+    ]
+    plan = Plan(
+        planned_home=HOME, items=(*around, to(0.01, Altitude(value_m=20.0, reference="home")), ReturnHome())
+    )
+    assert codes(plan, hilly, return_alt_m=30.0) == [("terrain_hit", 3)]
+    assert codes(plan, hilly, return_alt_m=100.0) == []
+
+
+def test_take_off_and_landing_are_allowed_to_be_near_the_ground(hilly: Ground) -> None:
+    altitude = Altitude(value_m=20.0, reference="home")
+    takeoff = Takeoff(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg, altitude=altitude)
+    land = Land(
+        lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg + 0.001, altitude=Altitude(value_m=0.0, reference="home")
+    )
+    assert codes(Plan(planned_home=HOME, items=(takeoff, land)), hilly) == []
+
+
+def test_a_moved_item_and_a_wrong_home_are_told(hilly: Ground) -> None:
+    found = follow_ground(Plan(planned_home=HOME, items=(to(0.0, above(30.0)),)), hilly).plan
+    item = found.items[0]
+    assert isinstance(item, Waypoint)
+    moved = found.model_copy(update={"items": (item.model_copy(update={"lat_deg": LAT_DEG + 0.005}),)})
+    assert ("terrain_outdated", 0) in codes(moved, hilly)
+    high = found.model_copy(update={"planned_home": HOME.model_copy(update={"alt_amsl_m": 540.0})})
+    assert codes(high, hilly) == [("home_off_ground", None)]
+
+
+def leg(place: str, *points: tuple[float, float, float]) -> Leg:
+    rows = tuple((float(i), *point) for i, point in enumerate(points))
+    return Leg(place, "fly", 0.0, float(len(points)), main=True, points=rows)
+
+
+def test_a_mission_into_the_hill_names_the_step(hilly: Ground) -> None:
+    origin = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
+    north_m = distance_m(HOME.lat_deg, HOME.lon_deg, LAT_DEG, LON_DEG)
+    climb = leg("step 1", (0.0, 0.0, 0.0), (0.0, 0.0, -30.0))
+    out = leg("step 2", (0.0, 0.0, -30.0), (north_m / 2, 0.0, -30.0))
+    into = leg("step 3", (north_m / 2, 0.0, -30.0), (north_m, 0.0, -30.0))
+    found = list(mission_findings([climb, out, into], origin, hilly))
+    assert [(each.code, each.step) for each in found] == [("terrain_hit", "step 3")]
+    profile = mission_profile([climb, out, into], origin, 0.0, hilly)
+    assert profile[0][1] == pytest.approx(0.0, abs=1.0)
+    assert profile[-1] == (pytest.approx(north_m, abs=1.0), pytest.approx(80.0, abs=2.0))
+
+
+def test_the_profile_of_a_plan_has_its_length_and_the_hill(hilly: Ground) -> None:
+    plan = Plan(planned_home=HOME, items=tuple(to(north, above(30.0)) for north in (-0.009, 0.009, -0.009)))
+    profile = plan_profile(plan, hilly)
+    assert len(profile) <= 600
+    assert profile[-1][0] == pytest.approx(math.radians(0.037) * 6_371_000.0, rel=0.01)
+    assert max(height or 0.0 for _, height in profile) == pytest.approx(80.0, abs=2.0)
+    assert json.dumps(profile)
+    assert plan_profile(plan.model_copy(update={"planned_home": None}), hilly) == ()
