@@ -1440,6 +1440,29 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/plans/ground": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Follow Ground
+         * @description Resolves a plan's altitudes above the ground with the operator's elevation files. Saves nothing.
+         *
+         *     PX4 flies each item at one altitude above sea level, and straight lines between them. With `tolerance_m`,
+         *     waypoints are added where a line would be too far from its height above the ground.
+         */
+        readonly post: operations["follow_ground_api_v1_plans_ground_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/plans/schema/{kind}": {
         readonly parameters: {
             readonly query?: never;
@@ -1563,6 +1586,26 @@ export interface paths {
          * @description The stored versions of a plan, newest first.
          */
         readonly get: operations["list_versions_api_v1_plans__plan__versions_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/elevation": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * List Elevation Files
+         * @description The elevation files in the data folder, the finest first, and those that cannot be read.
+         */
+        readonly get: operations["list_elevation_files_api_v1_elevation_get"];
         readonly put?: never;
         readonly post?: never;
         readonly delete?: never;
@@ -4189,6 +4232,63 @@ export interface components {
             readonly thrust: number | null;
         };
         /**
+         * ElevationFileModel
+         * @description One elevation file.
+         */
+        readonly ElevationFileModel: {
+            /**
+             * Name
+             * @description Name of the file.
+             */
+            readonly name: string;
+            /**
+             * West Deg
+             * @description Western edge [deg].
+             */
+            readonly west_deg: number;
+            /**
+             * South Deg
+             * @description Southern edge [deg].
+             */
+            readonly south_deg: number;
+            /**
+             * East Deg
+             * @description Eastern edge [deg].
+             */
+            readonly east_deg: number;
+            /**
+             * North Deg
+             * @description Northern edge [deg].
+             */
+            readonly north_deg: number;
+            /**
+             * Spacing M
+             * @description Between two rows, over the ground [m].
+             */
+            readonly spacing_m: number;
+        };
+        /**
+         * ElevationFiles
+         * @description The operator's elevation files.
+         */
+        readonly ElevationFiles: {
+            /**
+             * Folder
+             * @description Where to put GeoTIFF (.tif, .tiff) and HGT files.
+             */
+            readonly folder: string;
+            /**
+             * Files
+             * @description The finest first.
+             */
+            readonly files: readonly components["schemas"]["ElevationFileModel"][];
+            /**
+             * Unreadable
+             * @description Files there that cannot be used, each with the reason.
+             */
+            readonly unreadable: readonly string[];
+        };
+        /**
          * Estimator
          * @description ESTIMATOR_STATUS flags (ESTIMATOR_STATUS_FLAGS) and accuracies.
          */
@@ -5283,6 +5383,34 @@ export interface components {
              * @description Action.
              */
             readonly action: number | null;
+        };
+        /**
+         * GroundPlan
+         * @description A plan that follows the ground; nothing is saved.
+         */
+        readonly GroundPlan: {
+            /** @description The plan. */
+            readonly plan: components["schemas"]["Plan"];
+            /**
+             * Resolved
+             * @description Items and rally points whose altitude was resolved.
+             */
+            readonly resolved: number;
+            /**
+             * Unknown
+             * @description Those whose altitude stays unresolved: no file knows the ground there.
+             */
+            readonly unknown: number;
+            /**
+             * Added
+             * @description Waypoints added between others.
+             */
+            readonly added: number;
+            /**
+             * Notes
+             * @description Files that cannot be used, and places without ground; sentences.
+             */
+            readonly notes: readonly string[];
         };
         /**
          * Group
@@ -9123,8 +9251,16 @@ export interface components {
              */
             readonly vehicle: string | null;
             /**
+             * Ground
+             * @description The ground below the flight: distance along it [m], and the ground's height above home, of an offboard mission above the start [m]; null: not known. Empty without elevation files.
+             */
+            readonly ground: readonly (readonly [
+                number,
+                number | null
+            ])[];
+            /**
              * Not Known
-             * @description What is not known about the vehicle; sentences.
+             * @description What is not known about the vehicle or the ground; sentences.
              */
             readonly not_known: readonly string[];
         };
@@ -9356,6 +9492,19 @@ export interface components {
              * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
+        };
+        /**
+         * PlanToFollowGround
+         * @description The waypoint plan whose altitudes above the ground are resolved.
+         */
+        readonly PlanToFollowGround: {
+            /** @description The plan's document (docs/missions.md). */
+            readonly plan: components["schemas"]["Plan"];
+            /**
+             * Tolerance M
+             * @description Add waypoints until straight lines are within this of their height above the ground [m]; null: none are added.
+             */
+            readonly tolerance_m?: number | null;
         };
         /**
          * PlanVersion
@@ -17128,6 +17277,67 @@ export interface operations {
             };
         };
     };
+    readonly follow_ground_api_v1_plans_ground_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["PlanToFollowGround"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["GroundPlan"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     readonly plan_schema_api_v1_plans_schema__kind__get: {
         readonly parameters: {
             readonly query?: never;
@@ -17591,6 +17801,63 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["PlanVersions"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly list_elevation_files_api_v1_elevation_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ElevationFiles"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];
