@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.payload.camera import Camera
+from vehicle_sim.ros2.bridge import Bridge, Port
 from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.shell.commands import Shell
 from vehicle_sim.simulation import STEP_S, ControlLevel, Home, Simulation
@@ -91,9 +92,13 @@ class VehicleSim:
         self.files = list(files)
         recorders = Recorders(self.simulation) if log else None
         self.loggers: list[Logger] = []
+        self._states: list[States] = []
+        self._bridges: dict[int, Bridge] = {}
+        """ROS 2 side of the vehicles that have one, by row."""
         self.nodes: list[Node] = []
         for row, (autopilot, own) in enumerate(zip(self.autopilots, self.files, strict=True)):
             states = States(autopilot, first_instance + row + 1)
+            self._states.append(states)
             self.loggers.append(Logger(autopilot, states, own, recorders))
             node = Node(autopilot, first_instance + row + 1, own, self.loggers[-1])
             shell = Shell(
@@ -127,6 +132,19 @@ class VehicleSim:
         self._links[instance][name] = link
         self.nodes[instance].add_link(link)
         return link
+
+    def open_ros2(self, instance: int, port: Port, report: Callable[[str], None]) -> None:
+        """Put a vehicle on ROS 2, as its onboard client does.
+
+        Args:
+            instance: row of the vehicle, from 0.
+            port: carries its messages.
+            report: told once for each topic on which something malformed arrives.
+        """
+        node = self.nodes[instance]
+        self._bridges[instance] = Bridge(
+            node.context, self._states[instance], node.commands, node.mavlink_commands, port, report
+        )
 
     def remove_link(self, instance: int, name: str) -> None:
         """Close a link."""
@@ -191,6 +209,8 @@ class VehicleSim:
         for node in self._speaking:
             if ticks or node.attends:
                 node.step()
+        for bridge in self._bridges.values():
+            bridge.step()
         if self._logbook is not None:
             self._logbook.step(self.simulation.steps * STEP_US)
 
@@ -198,6 +218,7 @@ class VehicleSim:
         """Stop the motors and the autopilot of a vehicle that nobody watches any more, for good."""
         self._deciding = [each for each in self._deciding if each is not self.autopilots[instance]]
         self._speaking = [each for each in self._speaking if each is not self.nodes[instance]]
+        self._bridges.pop(instance, None)
         setpoints = self.simulation.setpoints
         setpoints.clear(instance)
         setpoints.level[instance], setpoints.armed[instance] = ControlLevel.DISARMED, False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +17,16 @@ from vehicle_sim.world.files import load_world, shipped
 from vehicle_sim.world.world import World
 from vehicle_sim.yaml_fields import FileProblem
 
+LAST_DOMAIN = 101
+"""The ports of higher domains are the ones that systems give to anyone."""
 EPILOG = """\
 Each vehicle N (from 0) has MAVLink system id N+1 and talks MAVLink 2 on
   UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
   UDP 14580+N  to an onboard computer or MAVSDK at port 14540+N
   TCP 5760+N   to one client that connects
-All on loopback unless --bind says otherwise. The first who writes to a UDP port is answered there.
+With --ros2 it also has PX4's ROS 2 topics (/fmu/in/…, /fmu/out/…) on DDS, under /px4_N for N from 1.
+All on loopback unless --bind or --ros2-interface says otherwise.
+The first who writes to a UDP port is answered there.
 Nothing is needed beside it: no PX4, no Gazebo. Stop it with Ctrl+C.
 
 examples:
@@ -29,6 +34,7 @@ examples:
   python -m vehicle_sim --instances 3 --home 47.3977,8.5456,488
   python -m vehicle_sim --param COM_OBL_RC_ACT=5 --param SIM_BAT_DRAIN=600
   python -m vehicle_sim --world obstacle-box --wind 0,5,1.5 --battery 60
+  python -m vehicle_sim --ros2 7 --ros2-namespace drone7
   python -m vehicle_sim --script faults.yaml --speed max --duration 300
 """
 
@@ -147,6 +153,21 @@ def _port(text: str) -> int:
     return number
 
 
+def _domain(text: str) -> int:
+    if not (text.isdecimal() and int(text) <= LAST_DOMAIN):
+        raise argparse.ArgumentTypeError(f"ROS 2 domain {text!r}: give 0 to {LAST_DOMAIN}")
+    return int(text)
+
+
+def _namespace(text: str) -> str:
+    name = text.strip("/")
+    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
+        raise argparse.ArgumentTypeError(
+            f"ROS 2 namespace {text!r}: give letters, digits and _, such as drone7"
+        )
+    return name
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The command line."""
     parser = argparse.ArgumentParser(
@@ -197,6 +218,13 @@ def build_parser() -> argparse.ArgumentParser:
     ):
         value = getattr(default, name.replace("-port", "").replace("-", "_"))
         ports.add_argument(f"--{name}", type=_port, default=value, metavar="P", help=f"{help_text} ({value})")
+    ros2 = parser.add_argument_group("ROS 2", "PX4's topics over DDS; needs the extra: pip install '.[ros2]'")
+    ros2.add_argument("--ros2", type=_domain, nargs="?", const=0, default=None, metavar="DOMAIN",
+        help="publish and subscribe them in this DDS domain (without a number: 0)")  # fmt: skip
+    ros2.add_argument("--ros2-namespace", type=_namespace, default=None, metavar="NAME",
+        help="before /fmu (default: none for instance 0, px4_N for instance N)")  # fmt: skip
+    ros2.add_argument("--ros2-interface", default=None, metavar="NAME",
+        help="network interface to use, with multicast (default: loopback, no multicast)")  # fmt: skip
     ports.add_argument("--no-api", action="store_true", help="no onboard link")
     return parser
 
@@ -207,6 +235,10 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.first_instance <= 254 - arguments.instances:
         parser.error(f"--first-instance {arguments.first_instance}: system ids must stay within 1 to 254")
+    if arguments.ros2 is None and (arguments.ros2_namespace or arguments.ros2_interface):
+        parser.error("--ros2-namespace and --ros2-interface need --ros2")
+    if arguments.ros2_namespace and arguments.instances > 1:
+        parser.error("--ros2-namespace is for one vehicle; without it several have px4_1, px4_2 …")
     alone = "--lockstep" if arguments.lockstep else "--script" if arguments.script else None
     if alone and arguments.processes > 1:
         parser.error(f"--processes {arguments.processes}: with {alone} all vehicles fly in one process")

@@ -8,7 +8,7 @@ import multiprocessing
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +55,32 @@ def _weather(fleet: VehicleSim, wind: WindOption | None, battery_percent: float 
             fleet.simulation.set_battery_remaining(row, battery_percent / 100.0)
 
 
+def _open_ros2(fleet: VehicleSim, first_instance: int, arguments: argparse.Namespace) -> bool:
+    """Put each vehicle on DDS; False where that cannot be, after saying why."""
+    try:
+        from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable
+    except ImportError:
+        print("--ros2 needs Cyclone DDS, which is not installed. Install it: pip install cyclonedds",
+              file=sys.stderr, flush=True)  # fmt: skip
+        return False
+    try:
+        domain = DdsDomain(arguments.ros2, arguments.ros2_interface)
+        for row in range(len(fleet.nodes)):
+            instance = first_instance + row
+            namespace = arguments.ros2_namespace or (f"px4_{instance}" if instance else "")
+            fleet.open_ros2(row, domain.open(namespace), _reporter(instance))
+    except DdsUnavailable as problem:
+        print(f"--ros2: {problem}", file=sys.stderr, flush=True)
+        return False
+    where = arguments.ros2_interface or "loopback"
+    print(f"ROS 2 topics in DDS domain {arguments.ros2} on {where}", flush=True)
+    return True
+
+
+def _reporter(instance: int) -> Callable[[str], None]:
+    return lambda text: print(f"vehicle {instance + 1}: {text}", file=sys.stderr, flush=True)
+
+
 def _announce(server: SimServer, first_instance: int) -> bool:
     any_port = False
     for row, vehicle in enumerate(server.vehicles):
@@ -96,6 +122,8 @@ def fly_share(argv: Sequence[str], share: Share) -> int:
         log=not arguments.no_log, world=arguments.world, script=arguments.script,
         camera=arguments.camera, start_ned_m=row_east(share.count, share.first),
     )  # fmt: skip
+    if arguments.ros2 is not None and not _open_ros2(fleet, first_instance, arguments):
+        return 2
     _weather(fleet, arguments.wind, arguments.battery)
     ports = Ports(
         gcs_local=arguments.gcs_local_port,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.vehicle_view import VehicleView
 
+ROS2 = "ros2"
+"""`Command.link` of a VehicleCommand that came over ROS 2."""
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 """MAV_RESULT."""
 
@@ -27,6 +29,7 @@ class Command:
     p7: float
     sender: tuple[int, int]
     link: str
+    """Name of the MAVLink connection, or `ROS2`."""
 
 
 Handler = Callable[[Command], int | None]
@@ -55,3 +58,14 @@ class CommandHost(Protocol):
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
         """Answer a command; `progress` in percent, 255 where it is not known."""
         ...
+
+
+def execute(host: CommandHost, handlers: Mapping[int, Handler], command: Command) -> None:
+    """Carry a command out and answer it; texts about it go out after the answer."""
+    handler = handlers.get(command.number)
+    announcer = host.autopilot.announcer
+    announcer.hold()
+    result = UNSUPPORTED if handler is None else handler(command)
+    if result is not None:
+        host.acknowledge(command, result)
+    announcer.release()

@@ -33,6 +33,8 @@ CHANGE_ALTITUDE, GO_TO_LANDING, HIGH_LATENCY = 186, 189, 2600
 RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
 GRIPPER, AUTOTUNE, EXTERNAL_POSITION, EXTERNAL_WIND = 211, 212, 43003, 43004
 VTOL_TAKEOFF = 84
+SET_NAV_STATE = 100_001
+"""Inside PX4 and over ROS 2 only: the number is too large for MAVLink."""
 FORCE = 21196
 AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
 """Of MAV_MODE_FLAG."""
@@ -71,6 +73,7 @@ class FlightCommands:
             ARM_DISARM: self._arm,
             SET_MODE: self._set_mode,
             SET_STANDARD_MODE: self._set_standard_mode,
+            SET_NAV_STATE: self._set_nav_state,
             TAKEOFF: self._takeoff,
             LAND: self._land,
             RETURN: self._return,
@@ -142,6 +145,14 @@ class FlightCommands:
     def _set_standard_mode(self, c: Command) -> int:
         mode = STANDARD_MODES.get(int(c.p1) if math.isfinite(c.p1) else 0)
         return FAILED if mode is None else self._switch(mode, told=False)
+
+    def _set_nav_state(self, c: Command) -> int:
+        """PX4 takes any number while disarmed and then has no such mode; here the mode stays as it is."""
+        try:
+            mode = NavState(int(c.p1) if math.isfinite(c.p1) else 0)
+        except ValueError:
+            return TEMPORARILY_REJECTED if self._commander.armed else ACCEPTED
+        return self._switch(mode, told=False)
 
     # --- flying ----------------------------------------------------------------------------------------
 

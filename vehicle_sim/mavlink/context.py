@@ -6,12 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.commands.command import Command
+from vehicle_sim.commands.command import ROS2, Command
 from vehicle_sim.mavlink.dialect import Message, pack
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.telemetry import Telemetry
 
 AUTOPILOT_COMPONENT = 1
+AckListener = Callable[[Command, int, int], None]
 GCS_SILENT_S = 2.5
 """So long after its last heartbeat a ground station counts as there: one may be missing."""
 
@@ -30,6 +31,9 @@ class Context:
         self.gcs_silent_s = GCS_SILENT_S
         """Of simulated time: longer where that runs faster than the ground station's."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
+        self.heard: set[tuple[int, int]] = set()
+        """(system id, component id) of all who have sent anything."""
+        self._ack_listeners: list[AckListener] = []
 
     @property
     def own(self) -> tuple[int, int]:
@@ -54,7 +58,18 @@ class Context:
         for link in self.links:
             link.send_payload(layout, payload)
 
+    def add_ack_listener(self, listener: AckListener) -> None:
+        """Call `listener(command, result, progress)` with each answer to a command."""
+        self._ack_listeners.append(listener)
+
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
+        """Answer a command everywhere; over MAVLink only to senders that are known there."""
+        for listener in self._ack_listeners:
+            listener(command, result, progress)
+        if command.link != ROS2 or command.sender in self.heard:
+            self.send_ack(command, result, progress=progress)
+
+    def send_ack(self, command: Command, result: int, *, progress: int = 0) -> None:
         """COMMAND_ACK to whom the command came from, on every link."""
         self.broadcast(
             "COMMAND_ACK", command=command.number, result=result, progress=progress,

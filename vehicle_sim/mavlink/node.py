@@ -59,9 +59,11 @@ class Node:
         self._shell = ShellService(self.context)
         self._own_commands = OwnCommandService(self.context, gimbal.commands)
         meanings = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
-        commands = CommandService(
-            self.context, {number: do for each in meanings for number, do in each.commands.items()}
-        )
+        self.commands = {number: do for each in meanings for number, do in each.commands.items()}
+        """Who carries out which command, whatever brought it."""
+        self.mavlink_commands = frozenset(requests.commands)
+        """Those that only mean something over MAVLink."""
+        commands = CommandService(self.context, self.commands)
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
             self._texts, self._time, self.params, self._mission, GimbalService(self.context), commands,
@@ -116,6 +118,7 @@ class Node:
         """Bytes that arrived on a link; garbage is skipped."""
         self._rest_until_us = 0
         for message in link.feed(data):
+            self.context.heard.add(message.sender)
             handler = self._handlers.get(message.name)
             if handler is not None:
                 handler(link, message)

@@ -21,7 +21,6 @@ CODES: Final = {
 """`struct` code and size [bytes] by primitive type."""
 HEADER: Final = b"\x00\x01\x00\x00"
 """Encapsulation header: plain CDR, little endian."""
-FLOAT32_MAX: Final = 3.4028234e38
 _FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193
 
 

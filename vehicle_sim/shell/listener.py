@@ -16,6 +16,8 @@ from vehicle_sim.vehicle_view import VehicleView
 FULL_RATE = 0b11
 """Logging profiles whose rates the topics are published at: default and replay."""
 GPS_PERIOD_US = 125_000
+STEP_US = 4_000
+"""Period of topics that no log has."""
 MAX_SAMPLES = 10_000
 
 
@@ -83,7 +85,7 @@ class ListenerCommand:
         array: ArrayTopic | None = self._arrays.get(name)
         if array is not None:
             pace = array.pace(FULL_RATE)
-            period_us = pace * 1000 if isinstance(pace, int) else GPS_PERIOD_US
+            period_us = pace * 1000 if isinstance(pace, int) else GPS_PERIOD_US if pace else STEP_US
             values = current(array, self._view.simulation, self._view.row)
             time_us = now_us // period_us * period_us
             if array.sampled:

@@ -91,6 +91,22 @@ def _solution(s: Simulation) -> NDArray[Any]:
     )  # fmt: skip
 
 
+def _position_variance(s: Simulation) -> NDArray[Any]:
+    level, down = s.estimate.horizontal_accuracy_m, s.estimate.vertical_accuracy_m
+    return np.stack((0.5 * level**2, 0.5 * level**2, down**2), axis=1)
+
+
+def _velocity_variance(s: Simulation) -> NDArray[Any]:
+    return np.repeat(s.estimate.speed_accuracy_m_s[:, np.newaxis] ** 2 / 3.0, 3, axis=1)
+
+
+def _resets(s: Simulation) -> NDArray[Any]:
+    """Sum of the reset counters: PX4 counts them in one number here."""
+    f = s.fusion
+    counters = f.xy_reset_counter + f.z_reset_counter + f.vxy_reset_counter + f.vz_reset_counter
+    return (counters + f.heading_reset_counter) & 0xFF
+
+
 def _columns(names: str, source: Source) -> dict[str, Source]:
     return {names: source}
 
@@ -200,6 +216,15 @@ def _topics() -> list[ArrayTopic]:
         eph=lambda s: s.estimate.horizontal_accuracy_m, epv=lambda s: s.estimate.vertical_accuracy_m,
         terrain_alt=NAN, lat_lon_valid=lambda s: s.estimate.valid_position,
         alt_valid=lambda s: s.estimate.valid_altitude)  # fmt: skip
+    add("vehicle_odometry", "uint64_t timestamp_sample;float[3] position;float[4] q;float[3] velocity;"
+        "float[3] angular_velocity;float[3] position_variance;float[3] orientation_variance;"
+        "float[3] velocity_variance;uint8_t pose_frame;uint8_t velocity_frame;uint8_t reset_counter;"
+        "int8_t quality", {}, pose_frame=1, velocity_frame=1,
+        position=lambda s: s.estimate.position_ned_m, q=lambda s: s.estimate.q_ned_frd,
+        velocity=lambda s: s.estimate.velocity_ned_m_s,
+        angular_velocity=lambda s: s.estimate.rates_frd_rad_s,
+        position_variance=_position_variance, velocity_variance=_velocity_variance,
+        reset_counter=_resets)  # fmt: skip
     add("vehicle_angular_velocity", _ANGULAR, {DEFAULT: 20, REPLAY: 10, HIGH_RATE: 4},
         xyz=lambda s: s.estimate.rates_frd_rad_s,
         xyz_derivative=lambda s: s.estimate.angular_acceleration_frd_rad_s2)  # fmt: skip

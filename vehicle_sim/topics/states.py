@@ -14,6 +14,7 @@ from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.takeoff import TakeoffState
+from vehicle_sim.topics import failsafe_flags
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
 from vehicle_sim.topics.layout import Layout
 
@@ -110,8 +111,6 @@ class States:
             return b""
         changed = {f for f, old, new in zip(self._watched, self._keys, keys, strict=True) if old != new}
         self._keys = keys
-        if self._commander.active is not self._mode:
-            self._mode, self._mode_us = self._commander.active, now_us
         out: list[bytes] = []
         for n, topic in enumerate(self.topics):
             if topic.key in changed or now_ms >= self._due_ms[n]:
@@ -210,6 +209,9 @@ class States:
             "uint64_t timestamp_sample;bool cs_tilt_align;bool cs_yaw_align;"
             + "".join(f"bool cs_{name};" for name in FUSION_FLAGS[2:])
             + "bool cs_inertial_dead_reckoning;bool fs_bad_acc_vertical", self._estimator_key)  # fmt: skip
+        add("failsafe_flags", 500, lambda: failsafe_flags.values(self._view, commander, self._autopilot.home),
+            failsafe_flags.DECLARATION,
+            lambda: failsafe_flags.conditions(self._view, commander, self._autopilot.home))  # fmt: skip
         mission = self._autopilot.navigator.mission
         add("mission_result", 1000, self._mission, "uint32_t mission_id;uint32_t geofence_id;"
             "uint32_t home_position_counter;int32_t seq_reached;uint16_t seq_current;uint16_t seq_total;"
@@ -225,6 +227,8 @@ class States:
 
     def _vehicle_status(self) -> Values:
         c = self._commander
+        if c.active is not self._mode:
+            self._mode, self._mode_us = c.active, self._view.time_boot_us()
         return {
             "armed_time": self._armed_us, "takeoff_time": self._took_off_us,
             "nav_state_timestamp": self._mode_us, "valid_nav_states_mask": VALID_STATES,
@@ -274,6 +278,10 @@ class States:
         parameter = self._view.parameter
         return {
             "ground_contact": detector.ground_contact,
+            "in_ground_effect": detector.landed,
+            "in_descend": detector.landed,
+            "has_low_throttle": detector.landed,
+            "close_to_ground_or_skipped_check": detector.landed,
             "maybe_landed": detector.maybe_landed,
             "landed": detector.landed,
             "vertical_movement": abs(estimate.velocity_ned_m_s[2]) > parameter("LNDMC_Z_VEL_MAX"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from vehicle_sim.commands.command import ACCEPTED, UNSUPPORTED, Command, Handler
+from vehicle_sim.commands.command import ACCEPTED, Command, Handler, execute
 from vehicle_sim.commands.flight import SET_MODE
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
@@ -26,7 +26,6 @@ class CommandService:
     def __init__(self, context: Context, commands: Mapping[int, Handler]) -> None:
         self._context = context
         self._commands = commands
-        self._announcer = context.autopilot.announcer
         self._queue: list[Callable[[], None]] = []
         """Changes of mode that are put off, and what came after them: nothing overtakes."""
         self.handlers = {
@@ -59,7 +58,7 @@ class CommandService:
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
         command = Command(SET_MODE, float(m.base_mode), float(main), float(sub), 0, 0, 0, 0, m.sender,
                           link.name)  # fmt: skip
-        self._context.acknowledge(command, ACCEPTED)
+        self._context.send_ack(command, ACCEPTED)
         self._put_off(lambda: self._quietly(command))
 
     def _quietly(self, command: Command) -> None:
@@ -78,7 +77,7 @@ class CommandService:
     def _run(self, command: Command) -> None:
         if command.number == SET_MODE:
             # The receiver acknowledges at once, the commander a moment later: the second one counts.
-            self._context.acknowledge(command, ACCEPTED)
+            self._context.send_ack(command, ACCEPTED)
             self._put_off(lambda: self._execute(command))
         elif self._queue:
             self._put_off(lambda: self._execute(command))
@@ -86,9 +85,4 @@ class CommandService:
             self._execute(command)
 
     def _execute(self, command: Command) -> None:
-        handler = self._commands.get(command.number)
-        self._announcer.hold()
-        result = UNSUPPORTED if handler is None else handler(command)
-        if result is not None:
-            self._context.acknowledge(command, result)
-        self._announcer.release()
+        execute(self._context, self._commands, command)

@@ -1,0 +1,98 @@
+"""A simulated vehicle whose ROS 2 messages go to a list instead of a network; time is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.ros2.messages import MESSAGES
+from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST
+
+READY_S = 4.0
+AT_ONCE = {"UXRCE_DDS_SYNCT": 0}
+"""Without time synchronization the vehicle is on ROS 2 1.3 s after its boot instead of 6.4 s."""
+TYPES = {topic.name: topic.message for topic in (*OUTPUTS, *INPUTS)} | {
+    SERVICE_REQUEST: MESSAGES["VehicleCommand"], SERVICE_REPLY: MESSAGES["VehicleCommandAck"],
+}  # fmt: skip
+ADDRESSES = {"target_system": 1, "target_component": 1, "source_system": 1, "source_component": 1}
+HOVER_HEIGHT_M = 2.5
+
+
+class Ros2Vehicle:
+    """One vehicle after its boot; `received` has (time [s], topic, fields) of everything it published."""
+
+    def __init__(
+        self, *, boot_s: float = READY_S, parameters: Mapping[str, float] = AT_ONCE, **options: Any
+    ) -> None:
+        links = options.pop("links", ())
+        self.sim = VehicleSim(1, sensor_noise=False, links=links, parameters=parameters, **options)
+        self.received: list[tuple[float, str, dict[str, Any]]] = []
+        self.reports: list[str] = []
+        self._inbox: list[tuple[str, bytes]] = []
+        self.sim.open_ros2(0, self, self.reports.append)
+        self.run(boot_s)
+
+    # --- what carries the messages ---------------------------------------------------------------------
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """From the vehicle."""
+        self.received.append((self.sim.time_s, topic, TYPES[topic].decode(data)))
+
+    def take(self) -> Iterable[tuple[str, bytes]]:
+        """To the vehicle."""
+        inbox, self._inbox = self._inbox, []
+        return inbox
+
+    # --- what a program does ---------------------------------------------------------------------------
+
+    def send(self, topic: str, fields: Mapping[str, Any] = {}, **more: Any) -> None:
+        """A message; what is not given is zero."""
+        self._inbox.append((topic, TYPES[topic].encode({**fields, **more})))
+
+    def send_bytes(self, topic: str, data: bytes) -> None:
+        """Anything."""
+        self._inbox.append((topic, data))
+
+    def command(self, number: int, *parameters: float, topic: str = COMMAND, **fields: Any) -> None:
+        """A VehicleCommand."""
+        named = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+        self.send(topic, ADDRESSES | named | {"command": number, "from_external": True} | fields)
+
+    def run(self, seconds: float) -> None:
+        """Simulate."""
+        self.sim.step(seconds)
+
+    def stream(self, seconds: float, hz: float, *messages: tuple[str, Mapping[str, Any]]) -> None:
+        """Send these messages again and again."""
+        for _ in range(round(seconds * hz)):
+            for topic, fields in messages:
+                self.send(topic, fields)
+            self.run(1.0 / hz)
+
+    def last(self, topic: str) -> dict[str, Any]:
+        """Fields of the newest message on a topic."""
+        return next(fields for _, name, fields in reversed(self.received) if name == topic)
+
+    def all(self, topic: str, since_s: float = 0.0) -> list[dict[str, Any]]:
+        """Fields of each message on a topic."""
+        return [fields for at_s, name, fields in self.received if name == topic and at_s >= since_s]
+
+    def acks(self, since_s: float = 0.0) -> list[tuple[int, int]]:
+        """(command, result) of each answer."""
+        return [(ack["command"], ack["result"]) for ack in self.all(COMMAND_ACK, since_s)]
+
+    @property
+    def position_ned_m(self) -> tuple[float, float, float]:
+        """As the vehicle reports it."""
+        local = self.last("/fmu/out/vehicle_local_position")
+        return local["x"], local["y"], local["z"]
+
+    def hover(self) -> None:
+        """Arm and take off to 2.5 m; ends in Hold."""
+        self.command(400, 1.0)
+        self.command(22, float("nan"), 0.0, 0.0, float("nan"), float("nan"), float("nan"), self._amsl())
+        self.run(9.0)
+
+    def _amsl(self) -> float:
+        return self.sim.autopilots[0].view.estimate.alt_amsl_m + HOVER_HEIGHT_M

@@ -1,0 +1,124 @@
+"""The topics on real DDS, within one process: delivery there is immediate, so that time can be simulated."""
+
+# No postponed annotations: Cyclone reads those of message types as values.
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float32, float64, uint8, uint16, uint32, uint64
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from tests.support.ros2_vehicle import AT_ONCE
+from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable, configuration
+from vehicle_sim.dds.types import idl_dataclass
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.ros2.messages import MESSAGES
+from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, dds_name
+
+DOMAIN = 48
+NAMESPACE = f"test_{os.getpid()}"
+"""Tests that run at the same time share the machine's loopback."""
+BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(5))
+RELIABLE = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(5))
+
+
+@dataclass
+class VehicleCommand(IdlStruct, typename="px4_msgs.msg.dds_.VehicleCommand_"):
+    """Written by hand, as a program would."""
+
+    timestamp: uint64 = 0
+    param1: float32 = 0.0
+    param2: float32 = 0.0
+    param3: float32 = 0.0
+    param4: float32 = 0.0
+    param5: float64 = 0.0
+    param6: float64 = 0.0
+    param7: float32 = 0.0
+    command: uint32 = 0
+    target_system: uint8 = 1
+    target_component: uint8 = 1
+    source_system: uint8 = 1
+    source_component: uint16 = 1
+    confirmation: uint8 = 0
+    from_external: bool = True
+
+
+@pytest.fixture(scope="module")
+def domain() -> DdsDomain:
+    return DdsDomain(DOMAIN)
+
+
+@pytest.fixture
+def vehicle(domain) -> Iterator[VehicleSim]:
+    sim = VehicleSim(1, links=(), sensor_noise=False, parameters=AT_ONCE)
+    sim.open_ros2(0, domain.open(NAMESPACE), lambda text: None)
+    sim.step(4.0)
+    yield sim
+    sim.close()
+
+
+def _reader(name: str, message: str, qos: Qos = BEST_EFFORT) -> Any:
+    participant = DomainParticipant(DOMAIN)
+    topic = Topic(participant, dds_name(name, NAMESPACE), idl_dataclass(MESSAGES[message]))
+    return DataReader(participant, topic, qos=qos)
+
+
+@pytest.mark.parametrize("qos", [BEST_EFFORT, RELIABLE], ids=["best effort", "reliable"])
+def test_a_command_of_a_plain_dds_program_arms_the_vehicle(vehicle, qos):
+    participant = DomainParticipant(DOMAIN)
+    topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
+    acks = _reader("/fmu/out/vehicle_command_ack", "VehicleCommandAck")
+    status = _reader("/fmu/out/vehicle_status_v1", "VehicleStatus")
+    DataWriter(participant, topic, qos=qos).write(VehicleCommand(command=400, param1=1.0))
+    vehicle.step(0.04)
+    (ack,) = acks.take(5)
+    assert (ack.command, ack.result, ack.target_system) == (400, 0, 1)
+    assert status.take(5)[-1].arming_state == MESSAGES["VehicleStatus"].constants["ARMING_STATE_ARMED"]
+
+
+def test_a_reliable_reader_gets_nothing_and_a_best_effort_one_each_attitude(vehicle):
+    reliable = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude", RELIABLE)
+    best_effort = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude")
+    vehicle.step(0.05)
+    assert reliable.take(9) == []
+    assert len(best_effort.take(9)) >= 4
+
+
+def test_there_is_a_writer_or_reader_for_each_topic(vehicle):
+    for topic in (*OUTPUTS, *INPUTS):
+        assert idl_dataclass(topic.message).__idl__.idl_transformed_typename.endswith(f"::{topic.type}_")
+    port = vehicle._bridges[0]._port
+    assert len(port._writers) == 25
+    assert len(port._readers) == 28
+
+
+def test_a_flooding_writer_is_bounded(vehicle):
+    participant = DomainParticipant(DOMAIN)
+    topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
+    writer = DataWriter(participant, topic, qos=BEST_EFFORT)
+    for number in range(5000):
+        writer.write(VehicleCommand(command=30_000 + number))
+    received = vehicle._bridges[0]._port.take()
+    assert len(received) == 2 * MESSAGES["VehicleCommand"].constants["ORB_QUEUE_LENGTH"]
+
+
+def test_without_an_interface_nothing_leaves_the_machine(monkeypatch):
+    monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS><Domain id='any'/></CycloneDDS>")
+    loopback, named = configuration(None), configuration("eth0")
+    assert 'name="lo"' in loopback
+    assert "<AllowMulticast>false</AllowMulticast>" in loopback
+    assert 'name="eth0"' in named
+    assert "AllowMulticast" not in named
+    assert 'name="lo"' not in named
+
+
+def test_an_interface_that_is_not_there_is_named():
+    with pytest.raises(DdsUnavailable, match="no-such-interface"):
+        DdsDomain(DOMAIN + 1, "no-such-interface")

@@ -1,0 +1,95 @@
+"""What a simulated vehicle publishes over ROS 2: names, rates, contents and times."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from tests.support.ros2_vehicle import Ros2Vehicle
+from vehicle_sim.fleet import DEFAULT_BOOT_TIME_UNIX_S
+from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST, dds_name
+
+BOOT_US = int(DEFAULT_BOOT_TIME_UNIX_S * 1e6)
+BOOT_TIMES = {"nav_state_timestamp", "armed_time", "takeoff_time", "ref_timestamp"}
+
+
+@pytest.fixture(scope="module")
+def idle() -> Ros2Vehicle:
+    return Ros2Vehicle(boot_s=12.4, parameters={})
+
+
+def test_topics_types_and_qos_kinds_are_the_recorded_ones(shared):
+    facts = json.loads((shared / "px4" / "dds" / "topics.json").read_text())
+    recorded = {(t["name"], t["ros_type"].split("/")[-1], t["direction"]) for t in facts["topics"]}
+    ours = {(t.name, t.type, "out") for t in OUTPUTS} | {(t.name, t.type, "in") for t in INPUTS}
+    assert ours == recorded
+    assert {dds_name(t.name) for t in (*OUTPUTS, *INPUTS)} == {t["dds_topic"] for t in facts["topics"]}
+    assert {dds_name(SERVICE_REQUEST), dds_name(SERVICE_REPLY)} == {s["dds_topic"] for s in facts["services"]}
+    for name in facts["namespaces"][0]["examples"]:
+        assert name in {dds_name(t, "px4_1") for t in ours_names()}
+
+
+def ours_names() -> set[str]:
+    return {t.name for t in (*OUTPUTS, *INPUTS)} | {SERVICE_REQUEST, SERVICE_REPLY}
+
+
+@pytest.mark.parametrize(
+    ("topic", "hz"),
+    [("vehicle_attitude", 100), ("vehicle_odometry", 100), ("vehicle_local_position", 100),
+     ("vehicle_global_position", 100), ("sensor_combined", 100), ("battery_status", 100),
+     ("position_setpoint_triplet", 20), ("vehicle_gps_position", 8), ("vehicle_status_v1", 2),
+     ("vehicle_control_mode", 2), ("failsafe_flags", 1.8), ("vehicle_land_detected", 1),
+     ("estimator_status_flags", 1), ("timesync_status", 1), ("home_position", 0), ("airspeed_validated", 0),
+     ("vtol_vehicle_status", 0), ("vehicle_command_ack", 0)],
+)  # fmt: skip
+def test_a_disarmed_vehicle_publishes_at_the_recorded_rate(idle, topic, hz):
+    count = len(idle.all(f"/fmu/out/{topic}", since_s=7.4))
+    assert abs(count - 5.0 * hz) <= max(1.5, 0.1 * hz)
+
+
+def test_the_first_message_comes_when_the_client_has_connected(idle):
+    assert 6.3 < min(at_s for at_s, _, _ in idle.received) < 6.5
+    assert len(idle.all("/fmu/out/home_position")) == 1
+
+
+def test_timestamps_are_unix_time_and_other_times_count_from_boot(idle):
+    for at_s, topic, fields in idle.received:
+        now_us = BOOT_US + at_s * 1e6
+        assert abs(fields["timestamp"] - now_us) < 25_000, topic
+        assert abs(fields.get("timestamp_sample", now_us) - now_us) < 200_000 or topic.endswith("setpoint")
+        assert all(fields[name] < 1e9 for name in BOOT_TIMES & fields.keys()), topic
+
+
+def test_without_time_synchronization_all_times_count_from_boot_and_messages_come_sooner():
+    vehicle = Ros2Vehicle(boot_s=3.0)
+    assert min(at_s for at_s, _, _ in vehicle.received) < 1.5
+    assert vehicle.last("/fmu/out/vehicle_attitude")["timestamp"] == pytest.approx(3e6, abs=10_000)
+    assert not vehicle.all("/fmu/out/timesync_status")
+
+
+def test_contents_are_those_of_a_vehicle_on_the_ground(idle):
+    status = idle.last("/fmu/out/vehicle_status_v1")
+    assert (status["arming_state"], status["nav_state"], status["system_id"]) == (1, 4, 1)
+    local = idle.last("/fmu/out/vehicle_local_position")
+    assert local["xy_valid"]
+    assert local["z_valid"]
+    assert max(abs(local[axis]) for axis in "xyz") < 1.0
+    assert math.isinf(local["vxy_max"])
+    odometry = idle.last("/fmu/out/vehicle_odometry")
+    assert odometry["pose_frame"] == odometry["velocity_frame"] == 1
+    assert odometry["position"] == (local["x"], local["y"], local["z"])
+    assert math.hypot(*odometry["q"]) == pytest.approx(1.0)
+    flags = idle.last("/fmu/out/failsafe_flags")
+    assert flags["mode_req_offboard_signal"] == 1 << 14
+    assert flags["offboard_control_signal_lost"]
+    assert not flags["local_position_invalid"]
+    assert not idle.last("/fmu/out/position_setpoint_triplet")["current.valid"]
+
+
+def test_the_battery_is_read_from_the_same_topic_as_the_log(idle):
+    ours = idle.last("/fmu/out/battery_status")
+    logged = next(t for t in idle.sim._states[0].topics if t.layout.name == "battery_status").read()
+    assert ours["voltage_v"] == pytest.approx(logged["voltage_v"])
+    assert (ours["cell_count"], ours["connected"]) == (logged["cell_count"], True)

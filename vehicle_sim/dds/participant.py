@@ -1,0 +1,166 @@
+"""Carries the ROS 2 topics of vehicles over Cyclone DDS: a participant for each, nothing that waits.
+
+Threads of Cyclone discover other programs and receive their messages. The simulation's thread sends (best
+effort: straight to the socket) and takes what has arrived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from vehicle_sim.dds.types import Sample, idl_type
+from vehicle_sim.ros2.messages import MESSAGES, MessageType
+from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST, dds_name
+
+LOOPBACK = "lo"
+MOST_PARTICIPANTS = 99
+"""On loopback: without multicast, participants are found at one port each."""
+REPLIES_KEPT = 10
+SERVICE_TYPE = "px4_msgs.srv.dds_.VehicleCommand_{}_"
+
+
+class DdsUnavailable(Exception):
+    """DDS cannot be had in this domain or on this interface."""
+
+
+def configuration(interface: str | None) -> str:
+    """Cyclone's settings: loopback with unicast alone, or one interface with multicast.
+
+    Without an interface nothing leaves the machine, whatever `CYCLONEDDS_URI` says.
+    """
+    if interface is None:
+        general = "<AllowMulticast>false</AllowMulticast>"
+        discovery = (
+            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{MOST_PARTICIPANTS}"
+            '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers>'
+        )
+    else:
+        general = discovery = ""
+    network = f"<Interfaces><NetworkInterface name={quoteattr(interface or LOOPBACK)}/></Interfaces>"
+    return (
+        f"<CycloneDDS><Domain><General>{network}{general}</General>"
+        f"<Discovery>{discovery}</Discovery></Domain></CycloneDDS>"
+    )
+
+
+def _out(reliable: bool = False) -> Qos:
+    return Qos(
+        Policy.Reliability.Reliable(duration()) if reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal,
+        Policy.History.KeepLast(REPLIES_KEPT if reliable else 1),
+    )
+
+
+def _in(depth: int, reliable: bool = False) -> Qos:
+    return Qos(
+        Policy.Reliability.Reliable(duration()) if reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.Volatile,
+        Policy.History.KeepLast(depth),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    topic: str
+    reader: Any
+    depth: int
+
+
+class DdsPort:
+    """One vehicle's participant, with a writer or reader for each topic."""
+
+    def __init__(self, domain_id: int, namespace: str) -> None:
+        self._participant = DomainParticipant(domain_id)
+        self._namespace = namespace
+        self._writers: dict[str, tuple[type[Sample], Any]] = {}
+        self._readers: list[_Reader] = []
+        self._waitset = WaitSet(self._participant)
+        for output in OUTPUTS:
+            self._write(output.name, idl_type(output.message), _out())
+        reply = idl_type(MESSAGES["VehicleCommandAck"], SERVICE_TYPE.format("Response"))
+        self._write(SERVICE_REPLY, reply, _out(reliable=True))
+        for each in INPUTS:
+            self._read(each.name, idl_type(each.message), each.depth, _in(each.depth))
+        command: MessageType = MESSAGES["VehicleCommand"]
+        depth = 2 * command.constants["ORB_QUEUE_LENGTH"]
+        request = idl_type(command, SERVICE_TYPE.format("Request"))
+        self._read(SERVICE_REQUEST, request, depth, _in(depth, reliable=True))
+
+    def _topic(self, name: str, made: type[Sample]) -> Any:
+        return Topic(self._participant, dds_name(name, self._namespace), made)
+
+    def _write(self, name: str, made: type[Sample], qos: Qos) -> None:
+        self._writers[name] = (made, DataWriter(self._participant, self._topic(name, made), qos=qos))
+
+    def _read(self, name: str, made: type[Sample], depth: int, qos: Qos) -> None:
+        reader: Any = DataReader(self._participant, self._topic(name, made), qos=qos)
+        self._readers.append(_Reader(name, reader, depth))
+        mask = SampleState.Any | ViewState.Any | InstanceState.Any
+        self._waitset.attach(ReadCondition(reader, mask))
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Send a message; what DDS refuses is lost, as best effort is."""
+        made, writer = self._writers[topic]
+        try:
+            writer.write(made.of(data))
+        except DDSException:
+            return
+
+    def take(self) -> Iterable[tuple[str, bytes]]:
+        """What has arrived: of each topic at most as many as are kept."""
+        if not self._waitset.wait(0):
+            return []
+        received: list[tuple[str, bytes]] = []
+        for each in self._readers:
+            for sample in each.reader.take(each.depth):
+                if isinstance(sample, Sample):
+                    received.append((each.topic, sample.cdr))
+        return received
+
+
+class DdsDomain:
+    """A DDS domain of this process.
+
+    Args:
+        domain_id: its number.
+        interface: network interface; None: loopback.
+
+    Raises:
+        DdsUnavailable: no such interface, or the domain is open already.
+    """
+
+    def __init__(self, domain_id: int, interface: str | None = None) -> None:
+        self._domain_id, self._interface = domain_id, interface
+        try:
+            self._domain = Domain(domain_id, configuration(interface))
+        except DDSException as problem:
+            raise self._unavailable(problem) from None
+
+    def open(self, namespace: str = "") -> DdsPort:
+        """A participant for a vehicle.
+
+        Raises:
+            DdsUnavailable: DDS gives none.
+        """
+        try:
+            return DdsPort(self._domain_id, namespace)
+        except DDSException as problem:
+            raise self._unavailable(problem) from None
+
+    def _unavailable(self, problem: DDSException) -> DdsUnavailable:
+        where = self._interface or f"the loopback interface {LOOPBACK}"
+        return DdsUnavailable(
+            f"DDS domain {self._domain_id} could not be opened on {where} ({problem}). "
+            "Check the interface's name and that no more than a hundred participants share the domain."
+        )

@@ -1,0 +1,179 @@
+"""What one vehicle publishes over ROS 2, read from the same table as its log and its console."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.ros2.messages import MESSAGES, MessageType
+from vehicle_sim.ros2.topics import OUTPUTS, TIMESYNC, TRIPLET, Output
+from vehicle_sim.simulation import Simulation
+from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic
+from vehicle_sim.topics.states import States, StateTopic
+
+TICK_US = 20_000
+"""Period of the autopilot: topics of its decisions change no sooner."""
+TIMESYNC_US, TRIPLET_US = 1_000_000, 50_000
+DDS_PROTOCOL = 2
+"""TimesyncStatus.SOURCE_PROTOCOL_DDS."""
+LOITER = {
+    "type": 5, "loiter_radius": 80.0, "acceptance_radius": 2.0, "cruising_speed": -1.0,
+    "cruising_throttle": math.nan,
+}  # fmt: skip
+"""Fields of a setpoint that no mission item has changed."""
+Publish = Callable[[str, bytes], None]
+
+
+class _ArrayReader:
+    """Reads one array topic of one vehicle into the values of a message."""
+
+    def __init__(self, topic: ArrayTopic, message: MessageType) -> None:
+        self._message = message
+        self._values = message.blank()
+        self._sources: list[tuple[Callable[[Simulation], Any], list[int]]] = []
+        lengths = {field.name: field.length for field in message.flat}
+        self._sampled = message.index.get("timestamp_sample") if topic.sampled else None
+        for key, source in topic.sources.items():
+            places = [
+                message.index[name] + n for name in key.split() for n in range(lengths[name] or 1)
+            ]  # fmt: skip
+            if callable(source):
+                self._sources.append((source, places))
+                continue
+            for place in places:
+                self._values[place] = source
+
+    def read(self, simulation: Simulation, row: int, timestamp_us: int) -> bytes:
+        """The message now."""
+        values = self._values
+        values[0] = timestamp_us
+        if self._sampled is not None:
+            values[self._sampled] = timestamp_us
+        for source, places in self._sources:
+            found = source(simulation)[row]
+            if len(places) == 1:
+                values[places[0]] = found
+            else:
+                for place, value in zip(places, found.tolist(), strict=True):
+                    values[place] = value
+        return self._message.pack(values)
+
+
+class _Due:
+    """When an output is due, and what of the vehicle it was last published for."""
+
+    def __init__(self, output: Output) -> None:
+        self.output = output
+        self.at_us = 0
+        self.key: object = None
+
+    def passed(self, now_us: int) -> bool:
+        """Whether its period is over; the next one begins."""
+        if now_us < self.at_us:
+            return False
+        every_us = self.output.every_us
+        self.at_us = (now_us // every_us + 1) * every_us
+        return True
+
+
+class Outputs:
+    """The publications of one vehicle.
+
+    Args:
+        autopilot: of the vehicle.
+        states: its state topics.
+        publish: takes a topic's name and the message's bytes.
+        offset_us: what is added to times since boot in `timestamp` and `timestamp_sample`.
+        synchronized: whether it reports its time offset (`UXRCE_DDS_SYNCT`).
+    """
+
+    def __init__(
+        self, autopilot: Autopilot, states: States, publish: Publish, offset_us: int, *, synchronized: bool
+    ) -> None:
+        self._autopilot, self._view = autopilot, autopilot.view
+        self._publish, self._offset_us, self._synchronized = publish, offset_us, synchronized
+        arrays = {topic.layout.name: topic for topic in ARRAY_TOPICS}
+        by_name = {topic.layout.name: topic for topic in states.topics}
+        self._arrays = [
+            (_Due(output), _ArrayReader(arrays[output.source], output.message))
+            for output in OUTPUTS
+            if output.source in arrays
+        ]
+        self._states: list[tuple[_Due, StateTopic]] = [
+            (_Due(output), by_name[output.source]) for output in OUTPUTS if output.source in by_name
+        ]
+        self._fast_states = [pair for pair in self._states if 0 < pair[0].output.every_us < TICK_US]
+        self._states = [pair for pair in self._states if pair not in self._fast_states]
+        self._tick_at_us = self._timesync_at_us = self._triplet_at_us = 0
+        self._waypoint: object = None
+
+    def step(self, now_us: int) -> None:
+        """After each step of the simulation."""
+        simulation, row = self._view.simulation, self._view.row
+        timestamp_us = now_us + self._offset_us
+        for due, reader in self._arrays:
+            if self._array_due(due, now_us):
+                self._publish(due.output.name, reader.read(simulation, row, timestamp_us))
+        for due, topic in self._fast_states:
+            if due.passed(now_us):
+                self._send(due.output, dict(topic.read()), now_us)
+        if now_us >= self._tick_at_us:
+            self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
+            self._decisions(now_us)
+
+    def _array_due(self, due: _Due, now_us: int) -> bool:
+        if due.output.every_us > 0:
+            return due.passed(now_us)
+        count = self._view.simulation.sensors.gps_count
+        if count == due.key:
+            return False
+        due.key = count
+        return True
+
+    def _decisions(self, now_us: int) -> None:
+        for due, topic in self._states:
+            key = topic.key() if topic.key is not None else None
+            periodic = due.output.every_us > 0 and due.passed(now_us)
+            if periodic or key != due.key:
+                due.key = key
+                values = dict(topic.read())
+                if "timestamp_sample" in values:
+                    values["timestamp_sample"] += self._offset_us
+                self._send(due.output, values, now_us)
+        if self._synchronized and now_us >= self._timesync_at_us:
+            self._timesync_at_us = now_us + TIMESYNC_US
+            self._timesync(now_us)
+        self._triplet(now_us)
+
+    def _send(self, output: Output, values: dict[str, Any], now_us: int) -> None:
+        values["timestamp"] = now_us + self._offset_us
+        self._publish(output.name, output.message.encode(values))
+
+    def _timesync(self, now_us: int) -> None:
+        self._publish(
+            TIMESYNC,
+            MESSAGES["TimesyncStatus"].encode(
+                {
+                    "timestamp": now_us + self._offset_us, "source_protocol": DDS_PROTOCOL,
+                    "remote_timestamp": now_us + self._offset_us, "observed_offset": -self._offset_us,
+                    "estimated_offset": -self._offset_us,
+                }
+            ),
+        )  # fmt: skip
+
+    def _triplet(self, now_us: int) -> None:
+        """At 20 Hz while disarmed; in flight with each new waypoint."""
+        armed, waypoint = self._autopilot.commander.armed, self._autopilot.waypoint
+        if waypoint == self._waypoint and (armed or now_us < self._triplet_at_us):
+            return
+        self._waypoint, self._triplet_at_us = waypoint, (now_us // TRIPLET_US + 1) * TRIPLET_US
+        values: dict[str, Any] = {"timestamp": now_us + self._offset_us}
+        for part in ("previous", "current", "next"):
+            valid = part == "current" and waypoint is not None
+            lat_deg, lon_deg, alt_m = waypoint if valid and waypoint else (math.nan, math.nan, 0.0)
+            setpoint = LOITER | {"timestamp": now_us, "valid": valid, "yaw": math.nan}
+            setpoint |= {"lat": lat_deg, "lon": lon_deg, "alt": alt_m}
+            values |= {f"{part}.{name}": value for name, value in setpoint.items()}
+        self._publish(TRIPLET, MESSAGES["PositionSetpointTriplet"].encode(values))

@@ -1,0 +1,58 @@
+"""The topic `failsafe_flags`: which modes need what, and what is wrong now."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from vehicle_sim.autopilot.commander import Commander
+from vehicle_sim.home import Home
+from vehicle_sim.vehicle_view import VehicleView
+
+REQUIREMENTS: Final = {
+    "angular_velocity": 0x7ED47E, "attitude": 0x7ED07E, "local_alt": 0x7E007E, "local_position": 0x7A0038,
+    "local_position_relaxed": 0x040044, "global_position": 0x38, "mission": 0x08, "offboard_signal": 0x4000,
+    "home_position": 0x20, "wind_and_flight_time_compliance": 0x280018, "prevent_arming": 0x3C3020,
+    "manual_control": 0x8447, "other": 0x7F800000,
+}  # fmt: skip
+"""Bit masks of the navigation states that need it."""
+DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in REQUIREMENTS) + (
+    "bool angular_velocity_invalid;bool attitude_invalid;bool local_altitude_invalid;"
+    "bool local_position_invalid;bool local_position_invalid_relaxed;bool local_velocity_invalid;"
+    "bool global_position_invalid;bool auto_mission_missing;bool offboard_control_signal_lost;"
+    "bool home_position_invalid;bool manual_control_signal_lost;bool gcs_connection_lost;"
+    "uint8_t battery_warning;bool battery_low_remaining_time;bool battery_unhealthy;bool geofence_breached;"
+    "bool mission_failure;bool vtol_fixed_wing_system_failure;bool wind_limit_exceeded;"
+    "bool flight_time_limit_exceeded;bool local_position_accuracy_low;bool navigator_failure;"
+    "bool fd_critical_failure;bool fd_esc_arming_failure;bool fd_imbalanced_prop;bool fd_motor_failure"
+)
+
+
+def conditions(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
+    """What is wrong now; a change of it is published at once."""
+    estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
+    position = checks.position_good
+    return {
+        "attitude_invalid": not estimate.valid_attitude,
+        "angular_velocity_invalid": not estimate.valid_attitude,
+        "local_altitude_invalid": not estimate.valid_altitude,
+        "local_position_invalid": not position,
+        "local_position_invalid_relaxed": not position,
+        "local_velocity_invalid": not estimate.valid_velocity,
+        "global_position_invalid": not position,
+        "auto_mission_missing": not checks.has_mission,
+        "offboard_control_signal_lost": not commander.offboard.signal(),
+        "home_position_invalid": not home.valid,
+        "manual_control_signal_lost": not checks.manual_control(),
+        "gcs_connection_lost": not checks.gcs_alive(),
+        "battery_warning": checks.battery_warning,
+        "geofence_breached": bool(checks.fence),
+        "wind_limit_exceeded": monitors.wind_too_high,
+        "flight_time_limit_exceeded": monitors.flight_time_over,
+        "fd_critical_failure": monitors.roll_failure or monitors.pitch_failure,
+    }
+
+
+def values(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
+    """All fields but the timestamp."""
+    masks = {f"mode_req_{name}": mask for name, mask in REQUIREMENTS.items()}
+    return masks | conditions(view, commander, home)
