@@ -3,7 +3,7 @@
 A call of NumPy costs a microsecond however few vehicles there are, and a step needs hundreds. The idioms:
 
 - A `@kernel` takes arrays of all vehicles and fills arrays that it is given: it loops over the rows and
-  allocates nothing. The vehicles share nothing, so the bits of one do not depend on the others.
+  allocates nothing for each. The vehicles share nothing, so the bits of one do not depend on the others.
 - A `@formula` takes and returns plain numbers, or rows, of one vehicle; kernels and formulas call it.
 - The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`, `float`,
   `int`, `bool`. It is compiled when its module is imported, never in flight; formulas stand above it. Arrays

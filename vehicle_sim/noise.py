@@ -42,6 +42,7 @@ class WhiteNoise:
     def __init__(self, seed: int, vehicles: Sequence[int], purpose: NoiseOf, width: int) -> None:
         self._generators = [np.random.default_rng([seed, vehicle, int(purpose)]) for vehicle in vehicles]
         self._block = np.zeros((len(self._generators), BLOCK, width))
+        self._samples = np.zeros((BLOCK, len(self._generators), width))
         self._at = BLOCK
 
     def sample(self) -> FloatArray:
@@ -50,5 +51,6 @@ class WhiteNoise:
             self._at = 0
             for row, generator in zip(self._block, self._generators, strict=True):
                 generator.standard_normal(out=row)
+            np.copyto(self._samples, self._block.transpose(1, 0, 2))
         self._at += 1
-        return self._block[:, self._at - 1]
+        return self._samples[self._at - 1]

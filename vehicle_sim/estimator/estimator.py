@@ -27,10 +27,12 @@ from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
 from vehicle_sim.estimator.yaw_estimator import EVERY_PREDICTIONS as YAW_EVERY_PREDICTIONS
 from vehicle_sim.estimator.yaw_estimator import YawEstimator
-from vehicle_sim.frames import quaternion_from_euler, rotate, rotation_matrix, yaw_of
+from vehicle_sim.frames import quaternion_from_euler, rotate, rotation_matrix
 from vehicle_sim.geodesy import to_global, to_local
+from vehicle_sim.kernels import Blocks, Column, Rows, kernel
 from vehicle_sim.masks import all_of
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import heading
 from vehicle_sim.state import SensorState
 
 FloatArray = NDArray[np.float64]
@@ -62,8 +64,6 @@ class Estimator:
     def __init__(self, count: int, dt_s: float) -> None:
         self._dt_s = dt_s
         self._predict_s = dt_s * _SAMPLES_A_PREDICTION
-        # Arrays without dimensions: NumPy takes twice as long to multiply with a plain number.
-        self._sample_step, self._predict_step = np.array(dt_s), np.array(self._predict_s)
         self.state = blank_estimate(count)
         self.fusion = blank_fusion(count)
         self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
@@ -84,7 +84,7 @@ class Estimator:
         self._delta_angle = np.zeros((count, 3))
         self._delta_velocity = np.zeros((count, 3))
         self._residual = np.zeros((count, 2, 3))
-        self._decay = np.ones((count, 2, 1))
+        self._decay = np.ones((count, 2))
         self._aided_at_s = np.full(count, -math.inf)
         self._no_aid_limit_s = np.zeros(count)
         self._vision_height_at_s = np.full(count, -math.inf)
@@ -134,7 +134,7 @@ class Estimator:
         for rows in (*sums, self._delta_angle, self._delta_velocity, self._residual):
             rows[i] = 0
         self._aided_at_s[i] = self._vision_height_at_s[i] = -math.inf
-        self.kalman.matrix = rotation_matrix(self.state.q_ned_frd)
+        self.kalman.matrix[:] = rotation_matrix(self.state.q_ned_frd)
 
     def update(self, sensors: SensorState) -> None:
         """Take this step's samples."""
@@ -144,8 +144,13 @@ class Estimator:
         self._gyro.update(
             sensors.gyro_frd_rad_s, state.rates_frd_rad_s, state.angular_acceleration_frd_rad_s2
         )
-        self._delta_angle += sensors.gyro_frd_rad_s
-        self._delta_velocity += sensors.accel_frd_m_s2
+        _add_sample(
+            self._dt_s,
+            sensors.gyro_frd_rad_s,
+            sensors.accel_frd_m_s2,
+            self._delta_angle,
+            self._delta_velocity,
+        )
         self._samples += 1
         if self._samples % _SAMPLES_A_PREDICTION:
             return
@@ -201,29 +206,22 @@ class Estimator:
             self._barometer.align(i, self._now_s, float(sensors.baro_alt_amsl_m[i]))
             self.kalman.motion[i] = 0.0
             self._started[i] = True
-        self.kalman.matrix = rotation_matrix(self.state.q_ned_frd)
+        self.kalman.matrix[:] = rotation_matrix(self.state.q_ned_frd)
 
     def _predict(self) -> None:
         state, kalman = self.state, self.kalman
-        self._delta_angle *= self._sample_step
-        self._delta_velocity *= self._sample_step
         kalman.predict(self._delta_angle, self._delta_velocity)
         if self._standing.wanted:
             self._standing.add(self._delta_angle, self._delta_velocity, self._predict_s)
-        self._turned += self._delta_angle
-        self._gained += self._delta_velocity
+        _show_motion(
+            self._predict_s, self._delta_angle, self._delta_velocity, self._turned, self._gained, self._decay,
+            self._residual, kalman.vector, kalman.gained, state.q_ned_frd, state.velocity_ned_m_s,
+            state.position_ned_m, state.acceleration_ned_m_s2, state.heading_rad,
+        )  # fmt: skip
         if self._predictions % YAW_EVERY_PREDICTIONS == 0:
             self._yaw.predict(self._turned, self._gained, self._predict_s * YAW_EVERY_PREDICTIONS)
             self._turned.fill(0.0)
             self._gained.fill(0.0)
-        self._delta_angle.fill(0.0)
-        self._delta_velocity.fill(0.0)
-        self._residual *= self._decay
-        smooth = kalman.motion + self._residual
-        state.velocity_ned_m_s[:] = smooth[:, 0]
-        state.position_ned_m[:] = smooth[:, 1]
-        np.divide(kalman.gained, self._predict_step, out=state.acceleration_ned_m_s2)
-        state.heading_rad[:] = yaw_of(state.q_ned_frd)
         self._predictions += 1
         if self._predictions % _PUBLISH_EVERY_PREDICTIONS == 0:
             self._publish()
@@ -344,3 +342,31 @@ class Estimator:
                 off[i] = math.remainder(aid.heading_rad - float(state.heading_rad[i]), math.tau)
                 variance[i] = noise
                 kalman.fuse(YAW, off, variance)
+
+
+@kernel
+def _add_sample(dt_s: float, gyro: Rows, accel: Rows, delta_angle: Rows, delta_velocity: Rows) -> None:
+    for i in range(gyro.shape[0]):
+        for k in range(3):
+            delta_angle[i, k] += dt_s * gyro[i, k]
+            delta_velocity[i, k] += dt_s * accel[i, k]
+
+
+@kernel
+def _show_motion(
+    dt_s: float, delta_angle: Rows, delta_velocity: Rows, turned: Rows, gained: Rows, decay: Rows,
+    residual: Blocks, vector: Rows, change_m_s: Rows, q: Rows, velocity: Rows, position: Rows,
+    acceleration: Rows, heading_rad: Column,
+) -> None:  # fmt: skip
+    """The outputs after a prediction, and what the second heading needs of it; the IMU's sums begin anew."""
+    for i in range(q.shape[0]):
+        for k in range(3):
+            turned[i, k] += delta_angle[i, k]
+            gained[i, k] += delta_velocity[i, k]
+            delta_angle[i, k] = delta_velocity[i, k] = 0.0
+            residual[i, 0, k] *= decay[i, 0]
+            residual[i, 1, k] *= decay[i, 1]
+            velocity[i, k] = vector[i, k] + residual[i, 0, k]
+            position[i, k] = vector[i, 3 + k] + residual[i, 1, k]
+            acceleration[i, k] = change_m_s[i, k] / dt_s
+        heading_rad[i] = heading(q[i])

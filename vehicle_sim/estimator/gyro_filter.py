@@ -1,8 +1,8 @@
 """The filtered body rates that the rate controller flies on: PX4's low-pass and derivative as one product.
 
 A second-order Butterworth low-pass (IMU_GYRO_CUTOFF) and, on its output, a difference with a first-order
-low-pass (IMU_DGYRO_CUTOFF). Both together are one linear map of five numbers an axis, so N vehicles cost
-one matrix product a step; a cutoff of zero or one above half the sample rate switches a filter off.
+low-pass (IMU_DGYRO_CUTOFF). Both together are one linear map of five numbers an axis; a cutoff of zero or one
+above half the sample rate switches a filter off.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vehicle_sim.kernels import Blocks, Rows, kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +31,6 @@ class GyroFilter:
         self._dt_s = dt_s
         self._map = np.zeros((count, 5, 5))
         self._state = np.zeros((count, 3, 5))
-        self._next = np.zeros((count, 3, 5))
         for i in range(count):
             self.configure(i, 0.0, 0.0)
 
@@ -58,10 +59,7 @@ class GyroFilter:
 
     def update(self, gyro_frd_rad_s: FloatArray, rates_out: FloatArray, acceleration_out: FloatArray) -> None:
         """Take samples (N, 3); write filtered rates and angular accelerations (N, 3)."""
-        self._state[:, :, _INPUT] = gyro_frd_rad_s
-        self._state, self._next = np.matmul(self._state, self._map, out=self._next), self._state
-        rates_out[:] = self._state[:, :, _OUTPUT]
-        acceleration_out[:] = self._state[:, :, _DERIVATIVE]
+        _filter(gyro_frd_rad_s, self._map, self._state, rates_out, acceleration_out)
 
 
 def _butterworth(
@@ -77,3 +75,24 @@ def _butterworth(
         2.0 * (omega * omega - 1.0) / scale,
         (1.0 - math.sqrt(2.0) * omega + omega * omega) / scale,
     )
+
+
+@kernel
+def _filter(gyro: Rows, mapping: Blocks, state: Blocks, rates: Rows, acceleration: Rows) -> None:
+    for i in range(gyro.shape[0]):
+        for axis in range(3):
+            old = state[i, axis]
+            old[_INPUT] = gyro[i, axis]
+            delay_1 = delay_2 = output = derivative = 0.0
+            for k in range(5):
+                delay_1 += old[k] * mapping[i, k, _DELAY_1]
+                delay_2 += old[k] * mapping[i, k, _DELAY_2]
+                output += old[k] * mapping[i, k, _OUTPUT]
+                derivative += old[k] * mapping[i, k, _DERIVATIVE]
+            old[_DELAY_1], old[_DELAY_2], old[_OUTPUT], old[_DERIVATIVE] = (
+                delay_1,
+                delay_2,
+                output,
+                derivative,
+            )
+            rates[i, axis], acceleration[i, axis] = output, derivative

@@ -1,34 +1,27 @@
 """The extended Kalman filter of N vehicles: 21 error states in the order of PX4's EKF2, wind left out.
 
 Attitude is kept as a quaternion, its error as a rotation in NED; everything else is additive. The strapdown
-prediction runs at half the IMU rate, the covariance catches up just before something is fused, so that an
-update costs the same for one vehicle as for a hundred. Noise figures are PX4's EKF2_* parameters.
+prediction runs at half the IMU rate, the covariance catches up just before something is fused. Noise figures
+are PX4's EKF2_* parameters.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.frames import (
-    GRAVITY_M_S2,
-    cross_table,
-    quaternion_product,
-    quaternion_rate,
-    rotate,
-    rotation_matrix,
-    row_norm,
-)
-from vehicle_sim.masks import any_of
+from vehicle_sim.frames import GRAVITY_M_S2, quaternion_product, rotation_matrix
+from vehicle_sim.kernels import Blocks, Column, Flags, Rows, formula, kernel
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import product, rotated, turn, within, write_matrix
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 TILT, YAW, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS, FIELD, MAG_BIAS, SIZE = 0, 2, 3, 6, 9, 12, 15, 18, 21
 """First index of each error state; TILT and YAW are the rotation about north, east and down."""
-_MOVING = 9
-"""States that a prediction couples: attitude, velocity, position."""
 PREDICTION_S = 0.008
 """PX4 adds its process noise once a filter step; this makes it a density."""
 BAD_ACCEL_NOISE_M_S2 = 4.9
@@ -55,8 +48,7 @@ class Kalman:
     """
 
     def __init__(self, count: int, dt_s: float, q_ned_frd: FloatArray) -> None:
-        self._dt_s = np.array(dt_s)
-        self._step_s = dt_s
+        self._dt_s = dt_s
         self.q_ned_frd = q_ned_frd
         self.matrix = rotation_matrix(q_ned_frd)
         """(N, 3, 3) of the attitude."""
@@ -82,28 +74,10 @@ class Kalman:
         self._noise = np.zeros((count, SIZE))
         self._start = np.zeros((count, SIZE))
         self._bias_limit = np.full((count, 6), np.inf)
-        self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2 * dt_s], (count, 1))
-        self._advance = np.zeros((count, _MOVING, SIZE))
-        self._advance[:, range(_MOVING), range(_MOVING)] = 1.0
-        # Views of arrays that are only ever written in place.
-        advance = self._advance
-        self._turned = advance[:, TILT:VELOCITY, GYRO_BIAS:ACCEL_BIAS]
-        self._leant = advance[:, VELOCITY:POSITION, TILT:VELOCITY]
-        self._pushed = advance[:, VELOCITY:POSITION, ACCEL_BIAS:FIELD]
-        self._moved_by_lean = advance[:, POSITION:GYRO_BIAS, TILT:VELOCITY]
-        self._moved_by_push = advance[:, POSITION:GYRO_BIAS, ACCEL_BIAS:FIELD]
-        self._coasted = _diagonal(advance[:, POSITION:GYRO_BIAS, VELOCITY:POSITION])
         self._variances = _diagonal(self.covariance)
-        # Row j, columns (k, i): how a turn about i moves a gain of velocity along j to k.
-        self._lean = cross_table().transpose(1, 2, 0).reshape(3, 9)
-        self._biases = self.vector[:, GYRO_BIAS - VELOCITY : FIELD - VELOCITY]
-        self._correction = np.zeros((count, SIZE))
-        self._delta = np.ones((count, 4))
-        # Room for changes of the covariance: a large fleet's are so large that to make them costs more than
-        # to fill them.
-        self._change, self._other = np.zeros((2, count, SIZE, SIZE))
-        self._moved = np.zeros((count, _MOVING, SIZE))
-        self._moved_back = np.zeros((count, SIZE, _MOVING))
+        # What a fusion works in.
+        self._gain, self._change = np.zeros((count, SIZE, 3)), np.zeros((count, SIZE, 3))
+        self._inverse = np.zeros((count, 3, 3))
 
     def _view(self, first: int) -> FloatArray:
         return self.vector[:, first - VELOCITY : first - VELOCITY + 3]
@@ -176,40 +150,26 @@ class Kalman:
             delta_angle: (N, 3) the body's turn by the gyroscopes [rad].
             delta_velocity: (N, 3) its gain of velocity by the accelerometers [m/s].
         """
-        q = self.q_ned_frd
-        q += quaternion_rate(q, delta_angle - self.gyro_bias * self._dt_s)
-        q /= row_norm(q)
-        self.matrix = rotation_matrix(q)
-        gained = rotate(self.matrix, delta_velocity - self.accel_bias * self._dt_s)
-        self._impulse += gained
-        gained += self._gravity
-        self.gained = gained
-        self.position += self._dt_s * self.velocity
-        self.velocity += gained
-        self._waiting_s += self._step_s
+        _strapdown(
+            self._dt_s, delta_angle, delta_velocity, self.q_ned_frd, self.matrix, self.vector, self.gained,
+            self._impulse,
+        )  # fmt: skip
+        self._waiting_s += self._dt_s
 
     def catch_up(self) -> None:
         """Let the covariance grow over the predictions since the last call."""
         dt_s, self._waiting_s = self._waiting_s, 0.0
         if dt_s == 0.0:
             return
-        advance, turned = self._advance, self.matrix * -dt_s
-        lean = (self._impulse[:, None, :] @ self._lean).reshape(-1, 3, 3)
-        self._turned[:] = self._pushed[:] = turned
-        self._leant[:] = lean
-        np.multiply(lean, 0.5 * dt_s, out=self._moved_by_lean)
-        np.multiply(turned, 0.5 * dt_s, out=self._moved_by_push)
-        self._coasted[:] = dt_s
-        self.level_accel_m_s2 += self._impulse[:, :2] - dt_s / ACCEL_SMOOTHING_S * self.level_accel_m_s2
-        self._impulse.fill(0.0)
-        covariance = self.covariance
-        covariance[:, :_MOVING, :] = np.matmul(advance, covariance, out=self._moved)
-        back = np.matmul(covariance, advance.transpose(0, 2, 1), out=self._moved_back)
-        covariance[:, :, :_MOVING] = back
-        diagonal = self._variances
-        diagonal += self._noise * dt_s
-        if any_of(self.bad_accel):
-            diagonal[self.bad_accel, VELOCITY + 2] += BAD_ACCEL_NOISE_M_S2**2 * PREDICTION_S * dt_s
+        _catch_up(
+            dt_s,
+            self.matrix,
+            self._impulse,
+            self.level_accel_m_s2,
+            self.bad_accel,
+            self._noise,
+            self.covariance,
+        )
 
     # --- fusion ----------------------------------------------------------------------------------------
 
@@ -223,29 +183,22 @@ class Kalman:
         Args:
             index: which.
             innovation: (N,) measured minus believed.
-            variance: (N,) of the measurement; infinite leaves a vehicle alone.
+            variance: (N,) of the measurement; UNUSED and more leave a vehicle alone.
         """
-        column = self.covariance[:, index, :].copy()
-        gain = column / (column[:, index] + variance)[:, None]
-        self.covariance -= np.multiply(gain[:, :, None], column[:, None, :], out=self._change)
-        self._correct(gain * innovation[:, None])
+        self.fuse_states(index, innovation[:, None], variance[:, None])
 
     def fuse_states(self, first: int, innovation: FloatArray, variance: FloatArray) -> None:
         """Take measurements of neighbouring states at once.
 
         Args:
             first: index of the first.
-            innovation: (N, m) measured minus believed.
-            variance: (N, m) of the measurements; UNUSED leaves a state alone.
+            innovation: (N, m) measured minus believed, m up to 6.
+            variance: (N, m) of the measurements; UNUSED and more leave a state alone.
         """
-        count = innovation.shape[1]
-        seen = self.covariance[:, :, first : first + count].copy()
-        total = seen[:, first : first + count].copy()
-        diagonal = _diagonal(total)
-        diagonal += variance
-        gain = seen @ np.linalg.inv(total)
-        self.covariance -= np.matmul(gain, seen.transpose(0, 2, 1), out=self._change)
-        self._correct((gain @ innovation[:, :, None])[:, :, 0])
+        _fuse_states(
+            first, np.ascontiguousarray(innovation), np.ascontiguousarray(variance), self.bad_accel,
+            self._bias_limit, self.covariance, self._change, self.vector, self.q_ned_frd, self.matrix,
+        )  # fmt: skip
 
     def sight(self, sensitivity: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How measurements depend on the states.
@@ -257,10 +210,9 @@ class Kalman:
         Returns:
             Covariance of states and measurements (N, 21, m), and of the innovations (N, m, m).
         """
-        seen = self.covariance @ sensitivity.transpose(0, 2, 1)
-        total = sensitivity @ seen
-        diagonal = _diagonal(total)
-        diagonal += variance[:, None]
+        count, measured = sensitivity.shape[:2]
+        seen, total = np.empty((count, SIZE, measured)), np.empty((count, measured, measured))
+        _sight(self.covariance, sensitivity, variance, seen, total)
         return seen, total
 
     def fuse_seen(
@@ -274,45 +226,228 @@ class Kalman:
             innovation: (N, m) measured minus believed.
             learns: (N, 21) 1 for a state that they may correct, 0 for one they must leave.
         """
-        gain = (seen @ np.linalg.inv(total)) * learns[:, :, None]
-        # Joseph's form: right for any gain.
-        change, both = self._change, self._other
-        np.matmul(gain, seen.transpose(0, 2, 1), out=change)
-        self.covariance -= np.add(change, change.transpose(0, 2, 1), out=both)
-        self.covariance += np.matmul(gain @ total, gain.transpose(0, 2, 1), out=change)
-        self._correct((gain @ innovation[:, :, None])[:, :, 0])
+        _fuse_seen(
+            seen, total, np.ascontiguousarray(innovation), learns, self.bad_accel, self._bias_limit,
+            self.covariance, self._gain, self._change, self._inverse, self.vector, self.q_ned_frd,
+            self.matrix,
+        )  # fmt: skip
 
     def straighten(self) -> None:
         """Undo what rounding does to a covariance in a long flight; a few times a second."""
-        covariance = self.covariance
-        np.copyto(self._change, covariance.transpose(0, 2, 1))
-        covariance += self._change
-        covariance *= 0.5
-        np.maximum(self._variances, _LEAST_VARIANCE, out=self._variances)
-
-    def _correct(self, correction: FloatArray) -> None:
-        if any_of(self.bad_accel):
-            correction[self.bad_accel, ACCEL_BIAS + 2] = 0.0
-        self.vector += correction[:, VELOCITY:]
-        np.clip(self._biases, -self._bias_limit, self._bias_limit, out=self._biases)
-        self.turn(correction[:, :VELOCITY])
-
-    def turn(self, turn_ned_rad: FloatArray) -> None:
-        """Turn the attitudes by small angles (N, 3) about north, east and down."""
-        turned = np.logical_or.reduce(turn_ned_rad, axis=1, keepdims=True)
-        self._delta[:, 1:] = 0.5 * turn_ned_rad
-        q = quaternion_product(self._delta, self.q_ned_frd)
-        # Who is not turned keeps its last bit, whoever else is.
-        np.copyto(self.q_ned_frd, q / row_norm(q), where=turned)
-        self.matrix = rotation_matrix(self.q_ned_frd)
+        _straighten(self.covariance)
 
     def reset_heading(self, mask: BoolArray, down_rad: FloatArray, variance: FloatArray) -> None:
         """Turn by any angle (N,) about down, and take that for known this well (N,), where `mask` is."""
         half = 0.5 * np.where(mask, down_rad, 0.0)
-        delta = np.zeros_like(self._delta)
+        delta = np.zeros_like(self.q_ned_frd)
         delta[:, 0], delta[:, 3] = np.cos(half), np.sin(half)
         self.q_ned_frd[:] = quaternion_product(delta, self.q_ned_frd)
-        self.matrix = rotation_matrix(self.q_ned_frd)
+        self.matrix[:] = rotation_matrix(self.q_ned_frd)
         rows = np.flatnonzero(mask)
         self.covariance[rows, YAW, :] = self.covariance[rows, :, YAW] = 0.0
         self.covariance[rows, YAW, YAW] = variance[rows]
+
+
+@formula
+def _corrected(
+    change: Blocks, bad_accel: bool, bias_limit: Column, vector: Column, q: Column, matrix: Rows
+) -> None:
+    """Moves the states by the first column of `change` (21, m), and the attitude by a small turn."""
+    for k in range(SIZE - VELOCITY):
+        if not (bad_accel and k == ACCEL_BIAS + 2 - VELOCITY):
+            vector[k] += change[VELOCITY + k, 0]
+    for k in range(6):
+        bias = GYRO_BIAS - VELOCITY + k
+        vector[bias] = within(vector[bias], -bias_limit[k], bias_limit[k])
+    north, east, down = 0.5 * change[TILT, 0], 0.5 * change[TILT + 1, 0], 0.5 * change[YAW, 0]
+    if north == 0.0 and east == 0.0 and down == 0.0:
+        return
+    w, x, y, z = product(1.0, north, east, down, q[0], q[1], q[2], q[3])
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    q[0], q[1], q[2], q[3] = w / norm, x / norm, y / norm, z / norm
+    write_matrix(q, matrix)
+
+
+@formula
+def _advanced(dt_s: float, turned: Rows, lean: Rows, states: Column) -> None:
+    """How one step moves the errors (21,): attitude by gyro bias, velocity and position by what is before."""
+    tilt_n, tilt_e, tilt_d = states[0], states[1], states[2]
+    for k in range(3):
+        by_lean = lean[k, 0] * tilt_n + lean[k, 1] * tilt_e + lean[k, 2] * tilt_d
+        by_bias = 0.0
+        for j in range(3):
+            states[TILT + k] += turned[k, j] * states[GYRO_BIAS + j]
+            by_bias += turned[k, j] * states[ACCEL_BIAS + j]
+        states[POSITION + k] += dt_s * states[VELOCITY + k] + 0.5 * dt_s * (by_lean + by_bias)
+        states[VELOCITY + k] += by_lean + by_bias
+
+
+@formula
+def _invert(total: Rows, count: int, inverse: Rows) -> None:
+    """The inverse of a symmetric positive matrix of up to three rows, into the corner of (3, 3)."""
+    a, b, c, d, e, f = total[0, 0], 0.0, 0.0, 1.0, 0.0, 1.0
+    if count > 1:
+        b, d = total[0, 1], total[1, 1]
+    if count > 2:
+        c, e, f = total[0, 2], total[1, 2], total[2, 2]
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = d * f - e * e, a * f - c * c, a * d - b * b
+    inverse[0, 1], inverse[0, 2], inverse[1, 2] = c * e - b * f, b * e - c * d, b * c - a * e
+    determinant = a * inverse[0, 0] + b * inverse[0, 1] + c * inverse[0, 2]
+    for j in range(3):
+        for k in range(j, 3):
+            inverse[j, k] = inverse[k, j] = inverse[j, k] / determinant
+
+
+@kernel
+def _strapdown(
+    dt_s: float, delta_angle: Rows, delta_velocity: Rows, q: Rows, matrix: Blocks, vector: Rows, gained: Rows,
+    impulse: Rows,
+) -> None:  # fmt: skip
+    for i in range(q.shape[0]):
+        gyro, accel = GYRO_BIAS - VELOCITY, ACCEL_BIAS - VELOCITY
+        turn(
+            q[i],
+            delta_angle[i, 0] - vector[i, gyro] * dt_s,
+            delta_angle[i, 1] - vector[i, gyro + 1] * dt_s,
+            delta_angle[i, 2] - vector[i, gyro + 2] * dt_s,
+        )
+        write_matrix(q[i], matrix[i])
+        felt = rotated(
+            matrix[i],
+            delta_velocity[i, 0] - vector[i, accel] * dt_s,
+            delta_velocity[i, 1] - vector[i, accel + 1] * dt_s,
+            delta_velocity[i, 2] - vector[i, accel + 2] * dt_s,
+        )
+        for k in range(3):
+            impulse[i, k] += felt[k]
+            gained[i, k] = felt[k] + (GRAVITY_M_S2 * dt_s if k == 2 else 0.0)
+            vector[i, POSITION - VELOCITY + k] += dt_s * vector[i, k]
+            vector[i, k] += gained[i, k]
+
+
+@kernel
+def _catch_up(
+    dt_s: float, matrix: Blocks, impulse: Rows, level_accel: Rows, bad_accel: Flags, noise: Rows,
+    covariance: Blocks,
+) -> None:  # fmt: skip
+    """The covariance after a step, which is the same for its columns and for its rows."""
+    turned, lean, states = np.empty((3, 3)), np.zeros((3, 3)), np.empty(SIZE)
+    for i in range(covariance.shape[0]):
+        for j in range(3):
+            for k in range(3):
+                turned[j, k] = -dt_s * matrix[i, j, k]
+        north, east, down = impulse[i, 0], impulse[i, 1], impulse[i, 2]
+        lean[0, 1], lean[0, 2], lean[1, 2] = down, -east, north
+        lean[1, 0], lean[2, 0], lean[2, 1] = -down, east, -north
+        for k in range(2):
+            level_accel[i, k] += impulse[i, k] - dt_s / ACCEL_SMOOTHING_S * level_accel[i, k]
+        impulse[i] = 0.0
+        for column in range(SIZE):
+            for k in range(SIZE):
+                states[k] = covariance[i, k, column]
+            _advanced(dt_s, turned, lean, states)
+            for k in range(SIZE):
+                covariance[i, k, column] = states[k]
+        for row in range(SIZE):
+            _advanced(dt_s, turned, lean, covariance[i, row])
+        for k in range(SIZE):
+            covariance[i, k, k] += noise[i, k] * dt_s
+        if bad_accel[i]:
+            covariance[i, VELOCITY + 2, VELOCITY + 2] += BAD_ACCEL_NOISE_M_S2**2 * PREDICTION_S * dt_s
+
+
+@kernel
+def _fuse_states(
+    first: int, innovation: Rows, variance: Rows, bad_accel: Flags, bias_limit: Rows, covariance: Blocks,
+    change: Blocks, vector: Rows, q: Rows, matrix: Blocks,
+) -> None:  # fmt: skip
+    """One measurement after the other: where their noise is independent that is the same as all at once."""
+    for i in range(covariance.shape[0]):
+        taken = False
+        for m in range(innovation.shape[1]):
+            if not variance[i, m] < UNUSED:
+                continue
+            if not taken:
+                for k in range(SIZE):
+                    change[i, k, 0] = 0.0
+                taken = True
+            state = first + m
+            scale = 1.0 / (covariance[i, state, state] + variance[i, m])
+            left = innovation[i, m] - change[i, state, 0]
+            for k in range(SIZE):
+                change[i, k, 1] = covariance[i, state, k]
+            for k in range(SIZE):
+                gain = change[i, k, 1] * scale
+                change[i, k, 0] += gain * left
+                for j in range(SIZE):
+                    covariance[i, k, j] -= gain * change[i, j, 1]
+        if taken:
+            _corrected(change[i], bad_accel[i], bias_limit[i], vector[i], q[i], matrix[i])
+
+
+@kernel
+def _sight(covariance: Blocks, sensitivity: Blocks, variance: Column, seen: Blocks, total: Blocks) -> None:
+    measured = sensitivity.shape[1]
+    for i in range(covariance.shape[0]):
+        for k in range(SIZE):
+            for m in range(measured):
+                value = 0.0
+                for j in range(SIZE):
+                    value += covariance[i, k, j] * sensitivity[i, m, j]
+                seen[i, k, m] = value
+        for m in range(measured):
+            for n in range(measured):
+                value = variance[i] if m == n else 0.0
+                for j in range(SIZE):
+                    value += sensitivity[i, m, j] * seen[i, j, n]
+                total[i, m, n] = value
+
+
+@kernel
+def _fuse_seen(
+    seen: Blocks, total: Blocks, innovation: Rows, learns: Rows, bad_accel: Flags, bias_limit: Rows,
+    covariance: Blocks, gain: Blocks, change: Blocks, inverse: Blocks, vector: Rows, q: Rows, matrix: Blocks,
+) -> None:  # fmt: skip
+    """Joseph's form: right for any gain."""
+    measured = innovation.shape[1]
+    for i in range(covariance.shape[0]):
+        taken = False
+        for k in range(SIZE):
+            taken = taken or learns[i, k] != 0.0
+        if not taken:
+            continue
+        _invert(total[i], measured, inverse[i])
+        for k in range(SIZE):
+            for m in range(measured):
+                value = 0.0
+                for n in range(measured):
+                    value += seen[i, k, n] * inverse[i, n, m]
+                gain[i, k, m] = value * learns[i, k]
+        # What is added to seen: half of gain times total, so that one product serves both sides.
+        for k in range(SIZE):
+            for m in range(measured):
+                value = seen[i, k, m]
+                for n in range(measured):
+                    value -= 0.5 * gain[i, k, n] * total[i, n, m]
+                change[i, k, m] = value
+        for k in range(SIZE):
+            for j in range(SIZE):
+                value = 0.0
+                for m in range(measured):
+                    value += gain[i, k, m] * change[i, j, m] + change[i, k, m] * gain[i, j, m]
+                covariance[i, k, j] -= value
+        for k in range(SIZE):
+            value = 0.0
+            for m in range(measured):
+                value += gain[i, k, m] * innovation[i, m]
+            change[i, k, 0] = value
+        _corrected(change[i], bad_accel[i], bias_limit[i], vector[i], q[i], matrix[i])
+
+
+@kernel
+def _straighten(covariance: Blocks) -> None:
+    for i in range(covariance.shape[0]):
+        for k in range(SIZE):
+            for j in range(k):
+                covariance[i, k, j] = covariance[i, j, k] = 0.5 * (covariance[i, k, j] + covariance[i, j, k])
+            covariance[i, k, k] = max(covariance[i, k, k], _LEAST_VARIANCE)

@@ -36,13 +36,10 @@ class SensorFaults:
         self.gps_offset_ned_m_s = np.zeros((count, 3))
         self.imu_offset = np.zeros((count, 6))
         """(N, 6) added to gyroscopes [rad/s] and accelerometers [m/s²], FRD."""
-        self.imu_wrong = False
-        """Whether any of `imu_offset` counts; `set_imu_offset` keeps it true."""
 
     def set_imu_offset(self, i: int, gyro_frd_rad_s: FloatArray, accel_frd_m_s2: FloatArray) -> None:
         """Shift gyroscopes and accelerometers of vehicle `i` by these (3,)."""
         self.imu_offset[i, :3], self.imu_offset[i, 3:] = gyro_frd_rad_s, accel_frd_m_s2
-        self.imu_wrong = bool(self.imu_offset.any())
 
     def clear(self, i: int) -> None:
         """Nothing of this is wrong with vehicle `i` any more."""

@@ -14,12 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.frames import GRAVITY_M_S2, quaternion_of, rotate, rotate_back, rotation_matrix
+from vehicle_sim.frames import GRAVITY_M_S2, quaternion_of, rotation_matrix
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.kernels import Blocks, Column, Flags, Rows, kernel
 from vehicle_sim.magnetic_field import field_ned_gauss
 from vehicle_sim.masks import any_nonzero, any_of
 from vehicle_sim.noise import NoiseOf, WhiteNoise
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.rotations import rotated, rotated_back
 from vehicle_sim.sensors.faults import Driver, SensorFaults
 from vehicle_sim.state import Home, SensorState, TruthState
 
@@ -85,8 +87,8 @@ class SensorSuite:
         self._mag_white = WhiteNoise(seed, vehicles, NoiseOf.MAG, 3)
         self._baro_white = WhiteNoise(seed, vehicles, NoiseOf.BARO, 1)
         self._gps_white = WhiteNoise(seed, vehicles, NoiseOf.GPS, 6)
-        self._strength = np.zeros((count, 1))
-        """(N, 1) factor on the noise measured on PX4's SIH."""
+        self._strength = np.zeros(count)
+        """(N,) factor on the noise measured on PX4's SIH."""
         self._mag_sigma = np.zeros((count, 3))
         self._baro_sigma_m = np.zeros((count, 1))
         self._gps_sigma = np.zeros((count, 6))
@@ -106,19 +108,11 @@ class SensorSuite:
         self._baro_calibration_hpa = np.zeros(count)
         self._board = np.tile(np.eye(3), (count, 1, 1))
         """(N, 3, 3) from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
-        self._turned = False
-        """Whether any vehicle's board is not level."""
-        self._corrects = False
-        """Whether any vehicle has a calibration."""
-        self._imu_noise = np.zeros((count, 6))
-        self._gyro_noise, self._accel_noise = self._imu_noise[:, :3], self._imu_noise[:, 3:]
-        self._imu_sigma = np.zeros((count, 6))
-        self._imu_sigma_armed_by = b""
-        """Which vehicles were armed when `_imu_sigma` was chosen; empty: choose again."""
+        self._turned = np.zeros(count, dtype=np.bool_)
+        """(N,) whose board is not level."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_strength(1.0 if noise else 0.0)
-        self._gravity = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
         self._field_ned = np.array(field_ned_gauss())
         self.state = SensorState(
             gyro_frd_rad_s=np.zeros((count, 3)),
@@ -162,10 +156,7 @@ class SensorSuite:
         self._baro_calibration_hpa[i] = 0.01 * parameters.usable("CAL_BARO0_OFF")
         roll, pitch = (math.radians(parameters.usable(f"SENS_BOARD_{axis}_OFF")) for axis in "XY")
         self._board[i] = rotation_matrix(np.array([quaternion_of(roll, pitch, 0.0)]))[0]
-        self._turned = bool((self._board != np.eye(3)).any())
-        self._corrects = bool(
-            self._gyro_offset.any() or self._accel_offset.any() or (self._accel_scale != 1.0).any()
-        )
+        self._turned[i] = bool((self._board[i] != np.eye(3)).any())
 
     def set_noise(self, i: int, strength: float) -> None:
         """Sets the noise of vehicle `i` as a factor on PX4's SIH; 0: no noise.
@@ -183,7 +174,6 @@ class SensorSuite:
         self._mag_sigma[rows] = strength * np.array(MAG_NOISE_GAUSS)
         self._baro_sigma_m[rows] = strength * BARO_NOISE_M
         self._gps_sigma[rows] = strength * np.array(GPS_POSITION_NOISE_M + GPS_VELOCITY_NOISE_M_S)
-        self._imu_sigma_armed_by = b""
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
         """Blocks the antenna of vehicle `i`: its receiver reports, but has no fix."""
@@ -214,37 +204,20 @@ class SensorSuite:
             armed: (N,) motors turn, which shakes the IMU.
         """
         state = self.state
-        specific_force = rotate_back(matrix, truth.acceleration_ned_m_s2 - self._gravity)
-        armed_by = armed.tobytes()
-        if armed_by != self._imu_sigma_armed_by:
-            self._imu_sigma_armed_by = armed_by
-            sigma = np.where(armed[:, None], self._imu_sigma_armed, self._imu_sigma_rest)
-            np.multiply(sigma, self._strength, out=self._imu_sigma)
-        np.multiply(self._imu_white.sample(), self._imu_sigma, out=self._imu_noise)
-        np.add(truth.rates_frd_rad_s, self._gyro_noise, out=state.gyro_frd_rad_s)
-        np.add(specific_force, self._accel_noise, out=state.accel_frd_m_s2)
-        if self._corrects:
-            state.gyro_frd_rad_s -= self._gyro_offset
-            state.accel_frd_m_s2 -= self._accel_offset
-            state.accel_frd_m_s2 *= self._accel_scale
-        if self._turned:
-            state.gyro_frd_rad_s[:] = rotate(self._board, state.gyro_frd_rad_s)
-            state.accel_frd_m_s2[:] = rotate(self._board, state.accel_frd_m_s2)
-        if self.faults.imu_wrong:
-            state.gyro_frd_rad_s += self.faults.imu_offset[:, :3]
-            state.accel_frd_m_s2 += self.faults.imu_offset[:, 3:]
+        _measure_motion(
+            truth.acceleration_ned_m_s2, truth.rates_frd_rad_s, matrix, armed, self._strength,
+            self._imu_sigma_rest, self._imu_sigma_armed, self._imu_white.sample(), self._gyro_offset,
+            self._accel_offset, self._accel_scale, self._turned, self._board, self.faults.imu_offset,
+            state.gyro_frd_rad_s, state.accel_frd_m_s2,
+        )  # fmt: skip
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
             state.mag_fresh[:] = self._speaks[Driver.MAG]
-            field = rotate_back(matrix, np.broadcast_to(self._field_ned, (self._count, 3)))
-            field += self._mag_offset
-            field += self._mag_white.sample() * self._mag_sigma
-            field -= self._mag_calibration
-            field *= self._mag_scale
-            if self._turned:
-                field = rotate(self._board, field)
-            measured = state.mag_fresh & ~self.faults.stuck[Driver.MAG]
-            np.copyto(state.mag_frd_gauss, field, where=measured[:, None])
+            _measure_field(
+                state.mag_fresh, self.faults.stuck[Driver.MAG], self._field_ned, matrix, self._mag_offset,
+                self._mag_white.sample(), self._mag_sigma, self._mag_calibration, self._mag_scale,
+                self._turned, self._board, state.mag_frd_gauss,
+            )  # fmt: skip
             self._drop_stale(Driver.MAG, state.mag_fresh, state.mag_stale)
             state.mag_count += 1
         if steps % BARO_EVERY_STEPS == 0:
@@ -274,7 +247,7 @@ class SensorSuite:
         if not (any_of(stuck) or any_nonzero(repeats)):
             return
         repeats += 1
-        repeats[~(stuck & fresh & (self._strength[:, 0] > 0.0))] = 0
+        repeats[~(stuck & fresh & (self._strength > 0.0))] = 0
         np.greater_equal(repeats, STALE_SAMPLES[driver], out=stale)
         fresh &= ~stale
 
@@ -308,3 +281,45 @@ class SensorSuite:
         ):
             np.copyto(values, np.where(fixed, with_fix, without), where=fresh)
         state.gps_count += 1
+
+
+@kernel
+def _measure_motion(
+    acceleration: Rows, true_rates: Rows, matrix: Blocks, armed: Flags, strength: Column, sigma_rest: Column,
+    sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows, accel_scale: Rows, turned: Flags,
+    board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
+) -> None:  # fmt: skip
+    """The IMU: noise, then what its calibration takes away, then the board's attitude, then faults."""
+    for i in range(gyro.shape[0]):
+        force = rotated_back(
+            matrix[i], acceleration[i, 0], acceleration[i, 1], acceleration[i, 2] - GRAVITY_M_S2
+        )
+        for k in range(3):
+            rate_sigma, force_sigma = sigma_rest[k], sigma_rest[3 + k]
+            if armed[i]:
+                rate_sigma, force_sigma = sigma_armed[k], sigma_armed[3 + k]
+            gyro[i, k] = true_rates[i, k] + white[i, k] * (rate_sigma * strength[i]) - gyro_offset[i, k]
+            felt = force[k] + white[i, 3 + k] * (force_sigma * strength[i])
+            accel[i, k] = (felt - accel_offset[i, k]) * accel_scale[i, k]
+        if turned[i]:
+            gyro[i, 0], gyro[i, 1], gyro[i, 2] = rotated(board[i], gyro[i, 0], gyro[i, 1], gyro[i, 2])
+            accel[i, 0], accel[i, 1], accel[i, 2] = rotated(board[i], accel[i, 0], accel[i, 1], accel[i, 2])
+        for k in range(3):
+            gyro[i, k] += fault[i, k]
+            accel[i, k] += fault[i, 3 + k]
+
+
+@kernel
+def _measure_field(
+    fresh: Flags, stuck: Flags, field_ned: Column, matrix: Blocks, offset: Rows, white: Rows, sigma: Rows,
+    calibration: Rows, scale: Rows, turned: Flags, board: Blocks, field: Rows,
+) -> None:  # fmt: skip
+    for i in range(field.shape[0]):
+        if not fresh[i] or stuck[i]:
+            continue
+        seen = rotated_back(matrix[i], field_ned[0], field_ned[1], field_ned[2])
+        for k in range(3):
+            measured = seen[k] + offset[i, k] + white[i, k] * sigma[i, k]
+            field[i, k] = (measured - calibration[i, k]) * scale[i, k]
+        if turned[i]:
+            field[i, 0], field[i, 1], field[i, 2] = rotated(board[i], field[i, 0], field[i, 1], field[i, 2])
