@@ -57,7 +57,7 @@ async def start_joint_mission(
         if any(timeline.avoids for timeline, _ in flown.values()):
             for role, vehicle in vehicles.items():
                 if flown[role][0].avoids:
-                    await station.offboard(vehicle.id).avoidance.hear()
+                    await station.offboard(vehicle.id).avoidance.wait_for_sensor()
         await station.missions.ready()
         for vehicle in vehicles.values():
             _require_ready(vehicle)  # seconds have passed

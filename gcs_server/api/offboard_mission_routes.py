@@ -72,7 +72,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         check_findings(name.name, found["findings"], body.despite)
         timeline, motion = pickle.loads(base64.b64decode(found["flown"]))
         if timeline.avoids:
-            await station.offboard(v).avoidance.hear()
+            await station.offboard(v).avoidance.wait_for_sensor()
         share = low_battery_share(vehicle)
         corridor = None if body.dry_run is None else _corridor(station, vehicle, body.dry_run)
         station.missions.begin(v, Start(name, timeline, motion, principal.name, share, corridor))
@@ -140,7 +140,7 @@ def steer(
     arguments: dict[str, object] | None = None,
 ) -> Response:
     """Commands a vehicle's mission, and with it all vehicles that fly it together: needs their control."""
-    vehicles = (vehicle_id, *station.missions.flown_with(vehicle_id))
+    vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
     with together(station, principal, command, {v: arguments or {} for v in vehicles}):
         station.fleet.get(vehicle_id).require_commandable()
         do(station.missions.flight(vehicle_id))

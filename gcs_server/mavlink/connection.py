@@ -68,17 +68,17 @@ class FrameSender:
         payload: bytes,
         peer: Peer,
         *,
-        made_s: float | None = None,
+        created_s: float | None = None,
         until_s: float | None = None,
     ) -> bool:
         """Sends or queues a message, from any thread; False if it was dropped at once.
 
         Args:
-            made_s: when it was made, on the link's clock; None: now.
+            created_s: when it was made, on the link's clock; None: now.
             until_s: it is not sent later than this, even if its type has a longer lifetime.
         """
         urgency = classify(msg_id, payload)
-        expires_s = (self._link.now_s() if made_s is None else made_s) + urgency.lifetime_s
+        expires_s = (self._link.now_s() if created_s is None else created_s) + urgency.lifetime_s
         packet = Packet(
             peer,
             len(payload) + MIN_V2_BYTES + SIGNATURE,

@@ -24,7 +24,7 @@ class AttachedStream(Protocol):
         """Now."""
         ...
 
-    def asks_for(self) -> str | None:
+    def requested_mode(self) -> str | None:
         """The mode that an ending stream requests now; None if it requests none."""
         ...
 

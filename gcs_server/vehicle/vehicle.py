@@ -107,7 +107,7 @@ class Vehicle:
         self.health = HealthService(self, self._event_logger.event, self._fetch_metadata)
         self._event_logger.describe_again = self.health.describe_again
         self._external_control = ExternalControl(
-            self, self.command, lambda: None if self.offboard is None else self.offboard.asks_for()
+            self, self.command, lambda: None if self.offboard is None else self.offboard.requested_mode()
         )
 
     @property
@@ -204,9 +204,9 @@ class Vehicle:
         return self.send_payload(message.get_msgId(), encode_payload(message), until_s=until_s)
 
     def send_payload(
-        self, msg_id: int, payload: bytes, *, made_s: float | None = None, until_s: float | None = None
+        self, msg_id: int, payload: bytes, *, created_s: float | None = None, until_s: float | None = None
     ) -> bool:
-        """Like `send`, for an already packed payload of the streamer, made at `made_s`."""
+        """Like `send`, for an already packed payload of the streamer, made at `created_s`."""
         if self._identity.replayed:
             return False
         chosen = self._choose_endpoint()
@@ -214,7 +214,7 @@ class Vehicle:
             return False
         others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.received_s)
         return any(
-            e.connection.sender.send(msg_id, payload, e.peer, made_s=made_s, until_s=until_s)
+            e.connection.sender.send(msg_id, payload, e.peer, created_s=created_s, until_s=until_s)
             for e in (chosen, *others)
         )
 

@@ -91,10 +91,12 @@ def _stream(connection: Connection, began_s: float) -> Generator[None]:
     def send() -> None:
         next_s = time.monotonic()
         while not end.wait(max(0.0, next_s - time.monotonic())):
-            made_s = time.monotonic()
-            payload = struct.pack("<I11fHBBB", round((made_s - began_s) * 1e6), *range(1, 12), 2552, 1, 1, 1)
-            connection.sender.send(MSG_SETPOINT, payload, peer, made_s=made_s)
-            next_s = max(next_s + 1 / RATE_HZ, made_s)
+            created_s = time.monotonic()
+            payload = struct.pack(
+                "<I11fHBBB", round((created_s - began_s) * 1e6), *range(1, 12), 2552, 1, 1, 1
+            )
+            connection.sender.send(MSG_SETPOINT, payload, peer, created_s=created_s)
+            next_s = max(next_s + 1 / RATE_HZ, created_s)
 
     thread = threading.Thread(target=send)
     thread.start()

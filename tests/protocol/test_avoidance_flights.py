@@ -143,7 +143,7 @@ def test_sensors_that_fall_silent_in_flight_stop_it_until_they_are_back(jump):
         await flight.offboard.avoidance.switch_on("over")
         await flight.offboard.setpoint(to(GOAL))
         await until(lambda: flight.avoidance.state == "over", 20)
-        flight.offboard.avoidance.ask_for_rates = lambda: None
+        flight.offboard.avoidance.request_rates = lambda: None
         flight.silence_sensors()
         await until(lambda: flight.avoidance.state == "stopped", 5)
         assert "No obstacle" in flight.avoidance.text

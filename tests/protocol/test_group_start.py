@@ -95,7 +95,7 @@ def test_an_instant_that_cannot_be_is_refused(jump, ahead_s):
 def test_an_instant_that_passed_before_all_were_confirmed_moves_nobody(jump):
     async def story(at):
         at.pilots["3"].take_offboard_after_s = 3.0
-        with pytest.raises(InvalidRequest, match="still ahead when all are in Offboard"):
+        with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 3.1)
         await seconds(3)
         assert set(modes(at).values()) == {HOLD}

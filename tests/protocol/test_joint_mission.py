@@ -119,7 +119,7 @@ def test_two_vehicles_cross_at_their_own_heights_and_land_where_the_other_one_st
         east = at.world.sim.simulation.truth.position_ned_m[:, 1]
         assert east == pytest.approx([APART_M, 0.0], abs=4)
         assert at.station.groups.all() == []
-        assert at.station.missions.flown_with("1") == ()
+        assert at.station.missions.others_on_mission("1") == ()
 
     stage(jump, story)
 
@@ -168,9 +168,9 @@ def test_pause_resume_and_abort_of_one_act_on_all_and_need_the_control_of_all(ju
         at.station.authority.control("1").lease.release(BOB)
         await routes.resume("2", at.station, ANNA)
         await reach(at, "flying", "flying", within_s=10)
-        with pytest.raises(Refused, match="skips no step"):
+        with pytest.raises(Refused, match="cannot be skipped"):
             await routes.skip("1", at.station, ANNA)
-        with pytest.raises(Refused, match="their ways home may cross"):
+        with pytest.raises(Refused, match="their paths home may cross"):
             await routes.abort("1", at.station, ANNA, models.AbortMission(then="return"))
         await routes.abort("1", at.station, ANNA, models.AbortMission(then="land"))
         assert states(at) == ["aborted", "aborted"]

@@ -31,7 +31,7 @@ def through_the_box(jump, tmp_path, story, avoidance):
             await vehicle.offboard.operator.set(
                 OperatorLimits(obstacle_brake=avoidance != "no brake"), by="test"
             )
-            await vehicle.offboard.avoidance.hear()
+            await vehicle.offboard.avoidance.wait_for_sensor()
             word = "true" if avoidance == "plan" else "false"
             step = f"step: fly, points: [{{offset_ned_m: [10, 0, 0]}}], speed_m_s: 2, avoidance: {word}"
             missions.begin(vehicle, mission(f"- {{{step}}}\n- {{step: hold, duration_s: 1}}\n"), in_air=True)

@@ -1,2 +1,3 @@
-"""Resolves setpoints that no message carries (offsets, paths, followed vehicles) into ones that can be
-sent."""
+"""Converts setpoints that no message can carry (offsets, paths, followed vehicles) into setpoints that can
+be sent.
+"""

@@ -1,5 +1,6 @@
-"""Resolves an ordered setpoint into one that a message carries: heading kept, offset rotated, leader looked
-up."""
+"""Converts an ordered setpoint into one that a message can carry: keeps the heading, rotates offsets, finds
+the leader.
+"""
 
 from __future__ import annotations
 
@@ -26,20 +27,21 @@ from missions.setpoints import (
 
 LEADER_FRESH_S = 1.0
 RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
-"""Kinds that this module resolves into a kind that can be sent."""
+"""Kinds that this module converts into a kind that can be sent."""
 
 
 class ResolvedSetpoint:
-    """The setpoint of one order, resolved for any moment until the next order.
+    """The setpoint of one order; computes what to send at any time until the next order.
 
     Args:
         setpoint: as ordered.
-        now_s: when it was taken.
+        now_s: when the order was accepted.
         snapshot: the vehicle at that time.
-        yaw_kept_rad: the heading to keep where none is ordered.
+        yaw_kept_rad: the heading to keep if the setpoint has none.
 
     Raises:
-        ValueError: the vehicle or the link cannot fly it; the client was told so when it sent the order.
+        ValueError: the vehicle or the link cannot fly it. The client already got this error when it sent
+            the order.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class ResolvedSetpoint:
         self._curve: PathCurve | None = None
         self._follow: Follow | None = None
         self.player: Player | None = None
-        """Of an offboard mission."""
+        """Samples the path of an offboard mission; None for other setpoints."""
         self._fixed: DirectSetpoint | None = None
         if isinstance(setpoint, Script):
             self.player = Player(setpoint, now_s)
@@ -75,8 +77,8 @@ class ResolvedSetpoint:
         """Whether the resolved setpoint changes with time."""
         return self._fixed is None
 
-    def begin_anew(self, now_s: float) -> None:
-        """The flight begins now: until now a path has stayed at its first point."""
+    def restart_path(self, now_s: float) -> None:
+        """Starts the path now; before, only its first point was sent."""
         self._began_s = now_s
         if self.player is not None:
             self.player.begin_anew(now_s)
@@ -86,16 +88,16 @@ class ResolvedSetpoint:
 
         Args:
             now_s: the moment.
-            snapshot: the vehicle, newest.
+            snapshot: the newest snapshot of the vehicle.
             waiting: Offboard has not been confirmed yet; paths wait at their first point.
         """
         if self.player is not None:
-            here, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
-            return self.player.at(now_s, here, velocity, waiting=waiting)
+            position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
+            return self.player.at(now_s, position, velocity, waiting=waiting)
         if self._curve is not None:
             return self._curve.at(0.0 if waiting else now_s - self._began_s)
         if self._follow is not None:
-            return _beside(self._follow, now_s, snapshot, self._yaw_kept_rad)
+            return _with_offset(self._follow, now_s, snapshot, self._yaw_kept_rad)
         return self._fixed
 
     def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
@@ -105,7 +107,7 @@ class ResolvedSetpoint:
         if self._curve is not None:
             return self._curve.at(at_s - self._began_s)
         if self._follow is not None:
-            return _beside(self._follow, at_s, snapshot, self._yaw_kept_rad)
+            return _with_offset(self._follow, at_s, snapshot, self._yaw_kept_rad)
         return None
 
 
@@ -126,12 +128,12 @@ def _fixed(
     setpoint: Setpoint, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
 ) -> DirectSetpoint:
     if isinstance(setpoint, PositionBody):
-        here, yaw = snapshot.position_at(now_s), snapshot.yaw_ned_rad
-        if here is None or yaw is None:
+        position, yaw = snapshot.position_at(now_s), snapshot.yaw_ned_rad
+        if position is None or yaw is None:
             raise ValueError("position_body needs a fresh position and heading")
         n, e, d = ned_from_heading(setpoint.offset_frd_m, yaw)
         heading = yaw_kept_rad if setpoint.yaw_offset_rad is None else yaw + setpoint.yaw_offset_rad
-        return Position((here[0] + n, here[1] + e, here[2] + d), heading)
+        return Position((position[0] + n, position[1] + e, position[2] + d), heading)
     if isinstance(setpoint, PositionGlobal) and setpoint.alt_home_m is not None:
         if snapshot.home_alt_amsl_m is None:
             raise ValueError("alt_home_m needs a home position")
@@ -144,7 +146,7 @@ def _fixed(
     return setpoint
 
 
-def _beside(
+def _with_offset(
     follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
 ) -> DirectSetpoint | None:
     leader = snapshot.leader

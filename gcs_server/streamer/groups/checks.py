@@ -17,7 +17,9 @@ from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint
 
 MIN_LEAD_S, MAX_LEAD_S = 3.0, 300.0
-"""How far ahead a requested start must be: pre-streaming and the switch to Offboard come before it."""
+"""A requested start must be at least this far ahead, because pre-streaming and the switch to Offboard come
+first.
+"""
 SEPARATION_REMEDY = (
     "Move their targets farther apart, fly them one after the other, or lower minimum_separation_m."
 )
@@ -52,20 +54,21 @@ class GroupChecks:
         self._clock = clock
         self._streams = streams
         self._piece = asyncio.Lock()
-        """Held while one piece of a plan is computed: concurrent plans compute one piece per turn of the
-        event loop."""
+        """Locked while one piece of a plan is computed, so that concurrent plans compute one piece per turn
+        of the event loop.
+        """
 
-    def check_instant(self, order: GroupOrder, soonest_s: float) -> None:
+    def check_instant(self, order: GroupOrder, earliest_s: float) -> None:
         """Raises InvalidRequest if the common start is too soon or too far ahead."""
         at = order.start_at_unix_s
         if at is None:
             return
         ahead_s = at - self._clock.unix_s()
-        if not soonest_s <= ahead_s <= MAX_LEAD_S:
+        if not earliest_s <= ahead_s <= MAX_LEAD_S:
             raise InvalidRequest(
                 "start_at_unix_s",
                 f"start_at_unix_s is {ahead_s:.1f} s ahead; it must be {MIN_LEAD_S:g} to {MAX_LEAD_S:g} s "
-                "ahead when it is asked for, and still ahead when all are in Offboard.",
+                "ahead of the request, and still ahead when all vehicles are in Offboard.",
             )
 
     def check_member(self, member: Member, index: int, order: GroupOrder) -> None:
@@ -114,25 +117,25 @@ class GroupChecks:
         members: Mapping[str, Member],
         orders: Mapping[str, Order],
         held: Container[str] = (),
-        lasts_s: float | None = None,
+        duration_s: float | None = None,
     ) -> None:
-        """Checks that all vehicles would stay apart, from their positions and setpoints.
+        """Predicts the flights from positions and setpoints, and checks that all vehicles stay apart.
 
         The event loop does other work meanwhile, and the vehicles fly on: repeat the earlier checks
         afterwards, and call `check_apart_now`.
 
         Args:
             minimum_m: the minimum separation.
-            members: all of the group.
+            members: all members of the group.
             orders: the new orders; the other members fly on.
             held: members that no longer follow the group, and may be anywhere.
-            lasts_s: time until all expire, if not given by their own validity.
+            duration_s: time until all expire, if not given by their own validity.
 
         Raises:
-            NotTogether: names the two vehicles, or the one whose position is not known.
+            NotTogether: names the two vehicles, or the vehicle without a known position.
         """
         now_s = self._clock.monotonic_s()
-        planned = self._planned(now_s, members, orders, held, lasts_s)
+        planned = self._planned(now_s, members, orders, held, duration_s)
         _refuse(await self._in_pieces(first_conflict(planned, now_s, minimum_m)), minimum_m)
 
     def check_apart_now(
@@ -146,7 +149,7 @@ class GroupChecks:
 
         Args:
             minimum_m: the minimum separation.
-            members: all of the group.
+            members: all members of the group.
             orders: the new orders.
             held: members that no longer follow the group, and may be anywhere.
 
@@ -172,15 +175,15 @@ class GroupChecks:
         members: Mapping[str, Member],
         orders: Mapping[str, Order],
         held: Container[str],
-        lasts_s: float | None = None,
+        duration_s: float | None = None,
     ) -> list[Planned]:
         planned: list[Planned] = []
         for vehicle_id, member in members.items():
             order, elapsed_s = orders.get(vehicle_id), 0.0
             setpoint = None if order is None or isinstance(order.setpoint, Script) else order.setpoint
             snapshot = member.snapshot(order)
-            here, origin = snapshot.position_at(now_s), snapshot.bounds.origin
-            if here is None or origin is None:
+            position, origin = snapshot.position_at(now_s), snapshot.bounds.origin
+            if position is None or origin is None:
                 if vehicle_id in held:
                     continue
                 raise NotTogether(
@@ -193,9 +196,9 @@ class GroupChecks:
                 state = self._streams.state(vehicle_id)
                 order, elapsed_s = state.order, state.age_s or 0.0
                 if order is not None and state.phase == "streaming":
-                    ordered = order.setpoint  # an offset was resolved when its order was taken
+                    ordered = order.setpoint  # an offset was resolved when its order was accepted
                     setpoint = state.sent if isinstance(ordered, PositionBody | Script) else ordered
-            expires_s = lasts_s if lasts_s is not None or order is None else order.lasts_s
+            expires_s = duration_s if duration_s is not None or order is None else order.duration_s
             planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned
 

@@ -57,7 +57,7 @@ class Groups:
     async def start(self, order: GroupOrder) -> GroupStatus:
         """Brings all members into Offboard at their positions and starts them at the same instant.
 
-        Returns once all have confirmed and the start is set; the start may still be ahead.
+        Returns once all have confirmed and the start time is set, which may be before the start.
 
         Raises:
             NotTogether: one vehicle cannot join, or two would come too near. No vehicle has moved; all are in
@@ -80,7 +80,7 @@ class Groups:
             waits = await self._gather(group)
             await self._checks.check_apart(order.minimum_separation_m, members, orders)
             group.require_gathered({v: self._streams.state(v) for v in members})
-            for index, member in enumerate(members.values()):  # seconds have passed
+            for index, member in enumerate(members.values()):  # some seconds later
                 self._checks.check_setpoint(member, index, orders[member.vehicle.id])
             self._checks.check_apart_now(order.minimum_separation_m, members, orders)
             self._checks.check_instant(order, 0.1)
@@ -112,32 +112,32 @@ class Groups:
         """
         group = self._get(group_id)
         async with group.changing:  # each change is checked against the result of the change before
-            lasting = replace(
+            template = replace(
                 group.order,
                 valid_for_s=valid_for_s,
                 on_expiry=on_expiry,
                 client=client,
                 client_key=client_key,
             )
-            return await self._change(group, changed, lasting)
+            return await self._change(group, changed, template)
 
     async def _change(
         self,
         group: Group,
         changed: Mapping[str, Setpoint],
-        lasting: GroupOrder,
+        template: GroupOrder,
     ) -> GroupStatus:
-        group_id, minimum_m, valid_for_s = group.id, lasting.minimum_separation_m, lasting.valid_for_s
+        group_id, minimum_m, valid_for_s = group.id, template.minimum_separation_m, template.valid_for_s
         held = group.require_changeable(changed, self._guard(group)).held
         setpoints = group.setpoints | dict(changed)
-        order = replace(lasting, setpoints=setpoints)
+        order = replace(template, setpoints=setpoints)
         orders = self._checks.orders(order, changed)
         self._checks.check_setpoints(group.members, orders)
         left_s = self._checks.left_s(group.setpoints, changed)
         await self._checks.check_apart(minimum_m, group.members, orders, held, left_s + valid_for_s)
         held = group.require_changeable(
             changed, self._guard(group)
-        ).held  # time has passed, and the vehicles flew on
+        ).held  # the vehicles have flown on meanwhile
         self._checks.check_setpoints(group.members, orders)
         self._checks.check_apart_now(minimum_m, group.members, orders, held)
         left_s = self._checks.left_s(group.setpoints, changed)
@@ -189,7 +189,7 @@ class Groups:
         return [self._status(group) for group in self._groups.values()]
 
     def look(self) -> None:
-        """Called with each beat: announces what the guards found, and ends groups that are over."""
+        """Called with each beat: publishes the guards' findings, and ends groups that no vehicle follows."""
         self.collect()
         for group in self._groups.values():
             guard = self._guard(group)
@@ -208,7 +208,7 @@ class Groups:
                 group.state = "flying"
 
     def disable_guard(self) -> None:
-        """The server shuts down and stops all streams: what ends now is not a finding."""
+        """The server shuts down and stops all streams: the end of a stream is not a finding any more."""
         for group in self._groups.values():
             if group.guard is not None and group.state != "ended":
                 group.ending = "The server was shut down."
@@ -236,13 +236,18 @@ class Groups:
         waits: dict[str, Order] = {}
         failed: dict[str, GcsError] = {}
         for vehicle_id, member in group.members.items():
-            here = member.snapshot().position_at(self._clock.monotonic_s())
-            if here is None:
+            position_now = member.snapshot().position_at(self._clock.monotonic_s())
+            if position_now is None:
                 raise NotTogether(
                     f"Vehicle {vehicle_id} has no valid position estimate.", vehicles=(vehicle_id,)
                 )
             waits[vehicle_id] = Order(
-                Position(here), MAX_WAIT_S, OnExpiry("hold", 1.0), order.client, order.client_key, "group"
+                Position(position_now),
+                MAX_WAIT_S,
+                OnExpiry("hold", 1.0),
+                order.client,
+                order.client_key,
+                "group",
             )
             group.numbers[vehicle_id] = self._streams.state(vehicle_id).number + 1
 
@@ -264,9 +269,9 @@ class Groups:
             reasons = tuple(
                 reason for e in failed.values() if isinstance(e, Rejected) for reason in e.reasons
             )
-            said = " ".join(f"Vehicle {v}: {error}" for v, error in failed.items())
+            vehicle_errors = " ".join(f"Vehicle {v}: {error}" for v, error in failed.items())
             raise NotTogether(
-                f"Not all vehicles could be brought into Offboard, so none moves. {said}",
+                f"Not all vehicles could be brought into Offboard, so none moves. {vehicle_errors}",
                 vehicles=tuple(failed),
                 reasons=reasons,
             )
@@ -285,7 +290,7 @@ class Groups:
             orders,
             minimum_m=order.minimum_separation_m,
             start_s=start_s,
-            lasts_s=max(o.lasts_s for o in orders.values()),
+            duration_s=max(o.duration_s for o in orders.values()),
             others_go_on=order.others_go_on,
         )
         group.state, group.guard = "waiting", guard.state()
@@ -319,17 +324,17 @@ class Groups:
     # --- events -----------------------------------------------------------------------------------
 
     def collect(self) -> None:
-        """Takes what the guards have found."""
+        """Stores the guards' findings."""
         for name, finding in self._streams.take_findings():
             group = self._groups.get(name)
             self.on_mission_finding(name, finding) if group is None else self._add_finding(group, finding)
 
     def _add_finding(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
-        gone = finding.vehicles if finding.code == "left" else ()  # not held by the group
-        held = [vehicle_id for vehicle_id in finding.held if vehicle_id not in gone]
+        left_group = finding.vehicles if finding.code == "left" else ()  # not held by the group
+        held = [vehicle_id for vehicle_id in finding.held if vehicle_id not in left_group]
         hold = f" {listed(held)} {'holds' if len(held) == 1 else 'hold'}." if held else ""
-        told = GroupFinding(
+        group_finding = GroupFinding(
             unix_s=self._clock.unix_s() - ago_s,
             code=finding.code,
             vehicles=finding.vehicles,
@@ -337,8 +342,8 @@ class Groups:
             text=finding.text + hold,
             distance_m=finding.distance_m,
         )
-        group.findings = [*group.findings, told][-FINDINGS_KEPT:]
-        self._announce(group, f"Group {group.id}: {told.text}", warning=True)
+        group.findings = [*group.findings, group_finding][-FINDINGS_KEPT:]
+        self._announce(group, f"Group {group.id}: {group_finding.text}", warning=True)
 
     def _end(self, group: Group, why: str | None) -> None:
         if group.state == "ended":

@@ -63,7 +63,7 @@ class Planned:
     setpoint: Setpoint | None
     """None: it stays at its position."""
     snapshot: Snapshot
-    lasts_s: float
+    duration_s: float
     """Time until its setpoint expires."""
     elapsed_s: float = 0.0
     """How long it has already flown this setpoint: a path continues from there."""
@@ -88,19 +88,21 @@ class Conflict:
         a, b = self.vehicles
         n, e, d = self.place_ned_m
         where = f"at {n:.1f} m north, {e:.1f} m east, {d:.1f} m down of vehicle {a}'s local origin"
-        wanted = f"the minimum is {minimum_m:g} m, plus {self.margin_m:.1f} m of margin"
+        required = f"the minimum is {minimum_m:g} m, plus {self.margin_m:.1f} m of margin"
         if self.after_s == 0.0 and not self.while_stopping:
             return (
-                f"Vehicles {a} and {b} are {self.distance_m:.1f} m apart now ({wanted}), vehicle {a} {where}."
+                f"Vehicles {a} and {b} are {self.distance_m:.1f} m apart now ({required}), "
+                f"vehicle {a} {where}."
             )
         if self.while_stopping:
             return (
                 f"After {self.after_s:.1f} s vehicles {a} and {b} would be so close and so fast that "
-                f"stopping both leaves {self.distance_m:.1f} m between them ({wanted}), vehicle {a} {where}."
+                f"stopping both leaves {self.distance_m:.1f} m between them ({required}), "
+                f"vehicle {a} {where}."
             )
         return (
             f"After {self.after_s:.1f} s vehicles {a} and {b} would come within {self.distance_m:.1f} m of "
-            f"each other ({wanted}), vehicle {a} {where}."
+            f"each other ({required}), vehicle {a} {where}."
         )
 
 
@@ -130,17 +132,17 @@ def first_conflict(
             if steps % STEPS_PER_TURN == 0:
                 yield
         t_s += STEP_S
-    ways: list[tuple[Vectors, Vectors]] = []
+    tracks: list[tuple[Vectors, Vectors]] = []
     for course in courses:
         yield
-        ways.append(course.way())
-    found: list[Conflict] = []
-    for (a, way_a), (b, way_b) in itertools.combinations(zip(courses, ways, strict=True), 2):
+        tracks.append(course.take_track())
+    conflicts: list[Conflict] = []
+    for (a, track_a), (b, track_b) in itertools.combinations(zip(courses, tracks, strict=True), 2):
         yield
-        conflict = yield from _between(a, way_a, b, way_b, minimum_m, now_s)
+        conflict = yield from _between(a, track_a, b, track_b, minimum_m, now_s)
         if conflict is not None:
-            found.append(conflict)
-    return min(found, key=lambda conflict: conflict.after_s, default=None)
+            conflicts.append(conflict)
+    return min(conflicts, key=lambda conflict: conflict.after_s, default=None)
 
 
 def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
@@ -152,77 +154,80 @@ def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> 
         now_s: monotonic.
         minimum_m: the minimum separation, braking distance included.
     """
-    places = [(member, *_where(member, now_s)) for member in members]
-    for (a, here, common), (b, there, origin) in itertools.combinations(places, 2):
-        one = moving(a.snapshot, now_s, here, a.setpoint)
-        other = moving(b.snapshot, now_s, origin.to_frame_of(common, there), b.setpoint)
+    positions = [(member, *_where(member, now_s)) for member in members]
+    for (a, position_a, common), (b, position_b, origin) in itertools.combinations(positions, 2):
+        one = moving(a.snapshot, now_s, position_a, a.setpoint)
+        other = moving(b.snapshot, now_s, origin.to_frame_of(common, position_b), b.setpoint)
         margin = margin_m(one, other)
         least_m = minimum_m + margin
-        apart_m = kept_m = math.dist(one.place_ned_m, other.place_ned_m)
+        apart_m = closest_apart_m = math.dist(one.place_ned_m, other.place_ned_m)
         reach_m = sum(stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (one, other))
         if apart_m >= least_m and apart_m - reach_m < least_m:
-            place, velocity, place_b, velocity_b = (
+            position, velocity, place_b, velocity_b = (
                 np.array(v)
                 for v in (one.place_ned_m, one.velocity_ned_m_s, other.place_ned_m, other.velocity_ned_m_s)
             )
-            kept_m = float(
-                closest_m(place, velocity, place_b, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
+            closest_apart_m = float(
+                closest_m(position, velocity, place_b, velocity_b, one.brakes_m_s2, other.brakes_m_s2)
             )
-        if kept_m < least_m:
-            return Conflict((a.vehicle, b.vehicle), 0.0, kept_m, here, apart_m >= least_m, margin)
+        if closest_apart_m < least_m:
+            return Conflict(
+                (a.vehicle, b.vehicle), 0.0, closest_apart_m, position_a, apart_m >= least_m, margin
+            )
     return None
 
 
 def _where(member: Planned, now_s: float) -> tuple[Vector3, LocalOrigin]:
-    here, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
-    if here is None or origin is None:
+    position, origin = member.snapshot.position_at(now_s), member.snapshot.bounds.origin
+    if position is None or origin is None:
         raise ValueError(f"vehicle {member.vehicle} has no valid global position")
-    return here, origin
+    return position, origin
 
 
 def _between(
     a: _PredictedTrack,
-    way_a: tuple[Vectors, Vectors],
+    track_a: tuple[Vectors, Vectors],
     b: _PredictedTrack,
-    way_b: tuple[Vectors, Vectors],
+    track_b: tuple[Vectors, Vectors],
     minimum_m: float,
     now_s: float,
 ) -> Generator[None, None, Conflict | None]:
     one, other = (moving(course.member.snapshot, now_s, STAY, course.member.setpoint) for course in (a, b))
     margin = margin_m(one, other)
     minimum_m += margin
-    place_a, velocity_a = way_a
-    place_b, velocity_b = way_b[0] + np.array(b.origin.to_frame_of(a.origin, STAY)), way_b[1]
-    apart: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
-    kept = apart.copy()
+    place_a, velocity_a = track_a
+    place_b, velocity_b = track_b[0] + np.array(b.origin.to_frame_of(a.origin, STAY)), track_b[1]
+    distances: Vectors = np.sqrt(np.sum((place_a - place_b) ** 2, axis=-1))
+    closest = distances.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
     reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
-    asked = np.nonzero(apart - reach_m < minimum_m)[0]  # they cannot come that near anywhere else
+    # at all other steps they are too far apart to come that near
+    candidates = np.nonzero(distances - reach_m < minimum_m)[0]
     longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
     at_once = max(1, SAMPLES_PER_TURN // samples(longest_s))
-    for begin in range(0, len(asked), at_once):
+    for begin in range(0, len(candidates), at_once):
         yield
-        some = asked[begin : begin + at_once]
-        kept[some] = closest_m(
-            place_a[some], velocity_a[some], place_b[some], velocity_b[some],
+        batch = candidates[begin : begin + at_once]
+        closest[batch] = closest_m(
+            place_a[batch], velocity_a[batch], place_b[batch], velocity_b[batch],
             one.brakes_m_s2, other.brakes_m_s2,
         )  # fmt: skip
-        if np.any(kept[some] < minimum_m):
+        if np.any(closest[batch] < minimum_m):
             break  # only the first conflict is reported
-    near = np.nonzero(kept < minimum_m)[0]
+    near = np.nonzero(closest < minimum_m)[0]
     if not len(near):
         return None
-    too_near = np.nonzero(apart < minimum_m)[0]
+    too_near = np.nonzero(distances < minimum_m)[0]
     index = int(near[0])
     while_stopping = not len(too_near)
     if not while_stopping:
         begin = int(too_near[0])
-        end = begin + int(np.argmax(np.append(apart[begin:] >= minimum_m, True)))
-        index = begin + int(np.argmin(apart[begin:end]))
+        end = begin + int(np.argmax(np.append(distances[begin:] >= minimum_m, True)))
+        index = begin + int(np.argmin(distances[begin:end]))
         if begin == 0:
             index = 0
     n, e, d = (float(x) for x in place_a[index])
-    distance_m = float(kept[index] if while_stopping else apart[index])
+    distance_m = float(closest[index] if while_stopping else distances[index])
     return Conflict(
         (a.member.vehicle, b.member.vehicle), index * STEP_S, distance_m, (n, e, d), while_stopping, margin
     )
@@ -233,19 +238,19 @@ class _PredictedTrack:
 
     def __init__(self, member: Planned, now_s: float) -> None:
         snapshot, setpoint = member.snapshot, member.setpoint
-        here, self.origin = _where(member, now_s)
+        position, self.origin = _where(member, now_s)
         self.member = member
-        self.places: list[Vector3] = []
+        self.positions: list[Vector3] = []
         self.velocities: list[Vector3] = []
         self.moves = True
-        self._place = here
+        self._position = position
         self._velocity: Vector3 = snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
         bounds = snapshot.bounds
         self._speed = min(bounds.speed_m_s, bounds.approach_m_s, SPEED_M_S)
         self._climb = min(bounds.climb_m_s, bounds.approach_climb_m_s, CLIMB_M_S)
         self._sink = min(bounds.sink_m_s, bounds.approach_sink_m_s, CLIMB_M_S)
         self._gains = (bounds.position_gain, bounds.position_gain, bounds.height_gain)
-        self._until_s = min(member.lasts_s, VELOCITY_AHEAD_S)
+        self._until_s = min(member.duration_s, VELOCITY_AHEAD_S)
         self._curve: PathCurve | None = None
         self._follow = setpoint if isinstance(setpoint, Follow) else None
         self._target, self._feed = NO_POINTS, NO_POINTS
@@ -253,72 +258,72 @@ class _PredictedTrack:
         if isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, None)
             self.least_s = self._curve.duration_s - member.elapsed_s
-            begin = complete(self._curve.at(member.elapsed_s).position_ned_m) or here
-            self._off = (here[0] - begin[0], here[1] - begin[1], here[2] - begin[2])
+            begin = complete(self._curve.at(member.elapsed_s).position_ned_m) or position
+            self._offset = (position[0] - begin[0], position[1] - begin[1], position[2] - begin[2])
         elif setpoint is not None and self._follow is None:
-            self._target, self._feed = self._aimed(setpoint, now_s)
+            self._target, self._feed = self._target_of(setpoint, now_s)
             if self._feed != NO_POINTS and self._target == NO_POINTS:
                 self.least_s = self._until_s
 
     def step(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> None:
         """Stores the current position, and advances by `STEP_S`."""
         if self._curve is not None:
-            self._along(t_s)
+            self._follow_path(t_s)
             return
-        self.places.append(self._place)
+        self.positions.append(self._position)
         self.velocities.append(self._velocity)
-        target, feed = self._wanted(t_s, others)
-        wanted = [
-            (0.0 if place is None else gain * (place - at)) + (speed or 0.0)
-            for place, speed, at, gain in zip(target, feed, self._place, self._gains, strict=True)
+        target, feed = self._commanded(t_s, others)
+        velocity = [
+            (0.0 if position is None else gain * (position - at)) + (speed or 0.0)
+            for position, speed, at, gain in zip(target, feed, self._position, self._gains, strict=True)
         ]
-        ground = math.hypot(wanted[0], wanted[1])
+        ground = math.hypot(velocity[0], velocity[1])
         scale = min(1.0, self._speed / ground) if ground > 0 else 1.0
-        wanted = [wanted[0] * scale, wanted[1] * scale, min(self._sink, max(-self._climb, wanted[2]))]
-        change = [to - at for to, at in zip(wanted, self._velocity, strict=True)]
+        velocity = [velocity[0] * scale, velocity[1] * scale, min(self._sink, max(-self._climb, velocity[2]))]
+        change = [to - at for to, at in zip(velocity, self._velocity, strict=True)]
         size, most = math.hypot(*change), ACCELERATION_M_S2 * STEP_S
         scale = min(1.0, most / size) if size > 0 else 1.0
         before = self._velocity
         n, e, d = (at + each * scale for at, each in zip(before, change, strict=True))
         self._velocity = (n, e, d)
         n, e, d = (
-            place + (old + new) / 2.0 * STEP_S
-            for place, old, new in zip(self._place, before, self._velocity, strict=True)
+            position + (old + new) / 2.0 * STEP_S
+            for position, old, new in zip(self._position, before, self._velocity, strict=True)
         )
-        self._place = (n, e, d)
+        self._position = (n, e, d)
         self.moves = math.hypot(*self._velocity) > STANDING_M_S and t_s < MAX_PLAN_S
 
-    def way(self) -> tuple[Vectors, Vectors]:
+    def take_track(self) -> tuple[Vectors, Vectors]:
         """All stored positions and velocities, which are then dropped: freeing all tracks at once takes
         long."""
-        way = np.array(self.places), np.array(self.velocities)
-        self.places, self.velocities = [], []
-        return way
+        track = np.array(self.positions), np.array(self.velocities)
+        self.positions, self.velocities = [], []
+        return track
 
     @property
     def velocity(self) -> Vector3:
         """Velocity at the current step."""
         return self._velocity
 
-    def place_in(self, origin: LocalOrigin) -> Vector3:
+    def position_in(self, origin: LocalOrigin) -> Vector3:
         """Position at the current step, in another member's frame."""
-        return self.origin.to_frame_of(origin, self._place)
+        return self.origin.to_frame_of(origin, self._position)
 
-    def _along(self, t_s: float) -> None:
+    def _follow_path(self, t_s: float) -> None:
         """Follows a path; an initial distance from the path decreases."""
         assert self._curve is not None
         sample = self._curve.at(self.member.elapsed_s + t_s)
-        place, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
-        assert place is not None
+        position, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
+        assert position is not None
         assert velocity is not None
-        left = math.exp(-self._gains[0] * t_s)
-        n, e, d = (at + off * left for at, off in zip(place, self._off, strict=True))
-        self._place, self._velocity = (n, e, d), velocity
-        self.places.append(self._place)
+        remaining = math.exp(-self._gains[0] * t_s)
+        n, e, d = (at + off * remaining for at, off in zip(position, self._offset, strict=True))
+        self._position, self._velocity = (n, e, d), velocity
+        self.positions.append(self._position)
         self.velocities.append(velocity)
         self.moves = False  # `least_s` is how long it flies
 
-    def _aimed(self, setpoint: Setpoint, now_s: float) -> tuple[Partial3, Partial3]:
+    def _target_of(self, setpoint: Setpoint, now_s: float) -> tuple[Partial3, Partial3]:
         """Target position and velocity of the setpoint, in the local frame."""
         snapshot = self.member.snapshot
         if isinstance(setpoint, VelocityBody):
@@ -335,26 +340,26 @@ class _PredictedTrack:
             return NO_POINTS, sent.velocity_ned_m_s
         return NO_POINTS, NO_POINTS
 
-    def _wanted(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> tuple[Partial3, Partial3]:
+    def _commanded(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> tuple[Partial3, Partial3]:
         if self._follow is not None:
-            return self._beside(self._follow, t_s, others)
+            return self._beside_leader(self._follow, t_s, others)
         return self._target, self._feed if t_s < self._until_s else NO_POINTS
 
-    def _beside(
+    def _beside_leader(
         self, follow: Follow, t_s: float, others: Mapping[str, _PredictedTrack]
     ) -> tuple[Partial3, Partial3]:
         leader, seen = others.get(follow.vehicle), self.member.snapshot.leader
         yaw = seen.yaw_ned_rad if seen is not None else None
         offset = follow.offset_ned_m or ned_from_heading(follow.offset_frd_m or (0.0, 0.0, 0.0), yaw or 0.0)
         if leader is not None:
-            place, velocity = leader.place_in(self.origin), leader.velocity
+            position, velocity = leader.position_in(self.origin), leader.velocity
         elif seen is not None:
             on_s = min(t_s, self._until_s)
             n, e, d = (
                 at + speed * on_s
                 for at, speed in zip(seen.position_ned_m, seen.velocity_ned_m_s, strict=True)
             )
-            place, velocity = (n, e, d), seen.velocity_ned_m_s
+            position, velocity = (n, e, d), seen.velocity_ned_m_s
         else:
             return NO_POINTS, NO_POINTS
-        return (place[0] + offset[0], place[1] + offset[1], place[2] + offset[2]), velocity
+        return (position[0] + offset[0], position[1] + offset[1], position[2] + offset[2]), velocity

@@ -48,13 +48,13 @@ class Group:
         Args:
             streams: newest state of each member's stream.
         """
-        gone = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWS_ORDER]
-        if gone:
-            ends = [(v, streams[v].last_end) for v in gone]
-            said = " ".join(f"Vehicle {v}: {end.text}" for v, end in ends if end is not None)
+        left = [v for v in self.members if self.phase(v, streams[v]) not in FOLLOWS_ORDER]
+        if left:
+            ended_streams = [(v, streams[v].last_end) for v in left]
+            reasons = " ".join(f"Vehicle {v}: {end.text}" for v, end in ended_streams if end is not None)
             raise NotTogether(
-                f"{listed(gone)} left before the common start, so none moves. {said}".rstrip(),
-                vehicles=tuple(gone),
+                f"{listed(left)} left before the common start, so none moves. {reasons}".rstrip(),
+                vehicles=tuple(left),
                 remedy="Check that vehicle, then start the group again.",
             )
 

@@ -1,9 +1,10 @@
 """Stops a vehicle before an obstacle that its own sensors measure ahead of it.
 
 The brake acts on motion over the ground, and on a climb towards what a sensor that looks up measures. It
-never acts on a descent: a sensor that looks down stops no landing. It uses the measurements of the last two
-seconds, and only in directions that a sensor covers. If an obstacle is nearer than the margin, the vehicle is
-moved back, because the integrator of PX4's controller carries it on.
+never acts on a descent, so that a sensor that points down does not stop a landing. It uses the measurements
+of the last two
+seconds, and only in directions that a sensor covers. If an obstacle is nearer than the margin, the vehicle
+is moved back, because the integrator of PX4's controller still moves it forward.
 
 A lidar that is fixed to the body points at the foot of a wall, or at the ground, while the vehicle pitches
 forward. So each point that a level sensor measures counts, however far below the vehicle: low over the ground
@@ -46,7 +47,7 @@ BACK_M_S = 0.5
 """Largest speed at which the vehicle is moved back."""
 GUARD_MARGIN_M = 0.3
 SLOW_M_S = 0.5
-"""Below this speed a vehicle that is flown by attitude or rates is not taken over."""
+"""Below this speed the brake does not take over a vehicle that is flown by attitude or rates."""
 
 Points = NDArray[np.float64]
 """(N, 2), north and east [m]."""
@@ -80,25 +81,25 @@ class BrakeMemory:
             self._kept.clear()
             moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.heard_s) for scan in newest]
             return Surroundings(np.vstack([NOTHING, *moved]), newest, velocity_ned_m_s)
-        here = np.array(position_ned_m[:2])
+        position = np.array(position_ned_m[:2])
         for scan in newest:
             if all(scan != kept for kept, _, _ in self._kept):
-                at = here - _shift(velocity_ned_m_s, now_s - scan.heard_s)
+                at = position - _shift(velocity_ned_m_s, now_s - scan.heard_s)
                 self._kept.append((scan, position_ned_m[2], _level(scan) + at))
         while self._kept and now_s - self._kept[0][0].heard_s > SCAN_VALID_S:
             self._kept.popleft()
         points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_HEIGHT_M]
-        return Surroundings(np.vstack([NOTHING, *points]) - here, newest, velocity_ned_m_s)
+        return Surroundings(np.vstack([NOTHING, *points]) - position, newest, velocity_ned_m_s)
 
 
 def _level(scan: Scan) -> Points:
     """Horizontal points of a scan, without rays that point up or down."""
-    met = [
+    points = [
         (n * far_m, e * far_m)
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
         if far_m is not None and abs(d) <= STEEP
     ]
-    return np.array(met) if met else NOTHING
+    return np.array(points) if points else NOTHING
 
 
 def _shift(velocity_ned_m_s: Vector3, age_s: float) -> Points:
@@ -126,44 +127,45 @@ class ObstacleBrake:
         speed = math.hypot(*velocity)
         if not self._scans or speed == 0.0:
             return velocity
-        free_m, why = self._free(velocity[0] / speed, velocity[1] / speed)
+        free_m, reason = self._free(velocity[0] / speed, velocity[1] / speed)
         most = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
         if speed <= most:
             return velocity
-        self._note(f"speed reduced {why}")
+        self._note(f"speed reduced {reason}")
         if free_m < MARGIN_M:
             most = -min(BACK_M_S, BACK_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m))
         return (velocity[0] * most / speed, velocity[1] * most / speed)
 
     def limit_position_ne(
-        self, place: NorthEast, speed: NorthEast | None, here: Vector3 | None, gain: float
+        self, target: NorthEast, speed: NorthEast | None, position: Vector3 | None, gain: float
     ) -> tuple[NorthEast, NorthEast | None]:
-        """Moves the target in front of the obstacle, near enough that PX4 approaches it at a speed from which
-        it can stop."""
-        if not self._scans or here is None:
-            return place, speed
-        off_m = math.dist(place, here[:2])
+        """Moves the target in front of the obstacle, so near to the vehicle that PX4 approaches it at a
+        speed from which it can stop.
+        """
+        if not self._scans or position is None:
+            return target, speed
+        off_m = math.dist(target, position[:2])
         feed = math.hypot(*speed) if speed is not None else 0.0
         if off_m < 1e-3:
-            return place, None if speed is None else self.limit_velocity_ne(speed)
-        un, ue = (place[0] - here[0]) / off_m, (place[1] - here[1]) / off_m
-        free_m, why = self._free(un, ue)
+            return target, None if speed is None else self.limit_velocity_ne(speed)
+        un, ue = (target[0] - position[0]) / off_m, (target[1] - position[1]) / off_m
+        free_m, reason = self._free(un, ue)
         if free_m < MARGIN_M:
-            self._note(f"position limited {why}")
+            self._note(f"position limited {reason}")
             back_m = self._back_m(un, ue, free_m)
-            still = None if speed is None else (0.0, 0.0)
-            return (here[0] - un * back_m, here[1] - ue * back_m), still
+            no_feed = None if speed is None else (0.0, 0.0)
+            return (position[0] - un * back_m, position[1] - ue * back_m), no_feed
         stop_m = free_m - MARGIN_M
         most = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
         near_m = min(off_m, stop_m)
-        asked = gain * near_m + feed
-        if near_m == off_m and asked <= most:
-            return place, speed
-        self._note(f"speed reduced {why}" if near_m == off_m else f"position limited {why}")
-        scale = min(1.0, most / asked) if asked > 0.0 else 1.0
+        speed_asked = gain * near_m + feed
+        if near_m == off_m and speed_asked <= most:
+            return target, speed
+        self._note(f"speed reduced {reason}" if near_m == off_m else f"position limited {reason}")
+        scale = min(1.0, most / speed_asked) if speed_asked > 0.0 else 1.0
         near_m *= scale
         slowed = None if speed is None else self.limit_velocity_ne((speed[0] * scale, speed[1] * scale))
-        return (here[0] + un * near_m, here[1] + ue * near_m), slowed
+        return (position[0] + un * near_m, position[1] + ue * near_m), slowed
 
     def limit_climb(self, velocity_down_m_s: float) -> float:
         """Reduces the climb rate so that the vehicle can stop below an obstacle."""
@@ -174,11 +176,11 @@ class ObstacleBrake:
         self._note("climb reduced to stop below an obstacle")
         return -most
 
-    def limit_down(self, down_m: float, here: Vector3 | None) -> float:
+    def limit_down(self, down_m: float, position: Vector3 | None) -> float:
         """Moves the target below an obstacle above the vehicle."""
-        if here is None or down_m >= here[2] or not self._scans:
+        if position is None or down_m >= position[2] or not self._scans:
             return down_m
-        highest = here[2] - max(0.0, self._above_m() - MARGIN_HEIGHT_M)
+        highest = position[2] - max(0.0, self._above_m() - MARGIN_HEIGHT_M)
         if down_m >= highest:
             return down_m
         self._note("altitude limited to stay below an obstacle")
@@ -208,20 +210,20 @@ class ObstacleBrake:
         return max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M))
 
     def _free(self, un: float, ue: float, *, seen: bool = True) -> tuple[float, str]:
-        """Free distance in a direction as far as sensors see, and the reason as text."""
-        met_m = math.inf
+        """Free distance in a direction within sensor range, and the reason as text."""
+        obstacle_m = math.inf
         if len(self._points):
             north, east = self._points[:, 0], self._points[:, 1]
             width_m = max(NARROWEST_M, min(WIDTH_M, float(np.hypot(north, east).min()) - 0.1))
             along = north * un + east * ue
             ahead = along[(along > 0.0) & (np.abs(east * un - north * ue) < width_m)]
-            met_m = float(ahead.min()) if len(ahead) else math.inf
-        sees_m = self._sees_m(un, ue) if seen else math.inf
-        if met_m <= sees_m:
-            return met_m, "to stop before an obstacle"
-        return sees_m, "to the range of the obstacle sensor"
+            obstacle_m = float(ahead.min()) if len(ahead) else math.inf
+        range_m = self._range_m(un, ue) if seen else math.inf
+        if obstacle_m <= range_m:
+            return obstacle_m, "to stop before an obstacle"
+        return range_m, "to the range of the obstacle sensor"
 
-    def _sees_m(self, un: float, ue: float) -> float:
+    def _range_m(self, un: float, ue: float) -> float:
         """Range of the sensor that covers this direction; infinite if none does."""
         best: float | None = None
         for scan in self._scans:

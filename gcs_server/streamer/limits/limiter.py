@@ -51,7 +51,7 @@ class LimitResult:
 
 
 def apply_limits(
-    wanted: DirectSetpoint,
+    requested: DirectSetpoint,
     bounds: Bounds,
     here: VehicleMotion | None,
     before: DirectSetpoint | None = None,
@@ -68,10 +68,10 @@ def apply_limits(
         dt_s: time since then.
         around: measured surroundings; None: nothing is measured, or the brake is off.
     """
-    if not is_finite(wanted):
+    if not is_finite(requested):
         return LimitResult(None, stop="The setpoint contains a value that is not a finite number")
     limiter = _Limiter(bounds, here, before, dt_s, around)
-    setpoint = limiter.limited(wanted)
+    setpoint = limiter.limited(requested)
     stop = (
         limiter.stop
         if limiter.stop or is_finite(setpoint)
@@ -151,9 +151,9 @@ class _Limiter:
         origin = self._bounds.origin
         if origin is None or s.alt_amsl_m is None:
             return s
-        place = origin.to_ned(s.lat_deg, s.lon_deg, s.alt_amsl_m)
-        position, _, _ = self._limit_motion(place, _NONE, _NONE)
-        return s if position == place else Position(position, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
+        unlimited = origin.to_ned(s.lat_deg, s.lon_deg, s.alt_amsl_m)
+        position, _, _ = self._limit_motion(unlimited, _NONE, _NONE)
+        return s if position == unlimited else Position(position, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
 
     def _velocity_body(self, s: VelocityBody) -> VelocityBody:
         s = self._yaw_rate(s)
@@ -211,14 +211,16 @@ class _Limiter:
     def _limit_motion(
         self, position: Partial3, velocity: Partial3, acceleration: Partial3
     ) -> tuple[Partial3, Partial3, Partial3]:
-        place, speed = _horizontal(position), _horizontal(velocity)
+        position_ne, speed = _horizontal(position), _horizontal(velocity)
         here = None if self._here is None else self._here.position_ned_m
-        if place is not None:
-            place, speed = self._approach(self._region.limit_position_ne(place), speed)
-            place, speed = self._brake.limit_position_ne(place, speed, here, self._bounds.position_gain)
+        if position_ne is not None:
+            position_ne, speed = self._approach(self._region.limit_position_ne(position_ne), speed)
+            position_ne, speed = self._brake.limit_position_ne(
+                position_ne, speed, here, self._bounds.position_gain
+            )
         if speed is not None:
             speed = self._region.limit_velocity_ne(self._scaled(speed, self._bounds.speed_m_s, "speed"))
-            if place is None:
+            if position_ne is None:
                 speed = self._brake.limit_velocity_ne(self._region.keep_margin(speed))
         down, velocity_down_m_s = position[2], velocity[2]
         if down is not None:
@@ -228,11 +230,12 @@ class _Limiter:
             velocity_down_m_s = self._region.limit_velocity_down(
                 self._brake.limit_climb(self._limit_climb(velocity_down_m_s)), keep_margin=down is None
             )
-        if (place is None and speed is None) or (down is None and velocity_down_m_s is None):
+        if (position_ne is None and speed is None) or (down is None and velocity_down_m_s is None):
             self._region.require_stoppable(
-                ground=place is None and speed is None, height=down is None and velocity_down_m_s is None
+                ground=position_ne is None and speed is None,
+                height=down is None and velocity_down_m_s is None,
             )
-        if place is None and speed is None:
+        if position_ne is None and speed is None:
             self._must_stop = self._brake.must_stop()
         acceleration_ne = self._limit_acceleration_ne(_horizontal(acceleration))
         lift = acceleration[2]
@@ -242,37 +245,39 @@ class _Limiter:
             if held != lift:
                 self.notes.append(f"acceleration limited to {abs(held):.1f} m/s²")
             lift = held
-        return _joined(place, down), _joined(speed, velocity_down_m_s), _joined(acceleration_ne, lift)
+        return _joined(position_ne, down), _joined(speed, velocity_down_m_s), _joined(acceleration_ne, lift)
 
-    def _approach(self, place: NorthEast, speed: NorthEast | None) -> tuple[NorthEast, NorthEast | None]:
+    def _approach(
+        self, position_ne: NorthEast, speed: NorthEast | None
+    ) -> tuple[NorthEast, NorthEast | None]:
         """Moves the target so near that the vehicle's position controller commands no more than the
         operator's speed."""
         most = self._bounds.approach_m_s
         if self._here is None or not math.isfinite(most):
-            return place, speed
+            return position_ne, speed
         here, gain = self._here.position_ned_m, self._bounds.position_gain
-        off = (place[0] - here[0], place[1] - here[1])
+        offset = (position_ne[0] - here[0], position_ne[1] - here[1])
         feed = speed or (0.0, 0.0)
-        asked = math.hypot(gain * off[0] + feed[0], gain * off[1] + feed[1])
-        if asked <= most:
-            return place, speed
-        scale = most / asked
+        commanded_m_s = math.hypot(gain * offset[0] + feed[0], gain * offset[1] + feed[1])
+        if commanded_m_s <= most:
+            return position_ne, speed
+        scale = most / commanded_m_s
         self.notes.append(f"speed limited to {most:g} m/s")
-        near = (here[0] + off[0] * scale, here[1] + off[1] * scale)
+        near = (here[0] + offset[0] * scale, here[1] + offset[1] * scale)
         return near, None if speed is None else (feed[0] * scale, feed[1] * scale)
 
     def _approach_down(self, down_m: float, velocity_down_m_s: float | None) -> tuple[float, float | None]:
         if self._here is None:
             return down_m, velocity_down_m_s
-        off = down_m - self._here.position_ned_m[2]
-        asked = self._bounds.height_gain * off + (velocity_down_m_s or 0.0)
-        most = self._bounds.approach_sink_m_s if asked > 0 else self._bounds.approach_climb_m_s
-        if abs(asked) <= most:
+        offset = down_m - self._here.position_ned_m[2]
+        commanded_m_s = self._bounds.height_gain * offset + (velocity_down_m_s or 0.0)
+        most = self._bounds.approach_sink_m_s if commanded_m_s > 0 else self._bounds.approach_climb_m_s
+        if abs(commanded_m_s) <= most:
             return down_m, velocity_down_m_s
-        scale = most / abs(asked)
+        scale = most / abs(commanded_m_s)
         self.notes.append(f"climb and descent limited to {most:g} m/s")
         feed = None if velocity_down_m_s is None else velocity_down_m_s * scale
-        return self._here.position_ned_m[2] + off * scale, feed
+        return self._here.position_ned_m[2] + offset * scale, feed
 
     def _limit_speed(self, velocity: Vector3) -> Vector3:
         n, e = self._scaled((velocity[0], velocity[1]), self._bounds.speed_m_s, "speed")
@@ -284,11 +289,11 @@ class _Limiter:
             self.notes.append(f"climb and descent limited to {abs(held):g} m/s")
         return held
 
-    def _scaled(self, vector: NorthEast, most: float, what: str) -> NorthEast:
+    def _scaled(self, vector: NorthEast, most: float, quantity: str) -> NorthEast:
         size = math.hypot(*vector)
         if size <= most:
             return vector
-        self.notes.append(f"{what} limited to {most:g} m/s")
+        self.notes.append(f"{quantity} limited to {most:g} m/s")
         return (vector[0] * most / size, vector[1] * most / size)
 
     def _limit_acceleration_ne(self, acceleration_ne: NorthEast | None) -> NorthEast | None:

@@ -54,7 +54,7 @@ class RegionLimiter:
         """Why the order must not be followed any further."""
 
     def limit_position_ne(self, target: NorthEast) -> NorthEast:
-        """Moves the target as far towards the wanted position as is allowed."""
+        """Moves the target as far towards the ordered position as is allowed."""
         region = self._bounds.region
         if not region.is_limited_horizontally:
             return target
@@ -95,8 +95,8 @@ class RegionLimiter:
                 return (n, e)
             self._notes.append(f"outside {breach}: only a velocity back inside is flown")
             return (0.0, 0.0)
-        way_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
-        most = braking_speed(way_m, BRAKE_M_S2, BRAKE_DELAY_S)
+        to_edge_m = region.distance_to_edge_m(here, (n / speed, e / speed)) - MARGIN_M
+        most = braking_speed(to_edge_m, BRAKE_M_S2, BRAKE_DELAY_S)
         if self._cannot_stop_inside(here):
             most = 0.0
         if speed <= most:
@@ -176,8 +176,8 @@ class RegionLimiter:
         speed = math.hypot(n, e)
         if speed < 0.5:
             return False
-        way_m = self._bounds.region.distance_to_edge_m(here, (n / speed, e / speed))
-        return speed > braking_speed(way_m, GUARD_M_S2, GUARD_DELAY_S)
+        to_edge_m = self._bounds.region.distance_to_edge_m(here, (n / speed, e / speed))
+        return speed > braking_speed(to_edge_m, GUARD_M_S2, GUARD_DELAY_S)
 
 
 def _height_speed(left_m: float, max_back_m_s: float) -> float:

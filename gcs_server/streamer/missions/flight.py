@@ -81,7 +81,7 @@ class Start:
     corridor: Corridor | None = None
     """Corridor of the dry run named at the start; None: not watched."""
     role: str | None = None
-    """Of a mission of several vehicles."""
+    """Role of the vehicle in a mission of several vehicles; None: it flies alone."""
 
 
 class MissionFlight:
@@ -108,9 +108,11 @@ class MissionFlight:
             start.timeline, start.mission.name, start.motion, start.low_battery_share, start.corridor
         )
         self.joint: JointMission | None = None
-        """The mission of several vehicles that it is a part of, once that has begun."""
+        """The mission of several vehicles that this flight belongs to; None before it has begun, and for a
+        single vehicle.
+        """
         self.looked_s = self._began_s
-        """When the runner last looked at its vehicle."""
+        """Time of the runner's last update."""
         self._track = FlownTrack()
         self._task: Task | None = None
         """The running command; a newer command cancels it."""
@@ -126,7 +128,7 @@ class MissionFlight:
         self.carry_out(asked(self.runner.start, self._now_s, self.reading()))
 
     def require_attitude(self) -> None:
-        """Raises Refused where the vehicle says nothing of its estimates."""
+        """Raises Refused if the vehicle does not report its attitude."""
         if self.reading().estimates is None:
             raise Refused(
                 f"Vehicle {self._vehicle.id} does not report its attitude now.",
@@ -151,7 +153,8 @@ class MissionFlight:
         """Raises Refused if this is not possible now, or if the mission has several vehicles."""
         if self.joint is not None:
             raise Refused(
-                "A vehicle of a mission of several skips no step: they would lose each other.",
+                "A step of a mission of several vehicles cannot be skipped: "
+                "the vehicles would no longer fly together.",
                 remedy="Pause or abort the mission, which acts on all of them.",
             )
         self._do(asked(self.runner.skip, self._now_s, self.reading(), by))
@@ -182,7 +185,7 @@ class MissionFlight:
 
     @property
     def vehicle_id(self) -> str:
-        """Whose it is."""
+        """Id of the vehicle."""
         return self._vehicle.id
 
     @property
@@ -196,10 +199,10 @@ class MissionFlight:
 
     def status(self) -> OffboardMissionStatus:
         """Status of the mission."""
-        found = self.runner.status(self.reading())
+        result = self.runner.status(self.reading())
         mission, failsafe = self._start.mission, self._control.failsafe()
         return OffboardMissionStatus(
-            state=found.state,  # type: ignore[arg-type]
+            state=result.state,  # type: ignore[arg-type]
             name=mission.name,
             plan_id=mission.plan_id,
             version=mission.version,
@@ -207,14 +210,14 @@ class MissionFlight:
             role=self._start.role,
             others=() if self.joint is None else self.joint.others(self),
             started_unix_s=self._began_unix_s,
-            place=found.place,
-            title=found.title,
+            place=result.place,
+            title=result.title,
             duration_s=round(self._start.timeline.duration_s, 1),
-            remaining_s=None if found.remaining_s is None else round(found.remaining_s, 1),
-            deviation_m=_centimetres(found.deviation_m),
-            outside_corridor_m=_centimetres(found.outside_corridor_m),
-            question=found.question,
-            reason=found.reason,
+            remaining_s=None if result.remaining_s is None else round(result.remaining_s, 1),
+            deviation_m=_centimetres(result.deviation_m),
+            outside_corridor_m=_centimetres(result.outside_corridor_m),
+            question=result.question,
+            reason=result.reason,
             if_stream_stops=None if failsafe is None else failsafe.words,
         )
 
@@ -227,12 +230,12 @@ class MissionFlight:
         return FlownMission(name, self._began_unix_s, samples, _centimetres(mean_m), max(off_m, default=None))
 
     def carry_out(self, requests: list[Request]) -> None:
-        """Requests of its runner."""
+        """Executes the requests of the runner."""
         self._control.avoidance.mission_way = "over" if self._start.timeline.avoids else None
         self._do(requests)
 
     def isolated(self, work: Callable[[], None]) -> None:
-        """A fault of this costs this vehicle only."""
+        """Runs work whose faults must affect only this vehicle."""
         self._vehicle.isolation.run("its offboard mission", work)
 
     # --- inside -----------------------------------------------------------------------------------
@@ -337,7 +340,7 @@ class MissionFlight:
         first_m = first_on_line(VehicleEstimates(self._vehicle).scans(), here, approach.end_ned_m)
         if first_m is not None:
             raise Refused(
-                f"An obstacle is measured {first_m:.0f} m ahead on the straight way to the path.",
+                f"An obstacle is measured {first_m:.0f} m ahead on the straight line to the path.",
                 remedy="Fly around it by hand, or switch obstacle avoidance on, then resume.",
             )
 
@@ -382,7 +385,7 @@ def _centimetres(value: float | None) -> float | None:
 
 
 def asked(what: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
-    """The answer of a runner to a client. Raises Refused if it is not possible now."""
+    """Calls the runner for a client. Raises Refused if the runner cannot do this now."""
     try:
         return what(*arguments, **named)
     except CannotDo as error:

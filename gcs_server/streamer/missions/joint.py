@@ -13,13 +13,13 @@ from missions.runner.together import Requests, Together
 
 
 class JointMission:
-    """From its start to its end.
+    """A mission of several vehicles, from its start to its end.
 
     Args:
-        name: of its guard.
-        flights: by role.
+        name: name of its guard.
+        flights: each vehicle's flight, by role.
         clock: the server's.
-        streams: what sends, and runs the guard.
+        streams: sends the setpoints, and runs the guard.
         minimum_m: the minimum separation of any two vehicles.
     """
 
@@ -28,16 +28,16 @@ class JointMission:
     ) -> None:
         self.name, self.flights = name, flights
         self._clock, self._streams, self._minimum_m = clock, streams, minimum_m
-        self._together = Together({role: flight.runner for role, flight in flights.items()})
+        self._runner = Together({role: flight.runner for role, flight in flights.items()})
         self._watched = False
 
     @property
     def over(self) -> bool:
-        """Whether none of them flies it any more."""
-        return self._together.over
+        """Whether no vehicle flies the mission any more."""
+        return self._runner.over
 
     def others(self, flight: MissionFlight) -> tuple[str, ...]:
-        """The vehicles that fly it together with this one."""
+        """Ids of the other vehicles of the mission."""
         return tuple(each.vehicle_id for each in self.flights.values() if each is not flight)
 
     @property
@@ -46,14 +46,14 @@ class JointMission:
         return {role: flight.vehicle_id for role, flight in self.flights.items()}
 
     def begin(self) -> None:
-        """Starts all, or none.
+        """Starts all vehicles, or none.
 
         Raises:
-            Refused: one cannot start.
+            Refused: one vehicle cannot start.
         """
         for flight in self.flights.values():
             flight.require_attitude()
-        requests = asked(self._together.start, self._now_s, self._readings())
+        requests = asked(self._runner.start, self._now_s, self._readings())
         self._watch()
         self._watched = True
         for flight in self.flights.values():
@@ -61,47 +61,56 @@ class JointMission:
         self._do(requests)
 
     def look(self) -> None:
-        """After each flight has looked at its vehicle."""
+        """Updates the mission; called after the update of each flight."""
         if not self._watched:
             return
         if self._streams.guard(self.name) is None:  # the streams' process was started again
             self._watch()
         readings = self._readings()
-        unseen = [f.vehicle_id for f in self.flights.values() if self._now_s - f.looked_s > RENEWAL_TIMEOUT_S]
-        if unseen and not self._together.over:
-            self.stop(f"Nothing has looked after vehicle {unseen[0]} for {RENEWAL_TIMEOUT_S:g} s: all hold")
+        not_updated = [
+            f.vehicle_id for f in self.flights.values() if self._now_s - f.looked_s > RENEWAL_TIMEOUT_S
+        ]
+        if not_updated and not self._runner.over:
+            self.stop(
+                f"The mission of vehicle {not_updated[0]} was not updated for "
+                f"{RENEWAL_TIMEOUT_S:g} s: all hold"
+            )
         else:
-            self._do(self._together.look(self._now_s, readings))
-        if self._together.over:
+            self._do(self._runner.look(self._now_s, readings))
+        if self._runner.over:
             self._watched = False
             self._streams.unwatch(self.name)
 
     def found(self, finding: Finding) -> None:
-        """The guard has stopped the vehicles that fly by setpoints; the others hold too, and it is over."""
+        """The guard has stopped the vehicles that fly by setpoints: holds the others as well, and ends the
+        mission.
+        """
         self.stop(f"{finding.text.rstrip('.')}: all hold")
 
-    def stop(self, why: str) -> None:
-        """All hold, and the mission is over."""
-        self._do(self._together.stop(self._readings(), why))
+    def stop(self, reason: str) -> None:
+        """Puts all vehicles into Hold and ends the mission."""
+        self._do(self._runner.stop(self._readings(), reason))
 
-    # --- what people ask for ----------------------------------------------------------------------
+    # --- requests of clients ----------------------------------------------------------------------
 
     def pause(self, by: str) -> None:
-        """Raises Refused where it cannot."""
-        self._do(asked(self._together.pause, self._now_s, self._readings(), by))
+        """Pauses all vehicles. Raises Refused if this is not possible now."""
+        self._do(asked(self._runner.pause, self._now_s, self._readings(), by))
 
     def resume(self, by: str) -> None:
-        """Raises Refused where one of them cannot; then none is resumed."""
-        self._do(asked(self._together.resume, self._now_s, self._readings(), by))
+        """Resumes all vehicles. Raises Refused if one cannot resume; then none is resumed."""
+        self._do(asked(self._runner.resume, self._now_s, self._readings(), by))
 
     def abort(self, by: str, then: str) -> None:
-        """Raises Refused where it is over, or all were to return: their ways home may cross."""
+        """Ends the mission. Raises Refused if it has ended, or for "return": the vehicles' paths home may
+        cross.
+        """
         if then == "return":
             raise Refused(
-                "The vehicles of one mission do not return together: their ways home may cross.",
+                "The vehicles of one mission cannot return at the same time: their paths home may cross.",
                 remedy="Abort with hold, then command Return of one after the other; or abort with land.",
             )
-        self._do(asked(self._together.abort, self._readings(), by, then))
+        self._do(asked(self._runner.abort, self._readings(), by, then))
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -118,6 +127,8 @@ class JointMission:
         return {role: flight.reading() for role, flight in self.flights.items()}
 
     def _do(self, requests: Requests) -> None:
-        """Each vehicle's apart: a fault with one keeps none of the others from holding."""
-        for role, mine in requests.items():
-            self.flights[role].isolated(lambda f=self.flights[role], r=mine: f.carry_out(r))
+        """Executes each vehicle's requests separately, so that a fault of one vehicle does not stop the
+        others from holding.
+        """
+        for role, own in requests.items():
+            self.flights[role].isolated(lambda f=self.flights[role], r=own: f.carry_out(r))

@@ -36,7 +36,7 @@ class OffboardMissions:
         self._flights: dict[str, MissionFlight] = {}
         """By vehicle id."""
         self._joint: dict[str, JointMission] = {}
-        """Those of several vehicles that are being flown, by the name of their guard."""
+        """Missions of several vehicles that are being flown, by the name of their guard."""
         self._count = 0
         streamer.groups.on_mission_finding = self._found
 
@@ -67,18 +67,18 @@ class OffboardMissions:
         return flight
 
     async def ready(self) -> None:
-        """Returns once streams and guards run. Raises Refused if they cannot."""
+        """Returns once streams and guards can run. Raises Refused if they cannot."""
         await self._streams.ready()
 
     def begin_together(self, starts: Mapping[str, tuple[str, Start]], minimum_m: float) -> JointMission:
-        """Flies a mission of several vehicles: all begin, or none.
+        """Starts a mission of several vehicles: all vehicles begin, or none.
 
         Args:
-            starts: by role the vehicle's id, and what it flies.
-            minimum_m: the minimum separation of any two.
+            starts: for each role the vehicle's id and its start.
+            minimum_m: the minimum separation of any two vehicles.
 
         Raises:
-            Refused: as for `begin`, for any of them.
+            Refused: `begin` would refuse one of the vehicles.
         """
         flights = {role: self._prepared(vehicle_id, start) for role, (vehicle_id, start) in starts.items()}
         self._count += 1
@@ -124,20 +124,20 @@ class OffboardMissions:
             )
         return flight
 
-    def flown_with(self, vehicle_id: str) -> tuple[str, ...]:
+    def others_on_mission(self, vehicle_id: str) -> tuple[str, ...]:
         """The other vehicles that fly a vehicle's mission together with it."""
         flight = self._flights.get(vehicle_id)
         joint = None if flight is None else flight.joint
         return () if flight is None or joint is None or joint.over else joint.others(flight)
 
     def status(self, vehicle_id: str) -> OffboardMissionStatus | None:
-        """Status of the newest mission of a vehicle; None: there has been none."""
+        """Status of a vehicle's newest mission; None if there was none."""
         flight = self._flights.get(vehicle_id)
         return None if flight is None else flight.status()
 
     def update(self) -> None:
         """Updates each mission. A fault of one affects only that one: its stream is no longer renewed."""
-        self._streamer.groups.collect()  # what a guard stops is no failure of a mission
+        self._streamer.groups.collect()  # a stop by the guard is not a failure of the mission
         for vehicle_id, flight in list(self._flights.items()):
             vehicle = self._streamer.offboard(vehicle_id).vehicle
             vehicle.isolation.run("the update of its offboard mission", flight.tick)
@@ -158,7 +158,7 @@ class OffboardMissions:
 
 
 def low_battery_share(vehicle: Vehicle) -> float:
-    """Below this a mission's action for low battery is taken."""
+    """Share of the charge below which a mission takes its low-battery action."""
     low = vehicle.params.known("BAT_LOW_THR")
     return LOW_BATTERY_SHARE if low is None else float(low.value)
 

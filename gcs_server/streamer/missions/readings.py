@@ -12,20 +12,20 @@ from missions.runner.reading import Reading, StreamPhase
 from missions.setpoints import Estimate
 
 DISTANCE_FRESH_S, WIND_FRESH_S = 3.0, 10.0
-"""PX4 by default sends DISTANCE_SENSOR every two seconds, and WIND_COV as rarely."""
+"""By default PX4 sends DISTANCE_SENSOR and WIND_COV every two seconds."""
 PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
 
 
 def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
     """The estimates that are valid and fresh."""
-    found: dict[Estimate, bool] = {
+    valid_by_estimate: dict[Estimate, bool] = {
         "position": estimates.has_position(),
         "velocity": estimates.has_velocity(),
         "heading": estimates.has_heading(),
         "global_position": estimates.origin() is not None,
         "home": estimates.home() is not None,
     }
-    return frozenset(name for name, valid in found.items() if valid)
+    return frozenset(name for name, valid in valid_by_estimate.items() if valid)
 
 
 def distance_m(vehicle: Vehicle) -> float | None:
@@ -74,12 +74,12 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
 
     Args:
         control: the vehicle's setpoint stream.
-        state: of its stream; a stream that does not belong to the mission counts as idle.
+        state: state of its stream. A stream that does not belong to the mission counts as idle.
     """
     vehicle = control.vehicle
     estimates, status, cause = VehicleEstimates(vehicle), vehicle.status, vehicle.mode_cause
     local, attitude = estimates.local(), estimates.attitude()
-    ours = state.order is not None and state.order.owner == "mission"
+    flies_mission = state.order is not None and state.order.owner == "mission"
     holder = None if vehicle.control is None else vehicle.control.status()
     battery, gps = vehicle.topic("battery"), vehicle.topic("gps")
     percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None
@@ -92,7 +92,8 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
         position_ned_m=None if local is None else local.position_ned_m,
         velocity_ned_m_s=None if local is None else local.velocity_ned_m_s,
         yaw_ned_rad=None if attitude is None else attitude.yaw_ned_rad,
-        estimates=None if attitude is None else estimates_of(estimates),  # silence is not a lost estimate
+        # a lost connection does not mean a lost estimate
+        estimates=None if attitude is None else estimates_of(estimates),
         link_heard=not status.link_lost and bool(vehicle.endpoints),
         holder=None if holder is None else holder.holder_key,
         holder_name=None if holder is None else holder.holder,
@@ -101,7 +102,7 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
         distance_m=distance_m(vehicle),
         satellites=gps.value.satellites if gps and isinstance(gps.value, Gps) else None,
         horizontal_error_m=estimates.accuracy_m(),
-        stream=PHASES.get(state.phase, "ending") if ours else "idle",
+        stream=PHASES.get(state.phase, "ending") if flies_mission else "idle",
         stream_text=None if state.last_end is None else state.last_end.text,
-        played=state.played if ours else None,
+        played=state.played if flies_mission else None,
     )

@@ -24,7 +24,7 @@ SLOW_S = 0.5
 """A message received less often than this is requested again."""
 ASK_AGAIN_S = 2.0
 HAS_SENSOR_S = 10.0
-"""A sensor heard within this time counts as present, however rarely it sends."""
+"""A sensor that sent within this time counts as present, however rarely it sends."""
 HEARD_WITHIN_S, CHECK_PERIOD_S = 3.0, 0.1
 
 
@@ -33,39 +33,41 @@ class AvoidanceControl:
 
     Args:
         clock: the server's.
-        vehicle: whose.
-        estimates: its sensors.
+        vehicle: the vehicle.
+        estimates: gives its sensors' measurements.
     """
 
     def __init__(self, clock: Clock, vehicle: Vehicle, estimates: VehicleEstimates) -> None:
         self._clock = clock
         self._vehicle = vehicle
         self._estimates = estimates
-        self._asked_s = float("-inf")
+        self._requested_s = float("-inf")
         self.way: AvoidanceWay | None = None
         """Direction that is tried first; None: off."""
         self.mission_way: AvoidanceWay | None = None
-        """The same in the steps of the present mission that ask for avoidance; it ends with the mission."""
+        """Direction that is tried first in the mission's steps with avoidance; None: off. It ends with the
+        mission.
+        """
 
     async def switch_on(self, way: AvoidanceWay) -> None:
-        """Switches avoidance on, also for a running stream; returns once a sensor is heard often enough.
+        """Switches avoidance on, also for a running stream; returns once a sensor sends often enough.
 
         Raises:
-            Refused: no sensor sees obstacles.
+            Refused: no sensor measures obstacles.
         """
-        await self.hear()
+        await self.wait_for_sensor()
         self.way = way
 
-    async def hear(self) -> None:
-        """Returns once a sensor is heard often enough to avoid obstacles by.
+    async def wait_for_sensor(self) -> None:
+        """Returns once a sensor sends often enough to avoid obstacles.
 
         Raises:
-            Refused: no sensor sees obstacles.
+            Refused: no sensor measures obstacles.
         """
         until_s = self._clock.monotonic_s() + HEARD_WITHIN_S
         self._vehicle.require_commandable()
-        while self.has_sensor() and not self._sees() and self._clock.monotonic_s() < until_s:
-            self.ask_for_rates()
+        while self.has_sensor() and not self._has_recent_scan() and self._clock.monotonic_s() < until_s:
+            self.request_rates()
             await self._clock.sleep(CHECK_PERIOD_S)
         self.require_sensor()
 
@@ -77,26 +79,26 @@ class AvoidanceControl:
         """Call before avoidance is relied on.
 
         Raises:
-            Refused: no sensor sees obstacles.
+            Refused: no sensor measures obstacles.
         """
-        if not self._sees():
+        if not self._has_recent_scan():
             raise Refused(
-                f"Vehicle {self._vehicle.id} cannot avoid obstacles: no obstacle sensor was heard within the "
+                f"Vehicle {self._vehicle.id} cannot avoid obstacles: no obstacle sensor has sent within the "
                 f"last {FRESH_S:g} s.",
                 remedy="Check the sensor (DISTANCE_SENSOR to a side, or OBSTACLE_DISTANCE) and the link, or "
                 "switch avoidance off.",
             )
 
-    def ask_for_rates(self) -> None:
+    def request_rates(self) -> None:
         """Called with each beat of a stream: requests a higher rate for messages received too rarely."""
         now_s = self._clock.monotonic_s()
-        if now_s - self._asked_s < ASK_AGAIN_S or not self.has_sensor():
+        if now_s - self._requested_s < ASK_AGAIN_S or not self.has_sensor():
             return
         for topic, msg_id in TOPICS.items():
             sample = self._vehicle.topic(topic)
             if sample is None or now_s - sample.received_monotonic_s < SLOW_S:
                 continue
-            self._asked_s = now_s
+            self._requested_s = now_s
             identity = self._vehicle.identity
             self._vehicle.send(
                 d.MAVLink_command_long_message(
@@ -106,7 +108,7 @@ class AvoidanceControl:
             )  # fmt: skip
 
     def has_sensor(self) -> bool:
-        """Whether the vehicle has a sensor that sees obstacles, from its recent messages."""
+        """Whether the vehicle has a sensor that measures obstacles, from its recent messages."""
         now_s = self._clock.monotonic_s()
         for topic in TOPICS:
             sample = self._vehicle.topic(topic)
@@ -122,22 +124,22 @@ class AvoidanceControl:
         return False
 
     def view(self, state: StreamState) -> AvoidanceView:
-        """Avoidance as the status shows it."""
-        doing = state.avoiding
-        text = "" if doing is None else doing.text
+        """Avoidance for the status."""
+        current = state.avoiding
+        text = "" if current is None else current.text
         if self.way is not None and state.phase == "idle":
             text = "On: it acts once setpoints are streamed."
-        elif self.way is None and self.mission_way is not None and doing is None:
-            text = "On in the steps of the mission that ask for it."
+        elif self.way is None and self.mission_way is not None and current is None:
+            text = "On in the mission's steps with avoidance."
         way = self.way or self.mission_way
         return AvoidanceView(
             on=way is not None,
             way=way or "over",
-            state=None if doing is None else doing.state,
+            state=None if current is None else current.state,
             text=text,
             sensor=self.has_sensor(),
         )
 
-    def _sees(self) -> bool:
+    def _has_recent_scan(self) -> bool:
         scans = fresh(self._estimates.scans(), self._clock.monotonic_s(), FRESH_S)
         return any(looks_level(scan) for scan in scans)

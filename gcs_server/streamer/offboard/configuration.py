@@ -23,8 +23,8 @@ class OffboardConfiguration:
 
     Args:
         clock: the server's.
-        vehicle: whose.
-        estimates: says whether the vehicle hears a transmitter.
+        vehicle: the vehicle.
+        estimates: gives whether an RC transmitter is connected.
     """
 
     def __init__(self, clock: Clock, vehicle: Vehicle, estimates: VehicleEstimates) -> None:
@@ -32,7 +32,7 @@ class OffboardConfiguration:
         self._vehicle = vehicle
         self._estimates = estimates
         self._read: dict[str, float] = {}
-        """Parameters that were asked for by name."""
+        """Parameters that were requested by name."""
         self._read_s: float | None = None
 
     async def read(self) -> Failsafe:
@@ -61,8 +61,8 @@ class OffboardConfiguration:
         """As `read`, unless the values are known or were requested recently; they stay unknown if the vehicle
         refuses."""
         now_s = self._clock.monotonic_s()
-        asked_lately = self._read_s is not None and now_s - self._read_s < ASK_AGAIN_S
-        if "COM_OBL_RC_ACT" not in self.parameters() and not asked_lately:
+        requested_recently = self._read_s is not None and now_s - self._read_s < ASK_AGAIN_S
+        if "COM_OBL_RC_ACT" not in self.parameters() and not requested_recently:
             try:
                 self._vehicle.require_commandable()
                 await self.read()

@@ -75,7 +75,7 @@ class OffboardControl:
         self._snapshots = VehicleSnapshots(
             clock, vehicle, self._estimates, self._configuration, limits, self.avoidance, find
         )
-        self._asked = 0
+        self._requested_stream = 0
         """Number of the stream for which Offboard has been requested."""
         vehicle.command.on_mode_command = lambda: streams.inhibit_mode_requests(vehicle.id)
         identity = vehicle.identity
@@ -121,13 +121,13 @@ class OffboardControl:
             await self._streamed_steadily(number)
             self.check(order)  # seconds may have passed, and now the vehicle's limits are known
             vehicle.command.require_no_kill("start Offboard")
-            self._asked = number
+            self._requested_stream = number
             await vehicle.command.set_mode("offboard")
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._still_starting(number)
             self.operator.report_at_start()
         except BaseException as error:
-            if self._asked == number and not isinstance(error, Rejected):
+            if self._requested_stream == number and not isinstance(error, Rejected):
                 self._streams.cancel_start(vehicle.id, self.snapshot(), number)
             else:
                 reason = str(error) or "it was cancelled"
@@ -196,10 +196,10 @@ class OffboardControl:
             )
         self.check(order)
         try:
-            taken = await self._streams.change(self.vehicle.id, order, self.snapshot(order))
+            accepted = await self._streams.change(self.vehicle.id, order, self.snapshot(order))
         except ValueError as error:
             raise _cannot_fly(error) from error
-        if not taken:
+        if not accepted:
             raise Refused(
                 "The stream is ending (the vehicle is being put into Hold or Land).",
                 remedy="Wait for it to end, then call offboard/start again.",
@@ -217,7 +217,7 @@ class OffboardControl:
             return self.status()
         self._streams.request_stop(vehicle.id, self.snapshot())
         await vehicle.command.kill_over()
-        may_come = state.phase in ("starting", "undoing") and self._asked == state.number
+        may_come = state.phase in ("starting", "undoing") and self._requested_stream == state.number
         if may_come or vehicle.status.mode == "offboard":
             await vehicle.command.set_mode("hold")
         self._streams.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
@@ -225,7 +225,7 @@ class OffboardControl:
 
     # --- the vehicle's configuration ----------------------------------------------------------------
 
-    def asks_for(self) -> str | None:
+    def requested_mode(self) -> str | None:
         """The mode that the ending stream requests now; None if it requests none."""
         return ENDS_IN.get(self._streams.state(self.vehicle.id).phase)
 
@@ -306,7 +306,7 @@ class OffboardControl:
         )
 
     def snapshot(self, order: Order | None = None) -> Snapshot:
-        """Snapshot of the vehicle for its stream (for an order that is about to be taken)."""
+        """Snapshot of the vehicle for its stream, or for a new order that is being checked."""
         return self._snapshots.make(order or self._streams.state(self.vehicle.id).order)
 
     def snapshot_without_estimates(self) -> Snapshot:
@@ -336,13 +336,13 @@ class OffboardControl:
             setpoint,
             self._clock.monotonic_s(),
             self.snapshot(order),
-            limited_place=self.operator.limits.bounds_a_place,
+            has_position_limits=self.operator.limits.needs_position,
         )
 
     def check_segments(self, segments: Sequence[Segment]) -> None:
         """Raises Refused if these segments of a mission leave the position limits."""
-        limited = self.operator.limits.bounds_a_place
-        check_segments(segments, self.snapshot(), limited_place=limited)
+        limited = self.operator.limits.needs_position
+        check_segments(segments, self.snapshot(), has_position_limits=limited)
 
     def _check_leader(self, follow: Follow) -> None:
         if follow.vehicle == self.vehicle.id:

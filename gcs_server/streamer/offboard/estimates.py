@@ -1,4 +1,4 @@
-"""The estimates that a stream needs of its vehicle, from the vehicle's newest samples."""
+"""The vehicle's estimates that a stream needs, from its newest samples."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ class VehicleEstimates:
         return value if isinstance(value, LocalPosition) else None
 
     def attitude(self) -> Attitude | None:
-        """Fresh."""
+        """The attitude, if fresh."""
         value = self._fresh("attitude")
         return value if isinstance(value, Attitude) else None
 
     def global_position(self) -> GlobalPosition | None:
-        """Fresh."""
+        """The global position, if fresh."""
         value = self._fresh("global_position")
         return value if isinstance(value, GlobalPosition) else None
 
@@ -94,8 +94,8 @@ class VehicleEstimates:
         sample = self._vehicle.topic("estimator")
         if sample is None or not isinstance(sample.value, Estimator):
             return None
-        told_m = (sample.value.horizontal_accuracy_m, sample.value.vertical_accuracy_m)
-        worse_m = max((each if each is not None else math.inf) for each in told_m)
+        accuracies_m = (sample.value.horizontal_accuracy_m, sample.value.vertical_accuracy_m)
+        worse_m = max((each if each is not None else math.inf) for each in accuracies_m)
         stale = self._age_s(sample.received_monotonic_s) > ACCURACY_FRESH_S
         return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
 
@@ -120,23 +120,25 @@ class VehicleEstimates:
         home = self.home()
         if home is not None and home.position_ned_m is not None:
             return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
-        local, place = self.local(), self.global_position()
+        local, position = self.local(), self.global_position()
         apart_s = abs(
             (self._received_s("local_position") or 0.0) - (self._received_s("global_position") or 0.0)
         )
-        if local is None or place is None or apart_s > PAIR_WITHIN_S:
+        if local is None or position is None or apart_s > PAIR_WITHIN_S:
             return None
-        return LocalOrigin.from_pair(place.lat_deg, place.lon_deg, place.alt_amsl_m, local.position_ned_m)
+        return LocalOrigin.from_pair(
+            position.lat_deg, position.lon_deg, position.alt_amsl_m, local.position_ned_m
+        )
 
     def as_leader(self, origin: LocalOrigin | None) -> Leader | None:
         """This vehicle in the local frame of its follower; None if a position is missing."""
-        place, received_s = self.global_position(), self._received_s("global_position")
-        if place is None or received_s is None or origin is None or self._vehicle.status.link_lost:
+        position, received_s = self.global_position(), self._received_s("global_position")
+        if position is None or received_s is None or origin is None or self._vehicle.status.link_lost:
             return None
         local, attitude = self.local(), self.attitude()
         return Leader(
-            origin.to_ned(place.lat_deg, place.lon_deg, place.alt_amsl_m),
-            place.velocity_ned_m_s if local is None else local.velocity_ned_m_s,
+            origin.to_ned(position.lat_deg, position.lon_deg, position.alt_amsl_m),
+            position.velocity_ned_m_s if local is None else local.velocity_ned_m_s,
             None if attitude is None else attitude.yaw_ned_rad,
             received_s,
         )
@@ -145,7 +147,7 @@ class VehicleEstimates:
         """Snapshot of the vehicle for its stream."""
         vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
         status, home = vehicle.status, self.home()
-        asked = vehicle.command.recent_command(status.mode)
+        command = vehicle.command.recent_command(status.mode)
         usable = local is not None and self.has(POSITION_HORIZONTAL)
         return Snapshot(
             vehicle.clock.monotonic_s(),
@@ -153,7 +155,7 @@ class VehicleEstimates:
             local.position_ned_m if local is not None and usable else None,
             local.velocity_ned_m_s if local is not None else None,
             attitude.yaw_ned_rad if attitude is not None else None,
-            None if asked is None else f"{asked.by or 'The server'} commanded {asked.what!r}",
+            None if command is None else f"{command.by or 'The server'} commanded {command.what!r}",
             estimate_s=self._received_s("local_position") if usable else None,
             armed=status.armed,
             lost=status.link_lost or not vehicle.endpoints,

@@ -11,7 +11,7 @@ ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "te
 """COM_OBL_RC_ACT as modes, by their number."""
 MAX_LOSS_T_S = 60.0
 
-# COM_OBL_RC_ACT: (with a transmitter, without one); the first line without one was seen on PX4 v1.16.
+# COM_OBL_RC_ACT: (with a transmitter, without one); the first action without one was observed on PX4 v1.16.
 _ACTIONS: dict[int, tuple[str, str]] = {
     0: (
         "is flown by the RC pilot in Position mode",
@@ -51,11 +51,11 @@ class Failsafe:
 
     def text(self) -> str:
         """The action as a sentence."""
-        who = "RC connected" if self.transmitter else "no RC"
+        rc_state = "RC connected" if self.transmitter else "no RC"
         if self.action is None:
             return (
                 "Action when setpoints stop: unknown (COM_OBL_RC_ACT could not be read; "
-                f"{who}). PX4's default without RC is to land at the current position, after 1 s."
+                f"{rc_state}). PX4's default without RC is to land at the current position, after 1 s."
             )
         after_s = DEFAULT_COM_OF_LOSS_T_S if self.loss_timeout_s is None else self.loss_timeout_s
         options = _ACTIONS.get(self.action)
@@ -64,4 +64,4 @@ class Failsafe:
             if options is None
             else options[0 if self.transmitter else 1]
         )
-        return f"after {after_s:g} s the vehicle {what} (COM_OBL_RC_ACT {self.action}, {who})."
+        return f"after {after_s:g} s the vehicle {what} (COM_OBL_RC_ACT {self.action}, {rc_state})."

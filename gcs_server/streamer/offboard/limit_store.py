@@ -57,8 +57,8 @@ def key_of(identity: Identity) -> VehicleKey | None:
     """None until the vehicle has sent AUTOPILOT_VERSION, and for a recording."""
     if identity.replayed or identity.firmware is None:
         return None
-    own = identity.uid is not None and identity.uid != _SHARED_UID
-    return VehicleKey(identity.system_id, identity.uid if own else None)
+    has_own_uid = identity.uid is not None and identity.uid != _SHARED_UID
+    return VehicleKey(identity.system_id, identity.uid if has_own_uid else None)
 
 
 class LimitStore:
@@ -87,23 +87,23 @@ class LimitStore:
         if self._records is None:
             return
         try:
-            found = await asyncio.to_thread(self._records.read_all)
+            records = await asyncio.to_thread(self._records.read_all)
         except OSError as error:
             self._folder_problem = (
                 f"The stored limits in {self._records.folder} cannot be read: {error.strerror or error}."
             )
             return
-        for name, content in found.items():
+        for name, content in records.items():
             self._kept[name] = content if isinstance(content, Unreadable) else self._record(name, content)
 
     def find(self, key: VehicleKey) -> LimitRecord | Unreadable | None:
         """The stored record of a vehicle; None if there is none."""
-        kept = self._kept.get(key.name)
-        if isinstance(kept, Unreadable):
-            return Unreadable(f"The file {self._file(key.name)} cannot be read: {kept}.")
-        if kept is None and self._folder_problem is not None:
+        record = self._kept.get(key.name)
+        if isinstance(record, Unreadable):
+            return Unreadable(f"The file {self._file(key.name)} cannot be read: {record}.")
+        if record is None and self._folder_problem is not None:
             return Unreadable(self._folder_problem)
-        return kept
+        return record
 
     def may_know(self, system_id: int) -> bool:
         """Whether a record may exist for a vehicle of which only the system id is known."""
@@ -136,21 +136,21 @@ class LimitStore:
 
     def warnings(self) -> list[str]:
         """Texts for everything that cannot be read or written."""
-        said = [
-            f"Limits of a vehicle cannot be restored: the file {self._file(name)} cannot be read: {kept}. "
+        texts = [
+            f"Limits of a vehicle cannot be restored: the file {self._file(name)} cannot be read: {record}. "
             "Set them again; that replaces the file."
-            for name, kept in self._kept.items()
-            if isinstance(kept, Unreadable)
+            for name, record in self._kept.items()
+            if isinstance(record, Unreadable)
         ]
         if self._folder_problem is not None:
-            said.append(
+            texts.append(
                 f"{self._folder_problem} Limits could not be restored for any vehicle: set them again."
             )
-        said += [
+        texts += [
             f"{problem} These limits are lost when the server restarts."
             for problem in self._write_problems.values()
         ]
-        return said
+        return texts
 
     def close(self) -> None:
         """Waits for pending writes."""
@@ -208,13 +208,13 @@ def _read(
 
 def limits_text(limits: OperatorLimits) -> str:
     """The limits as text: `speed_max_m_s 5, fence polygon`."""
-    said = [
+    settings = [
         f"{field.name} {value:g}"
         for field in fields(limits)
         if isinstance(value := getattr(limits, field.name), float | int) and not isinstance(value, bool)
     ]
     if not limits.obstacle_brake:
-        said.append("obstacle brake off")
+        settings.append("obstacle brake off")
     if limits.fence is not None:
-        said.append(f"fence {limits.fence.kind}")
-    return ", ".join(said) or "none"
+        settings.append(f"fence {limits.fence.kind}")
+    return ", ".join(settings) or "none"

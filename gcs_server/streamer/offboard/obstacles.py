@@ -20,7 +20,7 @@ def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: f
         q_ned_frd: attitude of the vehicle.
         now_s: monotonic.
     """
-    found: list[Scan] = []
+    scans: list[Scan] = []
     for sample in samples:
         if sample is None:
             continue
@@ -32,10 +32,10 @@ def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: f
                     distance_m = sensor.distance_m if sensor.distance_m <= sensor.range_max_m else None
                     half_rad = (sensor.width_rad or 0.0) / 2.0
                     at_s = received_s - max(0.0, sensor.behind_s)
-                    found.append(Scan(at_s, (direction,), (distance_m,), sensor.range_max_m, half_rad))
+                    scans.append(Scan(at_s, (direction,), (distance_m,), sensor.range_max_m, half_rad))
         elif isinstance(value, ObstacleDistance):
-            found.append(_sectors(value, q_ned_frd, received_s))
-    return tuple(scan for scan in found if scan.directions_ned and now_s - scan.heard_s <= KEPT_S)
+            scans.append(_sectors(value, q_ned_frd, received_s))
+    return tuple(scan for scan in scans if scan.directions_ned and now_s - scan.heard_s <= KEPT_S)
 
 
 def _sectors(value: ObstacleDistance, q_ned_frd: Quaternion, received_s: float) -> Scan:

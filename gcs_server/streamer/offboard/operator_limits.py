@@ -45,7 +45,7 @@ class VehicleOperatorLimits:
     """The operator's limits of one vehicle.
 
     Args:
-        vehicle: whose.
+        vehicle: the vehicle.
         store: the stored limits of all vehicles.
         owners: which vehicle uses the record of each name, shared by all vehicles: two vehicles without a
             unique uid cannot share one record.
@@ -55,7 +55,7 @@ class VehicleOperatorLimits:
         self._vehicle = vehicle
         self._store = store
         self._owners = owners
-        self._seen: Identity | None = None
+        self._seen_identity: Identity | None = None
         self._key: VehicleKey | None = None
         self._record: LimitRecord | None = None
         self._restored = False
@@ -77,9 +77,9 @@ class VehicleOperatorLimits:
     def recognise(self) -> None:
         """Called with each beat: restores stored limits once the vehicle is identified."""
         identity = self._vehicle.identity
-        if identity is self._seen:
+        if identity is self._seen_identity:
             return
-        self._seen = identity
+        self._seen_identity = identity
         key = key_of(identity)
         if key is None or key == self._key:
             return
@@ -90,7 +90,8 @@ class VehicleOperatorLimits:
             )
             return
         before, self._key = self._key, key
-        if before is None and self._record is not None:  # set before the vehicle was identified: newer
+        # set before the vehicle was identified, so newer than the stored ones
+        if before is None and self._record is not None:
             record = self._record
             self._vehicle.in_background("keep limits", self._keep(record))
             return
@@ -147,14 +148,16 @@ class VehicleOperatorLimits:
     # --- inside -------------------------------------------------------------------------------------
 
     def _restore(self, key: VehicleKey) -> None:
-        found = self._store.find(key)
+        stored = self._store.find(key)
         self._record, self._restored = None, False
         self._not_restored = self._not_kept = None
-        if isinstance(found, Unreadable):
-            self._not_restored = f"Stored limits of this vehicle are not in force. {found} {SET_LIMITS_AGAIN}"
+        if isinstance(stored, Unreadable):
+            self._not_restored = (
+                f"Stored limits of this vehicle are not in force. {stored} {SET_LIMITS_AGAIN}"
+            )
             self._publish("limits_warning", self._not_restored, WARNING)
-        elif found is not None:
-            self._record, self._restored = found, True
+        elif stored is not None:
+            self._record, self._restored = stored, True
             self._publish("limits_restored", self.origin().text, NOTICE)
 
     async def _keep(self, record: LimitRecord) -> None:
@@ -162,8 +165,8 @@ class VehicleOperatorLimits:
             self._not_kept = "Limits of a recording are not stored."
             return
         if self._key is None:
-            twin = self._not_kept
-            self._not_kept = twin or "They are stored once the vehicle is identified."
+            not_kept_reason = self._not_kept
+            self._not_kept = not_kept_reason or "They are stored once the vehicle is identified."
             return
         problem = await self._store.keep(self._key, record)
         if self._record is record:

@@ -1,4 +1,4 @@
-"""Makes the snapshots of one vehicle that its stream works with."""
+"""Makes the snapshots of one vehicle for its stream."""
 
 from __future__ import annotations
 
@@ -89,15 +89,15 @@ class VehicleSnapshots:
 
     def _current_bounds(self) -> Bounds:
         """Recomputed only if their sources have changed; the stream then gets the new bounds."""
-        made_of = (
+        sources = (
             self._configuration.parameters(),
             self._operator.limits,
             self._estimates.home(),
             self._estimates.origin(),
         )
-        if made_of != self._bounds_of:
-            parameters, operator, home, origin = made_of
+        if sources != self._bounds_of:
+            parameters, operator, home, origin = sources
             gains = (parameters.get("MPC_XY_P"), parameters.get("MPC_Z_P"))
             self._bounds = bounds_of(vehicle_limits(parameters), operator, home, origin, gains)
-            self._bounds_of = made_of
+            self._bounds_of = sources
         return self._bounds

@@ -68,7 +68,7 @@ class AvoidanceView:
     text: str
     """The state as text; empty while the vehicle flies as ordered."""
     sensor: bool
-    """Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one as well."""
+    """Whether the vehicle has a sensor that measures obstacles; the obstacle brake needs one as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class OffboardStatus:
 
 @dataclass(frozen=True, slots=True)
 class OffboardLimits:
-    """What setpoints are held to."""
+    """The limits for setpoints."""
 
     vehicle: VehicleLimits
     operator: OperatorLimits

@@ -43,7 +43,7 @@ class Streamer:
     """Owns the streams and the event loop's beat, and creates each vehicle's `offboard`.
 
     Args:
-        streams: runs them: the streams' process, or a scheduler in tests.
+        streams: runs the streams: the streams' process, or a scheduler in tests.
         limits: stores the operator's limits; if not given, they are kept in memory only.
     """
 
@@ -156,15 +156,17 @@ class Streamer:
         reports."""
         for vehicle_id, control in self._controls.items():
             self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator.recognise)
-        to_come = self._streams.watched()
-        seen = dict.fromkeys(self._streams.active()) | to_come
-        known = [vehicle_id for vehicle_id in seen if vehicle_id in self._controls]
-        self._streams.beat({vid: s for vid in known if (s := self._snapshot(vid, seen[vid])) is not None})
+        first_orders = self._streams.watched()
+        vehicle_ids = dict.fromkeys(self._streams.active()) | first_orders
+        known = [vehicle_id for vehicle_id in vehicle_ids if vehicle_id in self._controls]
+        self._streams.beat(
+            {vid: s for vid in known if (s := self._snapshot(vid, vehicle_ids[vid])) is not None}
+        )
         self._isolation.run("the check of the groups", self.groups.look)
         for vehicle_id in known:
             control = self._controls[vehicle_id]
             control.vehicle.isolation.run(
-                "the rates of its distance sensors", control.avoidance.ask_for_rates
+                "the rates of its distance sensors", control.avoidance.request_rates
             )
         for vehicle_id, report in self._streams.take_reports():
             self._publish(vehicle_id, report.text, report.severity, report.code)
@@ -179,8 +181,8 @@ class Streamer:
         """
         control = self._controls[vehicle_id]
         run = control.vehicle.isolation.run
-        whole = run("the snapshot for its stream", control.snapshot, order)
-        return whole or run("the status for its stream", control.snapshot_without_estimates)
+        snapshot = run("the snapshot for its stream", control.snapshot, order)
+        return snapshot or run("the status for its stream", control.snapshot_without_estimates)
 
     def _publish(self, vehicle_id: str, text: str, severity: int, code: str = "offboard") -> None:
         kind = "warning" if severity <= 4 else "command"

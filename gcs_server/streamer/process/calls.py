@@ -78,7 +78,7 @@ class WorkerCalls:
         self._started_s = now_s
         try:
             self.worker = WorkerHandle(
-                self._own_ids, self._silent_limit_s, self._heard, self._gone, self._relay
+                self._own_ids, self._silent_limit_s, self._take_value, self._gone, self._relay
             )
         except OSError:  # no file descriptor left: a later beat tries again
             log.exception("the setpoint streams' process could not be started")
@@ -95,12 +95,16 @@ class WorkerCalls:
         now_s = self._clock.monotonic_s()
         stalled, self._beat_s = now_s - self._beat_s > LOOP_STALLED_S, now_s
         worker = self.worker
-        if worker is None or not worker.up or not worker.owes:
+        if worker is None or not worker.up or not worker.has_unhandled:
             return
         if stalled:
             self._silent_since_s = now_s
         worker.read()
-        if self.worker is worker and worker.owes and now_s - self._silent_since_s >= ANSWER_TIMEOUT_S:
+        if (
+            self.worker is worker
+            and worker.has_unhandled
+            and now_s - self._silent_since_s >= ANSWER_TIMEOUT_S
+        ):
             self._gone()
 
     def post(self, message: Post | Request[Any]) -> int:
@@ -108,7 +112,7 @@ class WorkerCalls:
         worker = self.worker
         if worker is None:
             return 0
-        if not worker.owes:
+        if not worker.has_unhandled:
             self._silent_since_s = self._clock.monotonic_s()
         try:
             return worker.send(message)
@@ -148,7 +152,7 @@ class WorkerCalls:
             self._gone()
         return await future
 
-    def _heard(self, value: object) -> None:
+    def _take_value(self, value: object) -> None:
         if isinstance(value, Update):
             if self.worker is not None and self.worker.handled(value.handled):
                 self._silent_since_s = self._clock.monotonic_s()
@@ -161,18 +165,18 @@ class WorkerCalls:
                 log.info("setpoint streams run without real-time priority: see docs/performance.md")
 
     def _answered(self, answer: Answer) -> None:
-        asked = self._pending.pop(answer.number, None)
-        if asked is None:
+        pending = self._pending.pop(answer.number, None)
+        if pending is None:
             return
-        if answer.error is None and asked.then is not None:
-            asked.then(answer.result)
-        if asked.future.done():
+        if answer.error is None and pending.then is not None:
+            pending.then(answer.result)
+        if pending.future.done():
             return
         if answer.error is None:
-            asked.future.set_result(answer.result)
+            pending.future.set_result(answer.result)
         else:
             name, text = answer.error
-            asked.future.set_exception(ValueError(text) if name == "ValueError" else RuntimeError(text))
+            pending.future.set_exception(ValueError(text) if name == "ValueError" else RuntimeError(text))
 
     def _gone(self) -> None:
         worker, self.worker = self.worker, None
@@ -184,7 +188,7 @@ class WorkerCalls:
         self._fail_all()
 
     def _fail_all(self) -> None:
-        asked, self._pending = self._pending, {}
-        for each in asked.values():
+        pending, self._pending = self._pending, {}
+        for each in pending.values():
             if not each.future.done():
                 each.future.set_exception(WorkerDied())

@@ -30,7 +30,7 @@ MAX_WAITING_BYTES = 8_000_000
 """A process that leaves this much unread counts as dead."""
 END_TIMEOUT_S = 1.0
 MAX_REPORT_BYTES = 1 << 20
-LATE_MAIL_SOCKETS = 20
+LATE_REPORT_SOCKETS = 20
 """How many released sockets are remembered for late reports of what was sent through them."""
 
 
@@ -44,7 +44,7 @@ class WorkerHandle:
     """One run of the process. Belongs to the running event loop.
 
     Args:
-        own_ids: system and component id of what is sent.
+        own_ids: system and component id of the sent messages.
         silent_limit_s: the loop's silence after which sending stops.
         on_value: called in the event loop with each value from the process.
         on_end: called once in the event loop when the process has ended by itself.
@@ -61,8 +61,8 @@ class WorkerHandle:
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._on_value, self._on_end, self._relay = on_value, on_end, relay
-        messages, its_messages = socket.socketpair()
-        self._way, its_way = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        messages, worker_messages = socket.socketpair()
+        self._side_channel, worker_side_channel = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._pipe = MessagePipe(messages, MAX_WAITING_BYTES)
         self._process: subprocess.Popen[bytes] | None = None
         self._faults = FaultLog("setpoint streams")
@@ -81,8 +81,8 @@ class WorkerHandle:
         """Whether the process has reported that it started."""
         self._loop.add_reader(self._pipe.fileno(), self.read)
         self._thread = threading.Thread(
-            target=self._attend,
-            args=(own_ids, silent_limit_s, its_messages, its_way),
+            target=self._watch_process,
+            args=(own_ids, silent_limit_s, worker_messages, worker_side_channel),
             name="offboard-mail",
             daemon=True,
         )
@@ -94,12 +94,12 @@ class WorkerHandle:
         return None if self._process is None else self._process.pid
 
     @property
-    def owes(self) -> bool:
+    def has_unhandled(self) -> bool:
         """Whether the process has not yet handled all messages."""
         return self._handled < self._posted
 
     def handled(self, number: int) -> bool:
-        """The process has handled all messages up to this number. Returns whether that is news."""
+        """The process has handled all messages up to this number. Returns whether the number is new."""
         before, self._handled = self._handled, max(self._handled, number)
         return number > before
 
@@ -140,38 +140,39 @@ class WorkerHandle:
         used = {route.socket_number for route in routes.values() if route is not None}
         if len(used) < len(self._numbers):
             self._numbers = {s: number for s, number in self._numbers.items() if number in used}
-            late = self._handed_over - LATE_MAIL_SOCKETS
+            late = self._handed_over - LATE_REPORT_SOCKETS
             self.connections = {n: c for n, c in self.connections.items() if n in used or n > late}
         return routes
 
     @property
     def holds_sockets(self) -> bool:
-        """Whether the process has any."""
+        """Whether the process has any socket."""
         return bool(self._numbers)
 
     @property
     def holds_closed_sockets(self) -> bool:
-        """Whether the process has a socket that the server has closed since: its port stays in use until
-        then."""
+        """Whether the process still has a socket that the server has closed; until the process closes it,
+        its port stays in use.
+        """
         return any(link_socket.fileno() < 0 for link_socket in self._numbers)
 
     def _route(self, sender: PayloadSender) -> Route | None:
-        way = sender.send_path()
-        if way is None or way.peer.address is None:
+        path = sender.send_path()
+        if path is None or path.peer.address is None:
             return None
-        link_socket = way.connection.link.datagrams()
+        link_socket = path.connection.link.datagrams()
         if link_socket is None or link_socket.fileno() < 0:
             return None
         if link_socket not in self._numbers:
             number = self._handed_over + 1
             rights = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [link_socket.fileno()]))
             try:
-                self._way.sendmsg([b"%d" % number], [rights], socket.MSG_DONTWAIT)
+                self._side_channel.sendmsg([b"%d" % number], [rights], socket.MSG_DONTWAIT)
             except OSError:  # it does not read, or has died: tried again with the next
                 return None
             self._handed_over = self._numbers[link_socket] = number
-            self.connections[number] = way.connection
-        return Route(self._numbers[link_socket], way.peer.address, _signing(way.connection))
+            self.connections[number] = path.connection
+        return Route(self._numbers[link_socket], path.peer.address, _signing(path.connection))
 
     # --- its end ----------------------------------------------------------------------------------
 
@@ -195,7 +196,7 @@ class WorkerHandle:
             self._loop.remove_writer(self._pipe.fileno())
         self._pipe.close()
         with contextlib.suppress(OSError):
-            self._way.shutdown(socket.SHUT_RDWR)  # wakes the report thread
+            self._side_channel.shutdown(socket.SHUT_RDWR)  # wakes the report thread
 
     def _lost(self) -> None:
         if not self._closed:
@@ -220,47 +221,48 @@ class WorkerHandle:
 
     # --- the thread -------------------------------------------------------------------------------
 
-    def _attend(
+    def _watch_process(
         self,
         own_ids: tuple[int, int],
         silent_limit_s: float,
-        its_messages: socket.socket,
-        its_way: socket.socket,
+        worker_messages: socket.socket,
+        worker_side_channel: socket.socket,
     ) -> None:
-        ends = [its_messages.fileno(), its_way.fileno()]
-        arguments = [*ends, *own_ids, silent_limit_s]
+        descriptors = [worker_messages.fileno(), worker_side_channel.fileno()]
+        arguments = [*descriptors, *own_ids, silent_limit_s]
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "gcs_server.streamer.process.worker", *map(str, arguments)],
                 stdin=subprocess.DEVNULL,
-                pass_fds=ends,
+                pass_fds=descriptors,
                 start_new_session=True,  # Ctrl-C is the server's: it puts the vehicles into Hold first
             )
         except OSError:
             log.exception("the process that flies setpoint streams could not be started")
         finally:
-            its_messages.close()  # so that the event loop also notices the end
-            its_way.close()
-        while data := self._mail():
+            worker_messages.close()  # so that the event loop also notices the end
+            worker_side_channel.close()
+        while data := self._next_report():
             try:
-                self._pass_on(*pickle.loads(data))
-            except Exception as error:  # the thread goes on: other vehicles' setpoints pass through it
+                self._hand_on(*pickle.loads(data))
+            # the thread continues, because other vehicles' setpoints pass through it
+            except Exception as error:
                 self._faults.add(error, "passing on a report of the streams' process")
         self._reap()
-        self._way.close()
+        self._side_channel.close()
 
-    def _mail(self) -> bytes:
+    def _next_report(self) -> bytes:
         """Waits for the next report; empty when the process has ended."""
         try:
-            return self._way.recv(MAX_REPORT_BYTES)
+            return self._side_channel.recv(MAX_REPORT_BYTES)
         except OSError:
             return b""
 
-    def _pass_on(self, kind: str, *what: Any) -> None:
+    def _hand_on(self, kind: str, *values: Any) -> None:
         if kind == "relay":
-            self._relay(*what)
+            self._relay(*values)
             return
-        for number, time_us, raw in what[0]:
+        for number, time_us, raw in values[0]:
             connection = self.connections.get(number)
             if connection is not None:
                 connection.sent_elsewhere(time_us, raw)
@@ -279,5 +281,5 @@ def _signing(connection: Connection) -> RouteSigning | None:
     signing = connection.signing
     if signing is None:
         return None
-    ahead_s = signing.signer.clock.ahead_ticks // TICKS_PER_S  # rarely a different one
+    ahead_s = signing.signer.clock.ahead_ticks // TICKS_PER_S  # it differs only rarely
     return RouteSigning(signing.signer.key.reveal(), signing.signer.link_id, ahead_s * TICKS_PER_S)

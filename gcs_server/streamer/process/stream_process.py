@@ -1,8 +1,8 @@
 """The server's side of the process that runs all setpoint streams (`worker.py`).
 
-Measured with ten streams beside 5,000 messages a second, ten WebSocket clients and a browser's 3D view on
-two cores (docs/performance.md): a thread of the server was late by 12 ms and more (p99), because the holder
-of the interpreter lock may itself wait for a processor. A process with real-time priority is not.
+Measured on two cores with ten streams, 5,000 messages a second, ten WebSocket clients and a browser's 3D
+view (docs/performance.md): a thread of the server was late by 12 ms and more (p99), because the thread with
+the interpreter lock may itself wait for a processor. A process with real-time priority is not late.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from missions.runner.script import Steering
 
 START_TIMEOUT_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
-"""A thread sends what the process cannot (serial and TCP links). It must not wait long for the interpreter
+"""A thread sends setpoints over links that the process cannot use (serial and TCP). It must not wait long
+for the interpreter
 lock: Python's default of 5 ms is a quarter of a stream's period."""
 CHECK_PERIOD_S = 0.02
 """How often the start of the process is checked."""
@@ -37,7 +38,7 @@ PROCESS_ENDED = (
 
 @dataclass(slots=True)
 class _Known:
-    """What the server stores of a vehicle's streams."""
+    """The server's data of a vehicle's streams."""
 
     sender: PayloadSender
     target: tuple[int, int]
@@ -57,7 +58,7 @@ class _ReportedState:
 
 @dataclass(slots=True)
 class _Group:
-    """What the server stores of a watched group."""
+    """The server's data of a watched group."""
 
     orders: Mapping[str, Order | None]
     """By member: its first order, at the common start."""
@@ -71,7 +72,8 @@ class StreamProcess(Streams):
 
     Args:
         clock: the system's monotonic clock, which the process shares.
-        own_ids: system and component id of what is sent. The component differs from the server's own, so that
+        own_ids: system and component id of the sent messages. The component differs from the server's
+            own, so that
             each has its own sequence numbers.
         server_silent_limit_s: the loop's silence after which sending stops.
     """
@@ -79,7 +81,7 @@ class StreamProcess(Streams):
     def __init__(self, clock: Clock, own_ids: tuple[int, int], *, server_silent_limit_s: float = 1.5) -> None:
         self._clock = clock
         self._calls = WorkerCalls(
-            clock, own_ids, server_silent_limit_s, self._updated, self._gone, self._send_for_it
+            clock, own_ids, server_silent_limit_s, self._updated, self._gone, self._relay
         )
         self._wanted = False
         self._vehicles: dict[str, _Known] = {}
@@ -138,10 +140,10 @@ class StreamProcess(Streams):
         return [vehicle_id for vehicle_id in sorted(self._begun) if self.state(vehicle_id).phase != "idle"]
 
     def state(self, vehicle_id: str) -> StreamState:
-        told = self._reported.get(vehicle_id) if vehicle_id in self._begun else None
-        if told is None:
+        reported = self._reported.get(vehicle_id) if vehicle_id in self._begun else None
+        if reported is None:
             return self._vehicles[vehicle_id].last
-        return _older(told.state, self._clock.monotonic_s() - told.at_s)
+        return _aged(reported.state, self._clock.monotonic_s() - reported.at_s)
 
     async def ready(self) -> None:
         until_s = self._clock.monotonic_s() + START_TIMEOUT_S
@@ -157,18 +159,18 @@ class StreamProcess(Streams):
         self._attach_to_worker(vehicle_id)
         self._beginning.append(vehicle_id)
 
-        def begun(number: int) -> None:
+        def on_begun(number: int) -> None:
             if number:
                 self._begun.add(vehicle_id)
                 known.number = max(known.number, number)
-            if number and asked.cancelled():
+            if number and answer.cancelled():
                 self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
 
         self._post_routes()
-        asked = self._calls.request(to.BeginStream(vehicle_id, order, rate_hz, snapshot), begun)
-        asked.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
+        answer = self._calls.request(to.BeginStream(vehicle_id, order, rate_hz, snapshot), on_begun)
+        answer.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
         try:
-            return await self._calls.answer(asked)
+            return await self._calls.answer(answer)
         except WorkerDied:
             raise Refused(RESTARTING, remedy="Try again in a second.") from None
 
@@ -208,7 +210,7 @@ class StreamProcess(Streams):
         self._post(to.EndStream(vehicle_id, code, text, number))
         state = self.state(vehicle_id)
         if state.phase != "idle" and number in (None, state.number):
-            self._begun.discard(vehicle_id)  # before the process reports it
+            self._begun.discard(vehicle_id)  # so that it is known before the process reports it
             self._vehicles[vehicle_id].last = StreamState(
                 rate_hz=state.rate_hz,
                 sends_failed=state.sends_failed,
@@ -224,10 +226,10 @@ class StreamProcess(Streams):
 
     def watch(self, guard: GroupGuard) -> None:
         if self._calls.worker is None:
-            return  # `guard` tells that nothing watches
+            return  # `guard` reports that nothing watches the group
         for vehicle_id in guard.members:
             self._attach_to_worker(vehicle_id)
-        orders = {vehicle_id: guard.order_to_come(vehicle_id) for vehicle_id in guard.members}
+        orders = {vehicle_id: guard.pending_order(vehicle_id) for vehicle_id in guard.members}
         self._groups[guard.name] = _Group(orders, guard.state())
         self._post(to.WatchGroup(guard))
 
@@ -292,10 +294,10 @@ class StreamProcess(Streams):
             return False
 
     def _updated(self, update: to.Update) -> None:
-        for vehicle_id, told in update.states.items():
-            before, state = self._reported.get(vehicle_id), told
+        for vehicle_id, reported in update.states.items():
+            before, state = self._reported.get(vehicle_id), reported
             if vehicle_id in update.same_order and before is not None:
-                state = replace(told, order=before.state.order)
+                state = replace(reported, order=before.state.order)
             self._reported[vehicle_id] = _ReportedState(state, update.at_s)
             known = self._vehicles[vehicle_id]
             if vehicle_id in self._begun and state.phase == "idle" and state.number >= known.number:
@@ -323,12 +325,12 @@ class StreamProcess(Streams):
         self._groups.clear()
         self._reported.clear()
 
-    def _send_for_it(self, vehicle_id: str, msg_id: int, payload: bytes, made_s: float) -> None:
+    def _relay(self, vehicle_id: str, msg_id: int, payload: bytes, created_s: float) -> None:
         """Runs in a thread: sends over links without datagrams. A setpoint that is too old is not sent."""
-        self._vehicles[vehicle_id].sender.send_payload(msg_id, payload, made_s=made_s)
+        self._vehicles[vehicle_id].sender.send_payload(msg_id, payload, created_s=created_s)
 
 
-def _older(state: StreamState, by_s: float) -> StreamState:
+def _aged(state: StreamState, by_s: float) -> StreamState:
     """A state with its ages advanced to now."""
     if by_s <= 0:
         return state

@@ -48,18 +48,20 @@ SENT_REPORT_PERIOD_S = 0.01
 """Shortest time between two reports of sent frames."""
 SENT_AT_ONCE = 100
 SENT_WAITING = 20_000
-"""Frames that wait for a stalled server; more are missing from its recording."""
+"""Most frames that may wait for a stalled server; further ones are missing from its recording."""
 UPDATE_PERIOD_S = 0.05
 """Period of updates while there are streams; a changed phase is reported at once."""
 AWAKE_ANYWAY_S = 0.01
-"""An update is sent this much earlier if the process is awake for a setpoint: waking for it would delay the
-next one."""
+"""An update is sent this much earlier if the process is awake for a setpoint, because waking up again would
+delay the next setpoint.
+"""
 MAX_WAITING_BYTES = 8_000_000
 """Buffer for a stalled server; only answers wait, so a server that is alive never reaches this."""
 MAX_RUN_US = 1_000_000
 """With real-time priority: uninterrupted processor time after which the system kills the process."""
 MAX_SPELL_S, REST_S = 0.05, 0.005
-"""Streams that need more than one processor become late, so that the server still gets processor time."""
+"""Share of processor time: streams that need more become late, so that the server still gets processor time.
+"""
 MAX_ROUTES_BYTES = 64
 
 Sent = tuple[int, int, bytes]
@@ -67,27 +69,27 @@ Sent = tuple[int, int, bytes]
 
 
 class WorkerReports:
-    """Reports to the server, which are never waited for."""
+    """Sends reports to the server; never waits for it."""
 
-    def __init__(self, way: socket.socket) -> None:
-        self._way = way
+    def __init__(self, side_channel: socket.socket) -> None:
+        self._side_channel = side_channel
         self._sent: deque[Sent] = deque(maxlen=SENT_WAITING)
-        self._told_s = 0.0
+        self._reported_s = 0.0
 
     @property
     def due_s(self) -> float:
         """When waiting reports are due; infinity if there are none."""
-        return self._told_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
+        return self._reported_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
 
-    def sent(self, what: Sent) -> None:
-        """A frame was sent."""
-        self._sent.append(what)
+    def sent(self, frame: Sent) -> None:
+        """Records a sent frame."""
+        self._sent.append(frame)
 
     def relay(self, vehicle_id: str, msg_id: int, payload: bytes) -> bool:
         """Asks the server to send a payload, unless it is too late by then. False if the server's buffer is
         full."""
         try:
-            self._way.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
+            self._side_channel.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
         except OSError:  # the server does not read, or has died
             return False
         return True
@@ -96,13 +98,13 @@ class WorkerReports:
         """Reports sent frames, at most once per `SENT_REPORT_PERIOD_S`."""
         if now_s < self.due_s:
             return
-        self._told_s = now_s
+        self._reported_s = now_s
         while self._sent:
-            some = [self._sent.popleft() for _ in range(min(SENT_AT_ONCE, len(self._sent)))]
+            batch = [self._sent.popleft() for _ in range(min(SENT_AT_ONCE, len(self._sent)))]
             try:
-                self._way.send(pickle.dumps(("sent", some)))
+                self._side_channel.send(pickle.dumps(("sent", batch)))
             except OSError:
-                self._sent.extendleft(reversed(some))
+                self._sent.extendleft(reversed(batch))
                 return
 
 
@@ -115,7 +117,7 @@ class WorkerSender:
         self._seq = 0
         self.route: Route | None = None
 
-    def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
+    def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
         """Sends a datagram, or asks the server to send it."""
         worker, route = self._worker, self.route
         if route is None:
@@ -131,7 +133,7 @@ class WorkerSender:
         return True
 
     def send_path(self) -> None:
-        """Known to the server only."""
+        """None: only the server knows link and peer."""
         return None
 
 
@@ -141,7 +143,7 @@ class Worker:
 
     Args:
         messages: the pipe to and from the server.
-        way: receives sockets, and sends reports of sent frames.
+        side_channel: receives sockets, and sends reports of sent frames.
         own_ids: system and component id of the frames.
         scheduler: the streams.
     """
@@ -149,19 +151,19 @@ class Worker:
     def __init__(
         self,
         messages: MessagePipe,
-        way: socket.socket,
+        side_channel: socket.socket,
         own_ids: tuple[int, int],
         clock: Clock,
         scheduler: StreamScheduler,
     ) -> None:
         self._messages = messages
-        self._way = way
+        self._side_channel = side_channel
         self._senders: dict[str, WorkerSender] = {}
         self._updates = StreamUpdates(scheduler)
         self.scheduler = scheduler
         self.clock = clock
         self.own_ids = own_ids
-        self.reports = WorkerReports(way)
+        self.reports = WorkerReports(side_channel)
         self.sockets: dict[int, socket.socket] = {}
         self._signing_clock = SigningClock(lambda: clock.unix_s())
         """One signer per key and link for all vehicles, because a link's setpoints share one signing
@@ -180,7 +182,7 @@ class Worker:
 
     def run(self) -> None:
         """Runs until the server closes the pipe."""
-        rested_s = self.clock.monotonic_s()
+        last_wait_s = self.clock.monotonic_s()
         try:
             while True:
                 due_s = self.scheduler.step()
@@ -191,11 +193,11 @@ class Worker:
                 news_due_s = float("inf") if self._messages.waits else self._updates.due_s
                 wake_s = min(due_s, news_due_s, self.reports.due_s)
                 now_s = self.clock.monotonic_s()  # sending took time
-                if now_s - rested_s > MAX_SPELL_S:
+                if now_s - last_wait_s > MAX_SPELL_S:
                     wake_s = max(wake_s, now_s + REST_S)
                 wait_s = wake_s - now_s
                 if wait_s > 0:
-                    rested_s = wake_s
+                    last_wait_s = wake_s
                 self._wait(None if wait_s == float("inf") else max(0.0, wait_s))
         except (EOFError, PipeFull):
             return
@@ -233,7 +235,7 @@ class Worker:
         """See `Routes`."""
         with contextlib.suppress(BlockingIOError):  # all handed-over sockets have arrived
             while True:
-                head, descriptors, _, _ = socket.recv_fds(self._way, MAX_ROUTES_BYTES, 1)
+                head, descriptors, _, _ = socket.recv_fds(self._side_channel, MAX_ROUTES_BYTES, 1)
                 if not descriptors:
                     break
                 self.sockets[int(head)] = socket.socket(fileno=descriptors[0])
@@ -254,8 +256,8 @@ class StreamUpdates:
 
     def __init__(self, scheduler: StreamScheduler) -> None:
         self._scheduler = scheduler
-        self._handled = self._told_handled = 0
-        self._told_s = 0.0
+        self._handled = self._reported_handled = 0
+        self._reported_s = 0.0
         self._phases: dict[str, tuple[str, int]] = {}
         self._guards: list[tuple[str, str, int]] = []
         self._orders: dict[str, Order | None] = {}
@@ -271,12 +273,13 @@ class StreamUpdates:
         scheduler = self._scheduler
         phases = scheduler.phases()
         going = any(phase != "idle" for phase, _ in phases.values())
-        self.due_s = self._told_s + UPDATE_PERIOD_S if going else float("inf")
+        self.due_s = self._reported_s + UPDATE_PERIOD_S if going else float("inf")
         changed = (
             phases != self._phases
             or scheduler.guard_phases() != self._guards
             or scheduler.has_news
-            or (self._handled != self._told_handled and not going)  # otherwise the next update contains it
+            # otherwise the next update contains it
+            or (self._handled != self._reported_handled and not going)
         )
         return changed or now_s >= self.due_s - AWAKE_ANYWAY_S
 
@@ -285,15 +288,15 @@ class StreamUpdates:
         scheduler = self._scheduler
         phases = scheduler.phases()
         if only is None:
-            told = [v for v, at in phases.items() if at[0] != "idle" or at != self._phases.get(v)]
+            reported = [v for v, at in phases.items() if at[0] != "idle" or at != self._phases.get(v)]
             self._phases, self._guards = phases, scheduler.guard_phases()
-            self._told_handled, self._told_s = self._handled, now_s
+            self._reported_handled, self._reported_s = self._handled, now_s
             self.due_s = max(self.due_s, now_s + UPDATE_PERIOD_S)
         else:
-            told = [v for v in only if v in phases]
+            reported = [v for v in only if v in phases]
         states: dict[str, StreamState] = {}
         same: set[str] = set()
-        for vehicle_id in told:
+        for vehicle_id in reported:
             try:
                 state = scheduler.state(vehicle_id)
             except Exception:  # one failed; the others are still reported
@@ -330,16 +333,17 @@ def take_priority() -> bool:
 
 
 def main(arguments: list[str]) -> None:
-    """`worker MESSAGES_FD WAY_FD SYSTEM_ID COMPONENT_ID SILENT_LIMIT_S`."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # the server's: it puts the vehicles into Hold first
+    """`worker MESSAGES_FD SIDE_CHANNEL_FD SYSTEM_ID COMPONENT_ID SILENT_LIMIT_S`."""
+    # Ctrl-C is for the server, which puts the vehicles into Hold first
+    for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
     messages = MessagePipe(socket.socket(fileno=int(arguments[0])), MAX_WAITING_BYTES)
-    way = socket.socket(fileno=int(arguments[1]))
-    way.setblocking(False)
+    side_channel = socket.socket(fileno=int(arguments[1]))
+    side_channel.setblocking(False)
     clock = SystemClock()
     scheduler = StreamScheduler(clock, server_silent_limit_s=float(arguments[4]))
-    worker = Worker(messages, way, (int(arguments[2]), int(arguments[3])), clock, scheduler)
+    worker = Worker(messages, side_channel, (int(arguments[2]), int(arguments[3])), clock, scheduler)
     gc.collect()
     gc.freeze()
     messages.send((WorkerStarted(take_priority()),))

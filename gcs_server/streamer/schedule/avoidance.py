@@ -43,17 +43,17 @@ class AvoidanceStage:
     def __init__(self) -> None:
         self._avoider: Avoider | None = None
         self._reports: list[StreamEvent] = []
-        self.doing: Avoiding | None = None
+        self.avoiding: Avoiding | None = None
         """None: off."""
 
     @property
     def on_a_detour(self) -> bool:
-        """Whether it flies otherwise than ordered."""
-        return self.doing is not None and self.doing.state != "clear"
+        """Whether the vehicle flies a detour instead of the ordered path."""
+        return self.avoiding is not None and self.avoiding.state != "clear"
 
     def forget(self) -> None:
         """Resets: a new stream begins, or no order is followed any more."""
-        self._avoider = self.doing = None
+        self._avoider = self.avoiding = None
 
     def take_reports(self) -> list[StreamEvent]:
         """Returns the reports since the last call."""
@@ -84,34 +84,34 @@ class AvoidanceStage:
             return ordered
         if self._avoider is None or self._avoider.way != way:
             self._avoider = Avoider(way)
-        place = _place(ordered, snapshot)
-        if place is None:
+        target = _target(ordered, snapshot)
+        if target is None:
             self._report(Avoiding("clear", NOT_AVOIDED))
             return ordered
-        here = _here(now_s, snapshot)
-        if here is None:
+        motion = _motion(now_s, snapshot)
+        if motion is None:
             self._report(Avoiding("stopped", "No valid position estimate: the vehicle is stopped."))
             return Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
         feed = (
             zeros_for_none(ordered.velocity_ned_m_s) if isinstance(ordered, Trajectory) else (0.0, 0.0, 0.0)
         )
         yaw = getattr(ordered, "yaw_ned_rad", None)
-        wanted = Wanted(place, feed, yaw, _ahead(now_s, later, snapshot))
-        adjusted = self._avoider.adjust(now_s, here, wanted, snapshot.scans, _allowed(snapshot, fence))
+        wanted = Wanted(target, feed, yaw, _ahead(now_s, later, snapshot))
+        adjusted = self._avoider.adjust(now_s, motion, wanted, snapshot.scans, _allowed(snapshot, fence))
         self._report(Avoiding(adjusted.state, adjusted.text))
         return _flown(ordered, adjusted)
 
-    def _report(self, doing: Avoiding) -> None:
-        before, self.doing = self.doing, doing
-        if before is not None and before.state == doing.state:
+    def _report(self, avoiding: Avoiding) -> None:
+        before, self.avoiding = self.avoiding, avoiding
+        if before is not None and before.state == avoiding.state:
             return
-        if doing.state == "stopped":
-            self._reports.append(StreamEvent("avoidance_stopped", WARNING, doing.text))
-        elif doing.text:
-            self._reports.append(StreamEvent("avoidance", NOTICE, doing.text))
+        if avoiding.state == "stopped":
+            self._reports.append(StreamEvent("avoidance_stopped", WARNING, avoiding.text))
+        elif avoiding.text:
+            self._reports.append(StreamEvent("avoidance", NOTICE, avoiding.text))
         elif before is not None:
             self._reports.append(
-                StreamEvent("avoidance", NOTICE, "The way is clear: following the setpoint.")
+                StreamEvent("avoidance", NOTICE, "The path is clear: following the setpoint.")
             )
 
 
@@ -120,10 +120,11 @@ def _flown(ordered: DirectSetpoint, adjusted: Adjusted) -> DirectSetpoint:
         return adjusted.motion
     if adjusted.yaw_ned_rad is None:
         return ordered
-    return replace(ordered, yaw_ned_rad=adjusted.yaw_ned_rad, yaw_rate_ned_rad_s=None)  # type: ignore[call-arg]
+    # type: ignore[call-arg]
+    return replace(ordered, yaw_ned_rad=adjusted.yaw_ned_rad, yaw_rate_ned_rad_s=None)
 
 
-def _place(setpoint: DirectSetpoint, snapshot: Snapshot) -> Vector3 | None:
+def _target(setpoint: DirectSetpoint, snapshot: Snapshot) -> Vector3 | None:
     """Target position of a setpoint; None if it controls no position."""
     if isinstance(setpoint, Position | Trajectory):
         return complete(setpoint.position_ned_m)
@@ -136,13 +137,15 @@ def _place(setpoint: DirectSetpoint, snapshot: Snapshot) -> Vector3 | None:
 def _ahead(now_s: float, later: Later | None, snapshot: Snapshot) -> tuple[Vector3, ...]:
     if later is None:
         return ()
-    found = (later(now_s + ahead_s) for ahead_s in AHEAD_S)
+    later_setpoints = (later(now_s + ahead_s) for ahead_s in AHEAD_S)
     return tuple(
-        place for each in found if each is not None and (place := _place(each, snapshot)) is not None
+        target
+        for each in later_setpoints
+        if each is not None and (target := _target(each, snapshot)) is not None
     )
 
 
-def _here(now_s: float, snapshot: Snapshot) -> Here | None:
+def _motion(now_s: float, snapshot: Snapshot) -> Here | None:
     position, velocity, yaw = snapshot.position_at(now_s), snapshot.velocity_ned_m_s, snapshot.yaw_ned_rad
     if position is None:
         return None

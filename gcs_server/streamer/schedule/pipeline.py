@@ -1,4 +1,4 @@
-"""What is sent to one vehicle now: the order's setpoint resolved, limited and packed."""
+"""Computes what is sent to one vehicle now: resolves, limits and packs the order's setpoint."""
 
 from __future__ import annotations
 
@@ -34,43 +34,48 @@ class SetpointPipeline:
         self.sent: DirectSetpoint | None = None
         self.limited: tuple[str, ...] = ()
         self._resolved: ResolvedSetpoint | None = None
-        self._still: DirectSetpoint | None = None
+        self._held_setpoint: DirectSetpoint | None = None
         """Sent when no order is followed any more."""
         self._yaw_kept = False
-        self._wanted: DirectSetpoint | None = None
+        self._unlimited: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
         self._limited_s = 0.0
-        self._told_s: dict[str, float] = {}
+        self._reported_s: dict[str, float] = {}
         self._reports: list[StreamEvent] = []
         self._avoidance = AvoidanceStage()
-        self._brake_sees = self._braked = False
-        self._blind: DirectSetpoint | None = None
-        """Position held because the obstacle sensor fell silent while the brake held the vehicle."""
+        self._brake_has_scans = self._braked = False
+        self._held_without_sensor: DirectSetpoint | None = None
+        """Position held because the obstacle sensor stopped sending while the brake held the vehicle."""
         self._measured = BrakeMemory()
 
     def forget(self) -> None:
         """Resets for a new stream."""
-        self.sent, self.limited, self._wanted = None, (), None
-        self._brake_sees = self._braked = False
+        self.sent, self.limited, self._unlimited = None, (), None
+        self._brake_has_scans = self._braked = False
         self._avoidance.forget()
 
     def take(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
         """Follows this order from now on."""
-        keeps = keeps_heading(setpoint)
-        before = getattr(self.sent, "yaw_ned_rad", None) if keeps and self._yaw_kept else None
+        keeps_yaw = keeps_heading(setpoint)
+        before = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._yaw_kept else None
         resolved = ResolvedSetpoint(
             setpoint, now_s, snapshot, snapshot.yaw_ned_rad if before is None else before
         )
         first = resolved.at(now_s, snapshot, waiting=True)
         if first is None:
             raise ValueError(f"vehicle {resolved.follows} sends no position")
-        self._resolved, self._still, self._yaw_kept, self._blind = resolved, None, keeps, None
+        self._resolved, self._held_setpoint, self._yaw_kept, self._held_without_sensor = (
+            resolved,
+            None,
+            keeps_yaw,
+            None,
+        )
         self._load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
 
-    def begin_anew(self, now_s: float) -> None:
-        """The flight begins now: until now a path has stayed at its first point."""
+    def restart_path(self, now_s: float) -> None:
+        """Starts the path now; before, only its first point was sent."""
         if self._resolved is not None:
-            self._resolved.begin_anew(now_s)
+            self._resolved.restart_path(now_s)
 
     def steer(self, steering: Steering) -> bool:
         """Controls the mission being flown; False if there is none."""
@@ -94,25 +99,34 @@ class SetpointPipeline:
         """
         position, yaw, sent = snapshot.position_at(now_s), snapshot.yaw_ned_rad, self.sent
         if position is not None:
-            still: DirectSetpoint = Position(position, yaw)
+            held_setpoint: DirectSetpoint = Position(position, yaw)
         elif isinstance(sent, Attitude | Rates) and snapshot.velocity_ned_m_s is None:
-            still = level(yaw, sent.thrust if snapshot.hover_thrust is None else snapshot.hover_thrust)
+            held_setpoint = level(
+                yaw, sent.thrust if snapshot.hover_thrust is None else snapshot.hover_thrust
+            )
         else:
-            still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
-        self._resolved, self._still, self._yaw_kept, self._blind = None, still, False, None
+            held_setpoint = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
+        self._resolved, self._held_setpoint, self._yaw_kept, self._held_without_sensor = (
+            None,
+            held_setpoint,
+            False,
+            None,
+        )
         self._avoidance.forget()
-        self._load(now_s, snapshot, still)
+        self._load(now_s, snapshot, held_setpoint)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
         """Updates the setpoint to send; returns why the order must not be followed any further, or None.
 
         Args:
             now_s: the moment.
-            snapshot: the vehicle, newest.
+            snapshot: the newest snapshot of the vehicle.
             waiting: Offboard has not been confirmed yet.
         """
         wanted = (
-            self._still if self._resolved is None else self._resolved.at(now_s, snapshot, waiting=waiting)
+            self._held_setpoint
+            if self._resolved is None
+            else self._resolved.at(now_s, snapshot, waiting=waiting)
         )
         if wanted is None:
             return None
@@ -128,14 +142,14 @@ class SetpointPipeline:
     @property
     def avoiding(self) -> Avoiding | None:
         """State of obstacle avoidance; None: it is off."""
-        return self._avoidance.doing
+        return self._avoidance.avoiding
 
     @property
     def follows(self) -> str | None:
         """Id of the followed vehicle."""
         return None if self._resolved is None else self._resolved.follows
 
-    def leader_is_gone(self, now_s: float, snapshot: Snapshot) -> bool:
+    def leader_is_lost(self, now_s: float, snapshot: Snapshot) -> bool:
         """Whether the followed vehicle sends no position."""
         return (
             self._resolved is not None
@@ -166,9 +180,8 @@ class SetpointPipeline:
         )  # fmt: skip
 
     def _way(self, snapshot: Snapshot) -> AvoidanceWay | None:
-        """What avoidance tries first now; None: it is off.
-
-        A mission's own ends with the step that asks for it, but never in the middle of a detour.
+        """The direction that avoidance tries first; None: avoidance is off. Avoidance that a mission step
+        requests ends with the step, but never during a detour.
         """
         player = None if self._resolved is None else self._resolved.player
         if snapshot.avoidance is not None or player is None:
@@ -178,18 +191,18 @@ class SetpointPipeline:
     def _load(self, now_s: float, snapshot: Snapshot, wanted: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         around = self._around(now_s, snapshot, bounds)
-        wanted = wanted if self._blind is None else self._blind
-        still = wanted is self._wanted and bounds is self._bounds
-        if still and around is None and not bounds.follows_the_vehicle:
+        wanted = wanted if self._held_without_sensor is None else self._held_without_sensor
+        held_setpoint = wanted is self._unlimited and bounds is self._bounds
+        if held_setpoint and around is None and not bounds.follows_the_vehicle:
             return LimitResult(self.sent, self.limited)
         dt_s = max(0.0, now_s - self._limited_s)
-        result = apply_limits(wanted, bounds, _here(now_s, snapshot), self.sent, dt_s, around)
-        self._wanted, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
+        result = apply_limits(wanted, bounds, _motion(now_s, snapshot), self.sent, dt_s, around)
+        self._unlimited, self._bounds, self._limited_s, self._braked = wanted, bounds, now_s, result.braked
         self.limited = result.notes
         for note in result.notes:
-            if now_s - self._told_s.get(note, -math.inf) > REPORT_PERIOD_S:
+            if now_s - self._reported_s.get(note, -math.inf) > REPORT_PERIOD_S:
                 self._reports.append(StreamEvent("limited", NOTICE, f"Setpoint limited: {note}."))
-            self._told_s[note] = now_s
+            self._reported_s[note] = now_s
         if result.setpoint is not None:
             if result.setpoint != self.sent:
                 self._loader.load(result.setpoint)
@@ -197,26 +210,30 @@ class SetpointPipeline:
         return result
 
     def _around(self, now_s: float, snapshot: Snapshot, bounds: Bounds) -> Surroundings | None:
-        """The surroundings for the brake; None if it is off (avoidance keeps it on) or no sensor is heard."""
+        """The surroundings for the brake. None if the brake is off (avoidance keeps it on), or no sensor
+        sends measurements.
+        """
         if not bounds.obstacle_brake and self._way(snapshot) is None:
             return None
-        sees = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SCAN_VALID_S))
+        has_scans = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SCAN_VALID_S))
         position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
-        if self._brake_sees and not sees:
-            then = "the obstacle brake has no measurements"
+        if self._brake_has_scans and not has_scans:
+            consequence = "the obstacle brake has no measurements"
             if self._braked:
-                then = (
+                consequence = (
                     "the vehicle holds here, before an obstacle, until the sensor is back or a new "
                     "setpoint arrives"
                 )
-                still = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
-                self._blind = still if position is None else Position(position, snapshot.yaw_ned_rad)
-            text = f"Obstacle sensor silent for {SCAN_VALID_S:g} s: {then}."
+                held_setpoint = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
+                self._held_without_sensor = (
+                    held_setpoint if position is None else Position(position, snapshot.yaw_ned_rad)
+                )
+            text = f"Obstacle sensor silent for {SCAN_VALID_S:g} s: {consequence}."
             self._reports.append(StreamEvent("obstacle_sensor_lost", WARNING, text))
-        self._brake_sees = sees
-        if not sees:
+        self._brake_has_scans = has_scans
+        if not has_scans:
             return None
-        self._blind = None
+        self._held_without_sensor = None
         return self._measured.around(now_s, snapshot.scans, position, velocity)
 
 
@@ -226,7 +243,7 @@ def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:
     return Attitude((math.cos(half), 0.0, 0.0, math.sin(half)), thrust)
 
 
-def _here(now_s: float, snapshot: Snapshot) -> VehicleMotion | None:
+def _motion(now_s: float, snapshot: Snapshot) -> VehicleMotion | None:
     """Motion of the vehicle now; None if its position is not known."""
     position = snapshot.position_at(now_s)
     if position is None:

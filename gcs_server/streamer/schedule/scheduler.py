@@ -87,7 +87,7 @@ class StreamScheduler:
                 continue
             try:
                 stream.snapshot = snapshot.plausible()
-            except Exception as error:  # the other snapshots are still taken
+            except Exception as error:  # the other snapshots are still used
                 self._failed(vehicle_id, error)
 
     # --- one vehicle's stream ---------------------------------------------------------------------
@@ -208,11 +208,11 @@ class StreamScheduler:
             stream.core.end(code, text, report=False)
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
-        taken: list[tuple[str, StreamEvent]] = []
+        reports: list[tuple[str, StreamEvent]] = []
         for vehicle_id, stream in self._streams.items():
             while stream.core.reports:
-                taken.append((vehicle_id, stream.core.reports.popleft()))
-        return taken
+                reports.append((vehicle_id, stream.core.reports.popleft()))
+        return reports
 
     # --- groups -----------------------------------------------------------------------------------
 
@@ -232,14 +232,14 @@ class StreamScheduler:
         return None if guard is None else guard.state()
 
     def watched(self) -> dict[str, Order | None]:
-        return {v: guard.order_to_come(v) for guard in self._guards.values() for v in guard.members}
+        return {v: guard.pending_order(v) for guard in self._guards.values() for v in guard.members}
 
     def take_findings(self) -> list[tuple[str, Finding]]:
-        taken: list[tuple[str, Finding]] = []
+        reports: list[tuple[str, Finding]] = []
         for name, guard in self._guards.items():
             while guard.findings:
-                taken.append((name, guard.findings.popleft()))
-        return taken
+                reports.append((name, guard.findings.popleft()))
+        return reports
 
     def change_together(
         self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
@@ -263,7 +263,7 @@ class StreamScheduler:
         if now_s < guard.due_s:
             return
         try:
-            actions = guard.check(now_s, {v: self._seen(v) for v in guard.members})
+            actions = guard.check(now_s, {v: self._view_of(v) for v in guard.members})
         except Exception as error:  # a failure of the guard must be reported
             guard.skip_check(now_s)
             actions = guard.fault(now_s, f"The check that keeps the group apart failed ({error})")
@@ -271,7 +271,7 @@ class StreamScheduler:
                 log.exception("the guard of group %s failed", guard.name)
         self._carry_out(guard, now_s, actions, guard.until_s)
 
-    def _seen(self, vehicle_id: str) -> MemberView:
+    def _view_of(self, vehicle_id: str) -> MemberView:
         stream = self._streams[vehicle_id]
         core = stream.core
         ended = core.last_end.text if core.last_end is not None and not core.streaming else None
@@ -310,8 +310,9 @@ class StreamScheduler:
         self._streams[vehicle_id].core.end("fault", text, WARNING)
 
     def _loop_alive(self, now_s: float) -> None:
-        """The event loop is alive. Streams that its silence should have ended (the process stalled) end
-        first."""
+        """The event loop is alive. If this process stalled, streams that should have ended meanwhile,
+        because the event loop was silent, end first.
+        """
         if now_s - self._beat_s >= self._silent_limit_s:
             for vehicle_id, stream in self._streams.items():
                 try:

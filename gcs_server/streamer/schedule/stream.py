@@ -44,7 +44,7 @@ JUMP_M, JUMP_M_S = 5.0, 20.0
 
 
 class VehicleStream:
-    """See the module's drawing.
+    """The stream of one vehicle; the module's drawing shows its phases.
 
     Args:
         loader: the transport; packs each setpoint that is to be sent.
@@ -89,8 +89,8 @@ class VehicleStream:
         if self.phase != "starting" or self.order is None:
             return False
         self._engaged_s = self._since_s = now_s
-        self._pipeline.begin_anew(now_s)
-        self._enter("streaming", now_s, self.order.lasts_s)
+        self._pipeline.restart_path(now_s)
+        self._enter("streaming", now_s, self.order.duration_s)
         return True
 
     def change(self, now_s: float, order: Order, snapshot: Snapshot) -> bool:
@@ -99,7 +99,7 @@ class VehicleStream:
             return False
         self._take(now_s, order, snapshot)
         if self.phase != "starting":
-            self._enter("streaming", now_s, order.lasts_s)
+            self._enter("streaming", now_s, order.duration_s)
         return True
 
     def steer(self, now_s: float, steering: Steering) -> None:
@@ -107,14 +107,14 @@ class VehicleStream:
         if self.phase in ("starting", "streaming") and self._pipeline.steer(steering):
             self._since_s = now_s
             if self.order is not None and self.phase == "streaming":
-                self._enter("streaming", now_s, self.order.lasts_s)
+                self._enter("streaming", now_s, self.order.duration_s)
 
     def prolong(self, until_s: float) -> None:
         """Sets when the order expires; used by groups, whose orders expire together."""
         if self.phase == "streaming" and self.order is not None:
-            own_s = self.order.lasts_s - self.order.valid_for_s
+            own_s = self.order.duration_s - self.order.valid_for_s
             self.order = replace(self.order, valid_for_s=max(0.0, until_s - self._since_s - own_s))
-            self._phase_until_s = self._since_s + self.order.lasts_s
+            self._phase_until_s = self._since_s + self.order.duration_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Stops at once and requests Hold (Land if no position can be held), not the order's expiry
@@ -141,7 +141,9 @@ class VehicleStream:
             self._enter("undoing", now_s, UNDO_S)
 
     def inhibit_mode_requests(self, now_s: float) -> None:
-        """A mode is being commanded: a later mode request of the stream must not undo it."""
+        """A mode is being commanded: the stream requests no mode for a while, so that it does not undo the
+        command.
+        """
         self._inhibited_until_s = now_s + INHIBIT_MODE_REQUESTS_S
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, report: bool = True) -> None:
@@ -182,7 +184,7 @@ class VehicleStream:
             return []
         if self._left_offboard(snapshot):
             return []
-        self._react_to(now_s, snapshot)
+        self._check_links_and_origin(now_s, snapshot)
         if now_s >= self._phase_until_s:
             self._phase_over(now_s, snapshot)
         outgoing: list[Outgoing] = []
@@ -210,12 +212,12 @@ class VehicleStream:
 
     @property
     def avoiding(self) -> Avoiding | None:
-        """What obstacle avoidance does now; None: it is off."""
+        """State of obstacle avoidance; None: it is off."""
         return self._pipeline.avoiding
 
     @property
     def played(self) -> Played | None:
-        """How far the mission is flown; None where none is."""
+        """Progress of the mission being flown; None if there is none."""
         return self._pipeline.played if self.streaming else None
 
     @property
@@ -232,8 +234,8 @@ class VehicleStream:
         if self.order is None or self.phase == "idle":
             return None
         if self.phase == "starting":
-            return self.order.lasts_s
-        return max(0.0, self._since_s + self.order.lasts_s - now_s)
+            return self.order.duration_s
+        return max(0.0, self._since_s + self.order.duration_s - now_s)
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -284,17 +286,18 @@ class VehicleStream:
             )
         return True
 
-    def _react_to(self, now_s: float, snapshot: Snapshot) -> None:
+    def _check_links_and_origin(self, now_s: float, snapshot: Snapshot) -> None:
         """Reacts to a lost link, a lost leader and a moved origin."""
         jumped_m = self._jumped_m(snapshot)
         if self.phase == "undoing" and snapshot.taken_s > self._since_s:
-            if snapshot.mode == "offboard" or snapshot.lost:  # lost: its last command must not be Offboard
+            # the connection is lost: Offboard must not be the last command that the vehicle received
+            if snapshot.mode == "offboard" or snapshot.lost:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
             self._engaged_s = now_s
         elif snapshot.lost and self.phase in ("streaming", "holding"):
             self._end_flight(now_s, snapshot, "lost", "Connection to the vehicle lost")
-        elif self.phase == "streaming" and self._pipeline.leader_is_gone(now_s, snapshot):
+        elif self.phase == "streaming" and self._pipeline.leader_is_lost(now_s, snapshot):
             why = f"No connection to vehicle {self._pipeline.follows}, which it follows"
             self._fall_back(now_s, snapshot, "leader_lost", why)
         elif jumped_m is not None and self._pipeline.depends_on_local_origin():
@@ -329,8 +332,8 @@ class VehicleStream:
 
     def _expired(self, now_s: float, snapshot: Snapshot) -> None:
         assert self.order is not None
-        whose = "mission" if isinstance(self.order.setpoint, Script) else "setpoint"
-        why = f"The {whose} of {self.order.client or 'a client'} expired after {self.order.lasts_s:g} s"
+        subject = "mission" if isinstance(self.order.setpoint, Script) else "setpoint"
+        why = f"The {subject} of {self.order.client or 'a client'} expired after {self.order.duration_s:g} s"
         self._fall_back(now_s, snapshot, "expired", why)
 
     def _fall_back(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
@@ -359,14 +362,14 @@ class VehicleStream:
         self, now_s: float, snapshot: Snapshot, code: str, why: str, *, land: bool
     ) -> None:
         self._hold_position(now_s, snapshot)
-        heard = snapshot.yaw_ned_rad is not None and now_s - snapshot.received_s <= MAX_EXTRAPOLATION_S
+        is_recent = snapshot.yaw_ned_rad is not None and now_s - snapshot.received_s <= MAX_EXTRAPOLATION_S
         if land:
             self._report(code, f"{why}: landing.")
             self._request_mode("land", now_s)
-        elif heard and snapshot.position_ned_m is None:
+        elif is_recent and snapshot.position_ned_m is None:
             self._report(code, f"{why}: landing (no position estimate to hold).")
             self._request_mode("land", now_s)
-        else:  # the vehicle itself may still know its position
+        else:  # the vehicle may still have a position estimate
             self._report(code, f"{why}: requesting Hold mode.")
             self._request_mode("hold", now_s)
 

@@ -42,13 +42,13 @@ CHECK_PERIOD_S = 0.05
 LATE_S = 1.0
 """If the guard runs later than this after the common start, no member starts."""
 EXPIRY_WITHIN_S = 0.1
-"""Members whose setpoints end this near to the group's expiry have expired with it."""
+"""A member whose setpoints end this near to the group's expiry has expired with the group."""
 FOLLOWS_ORDER = ("starting", "streaming")
 
 
 @dataclass(frozen=True, slots=True)
 class MemberView:
-    """The streams' view of one member."""
+    """One member's stream, for the guard."""
 
     phase: str
     """Phase of its stream."""
@@ -100,15 +100,15 @@ class GuardState:
 
 
 class GroupGuard:
-    """See the module's drawing.
+    """Watches one group; the module's drawing shows its phases.
 
     Args:
-        name: the group's.
+        name: name of the group.
         waits: the order of each member until the common start.
         orders: the first order of each member.
         minimum_m: the minimum separation.
         start_s: the common start, monotonic.
-        lasts_s: time from the common start until all setpoints expire.
+        duration_s: time from the common start until all setpoints expire.
         others_go_on: members that a problem does not concern fly on.
     """
 
@@ -120,14 +120,14 @@ class GroupGuard:
         *,
         minimum_m: float,
         start_s: float,
-        lasts_s: float,
+        duration_s: float,
         others_go_on: bool = False,
     ) -> None:
         self.name = name
         self.phase = "waiting"
         self.minimum_m = minimum_m
         self.start_s = start_s
-        self.until_s = start_s + lasts_s
+        self.until_s = start_s + duration_s
         self.held: set[str] = set()
         """Members that no longer follow the group's orders."""
         self.nearest: tuple[str, str, float] | None = None
@@ -157,7 +157,7 @@ class GroupGuard:
         """State for status and updates."""
         return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest, self.margin_m)
 
-    def order_to_come(self, vehicle: str) -> Order | None:
+    def pending_order(self, vehicle: str) -> Order | None:
         """A member's first order; None once it has started."""
         return self._orders[vehicle] if self.phase == "waiting" else None
 
@@ -166,12 +166,12 @@ class GroupGuard:
         self.until_s = until_s
 
     def disable_guard(self) -> None:
-        """All members are being stopped: nothing starts any more, and what ends now is not a finding."""
+        """All members are being stopped: no order starts any more, and an ended stream is not a finding."""
         self.held.update(self.members)
         if self.phase == "waiting":
             self.phase = "flying"
 
-    def check(self, now_s: float, seen: Mapping[str, MemberView]) -> Actions:
+    def check(self, now_s: float, views: Mapping[str, MemberView]) -> Actions:
         """Returns what to do now.
 
         Args:
@@ -181,15 +181,15 @@ class GroupGuard:
         if now_s < self.due_s:
             return Actions()
         self._next_look_s = now_s + CHECK_PERIOD_S
-        flying = [v for v in self.members if v not in self.held and self._counts(seen[v])]
-        if self._gone_together(now_s, flying, seen):
+        flying = [v for v in self.members if v not in self.held and self._counts(views[v])]
+        if self._have_all_left(now_s, flying, views):
             return Actions()
         actions = Actions()
         for vehicle in flying:
-            why = self._gone(vehicle, seen[vehicle])
+            why = self._why_left(vehicle, views[vehicle])
             if why is not None:
                 self._stop(now_s, actions, "left", (vehicle,), why)
-        known = self._places(now_s, seen)
+        known = self._places(now_s, views)
         for vehicle in flying:
             if vehicle not in self.held and vehicle not in known:
                 why = (
@@ -215,45 +215,45 @@ class GroupGuard:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _counts(self, seen: MemberView) -> bool:
+    def _counts(self, views: MemberView) -> bool:
         """Whether a member is kept apart from the others now."""
         return True
 
-    def _gone_together(self, now_s: float, flying: list[str], seen: Mapping[str, MemberView]) -> bool:
+    def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
         """Whether no member follows the group's orders any more, or all expire now: nothing to stop."""
         if self.phase == "over":
             return True
-        going = [v for v in flying if seen[v].phase in FOLLOWS_ORDER]
-        if not going and all(seen[v].phase == "idle" for v in self.members):
+        going = [v for v in flying if views[v].phase in FOLLOWS_ORDER]
+        if not going and all(views[v].phase == "idle" for v in self.members):
             self.phase = "over"
             return True
         return self.phase == "flying" and now_s >= self.until_s - EXPIRY_WITHIN_S and len(going) < len(flying)
 
-    def _gone(self, vehicle: str, seen: MemberView) -> str | None:
+    def _why_left(self, vehicle: str, views: MemberView) -> str | None:
         """Why a member no longer follows its order; None while it does."""
-        if seen.phase not in FOLLOWS_ORDER:
-            why = f": {seen.ended.rstrip('.')}" if seen.ended else ""
+        if views.phase not in FOLLOWS_ORDER:
+            why = f": {views.ended.rstrip('.')}" if views.ended else ""
             return f"Vehicle {vehicle} no longer follows the group's setpoints{why}"
-        if self.phase == "waiting" and seen.order != self._waits[vehicle]:
+        if self.phase == "waiting" and views.order != self._waits[vehicle]:
             return f"Vehicle {vehicle} was given another setpoint before the common start"
         return None
 
-    def _places(self, now_s: float, seen: Mapping[str, MemberView]) -> dict[str, MovingVehicle]:
+    def _places(self, now_s: float, views: Mapping[str, MemberView]) -> dict[str, MovingVehicle]:
         """Positions in the frame of the first member with a known origin; only members with a known
         position."""
         common: LocalOrigin | None = None
         known: dict[str, MovingVehicle] = {}
         for vehicle in self.members:
-            if not self._counts(seen[vehicle]):
+            if not self._counts(views[vehicle]):
                 continue
-            snapshot = seen[vehicle].snapshot
-            place, origin = snapshot.position_at(now_s), snapshot.bounds.origin
-            if place is None or origin is None or snapshot.lost:
+            snapshot = views[vehicle].snapshot
+            position, origin = snapshot.position_at(now_s), snapshot.bounds.origin
+            if position is None or origin is None or snapshot.lost:
                 continue
             common = common or origin
-            order = seen[vehicle].order
+            order = views[vehicle].order
             setpoint = None if order is None or isinstance(order.setpoint, Script) else order.setpoint
-            one = moving(snapshot, now_s, origin.to_frame_of(common, place), setpoint)
+            one = moving(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
             self._trends[vehicle].add(snapshot.received_s, one.velocity_ned_m_s)
             if not is_steered(setpoint):
                 faster = self._trends[vehicle].faster_ned_m_s(one.age_s + TURNED_AFTER_S)
@@ -276,7 +276,7 @@ class GroupGuard:
         if not pairs:
             return
         first, second = [known[a] for a, *_ in pairs], [known[b] for _, b, *_ in pairs]
-        kept_m = closest_m(
+        closest_apart_m = closest_m(
             np.array([m.place_ned_m for m in first]),
             np.array([m.velocity_ned_m_s for m in first]),
             np.array([m.place_ned_m for m in second]),
@@ -284,7 +284,7 @@ class GroupGuard:
             np.array([m.brakes_m_s2 for m in first]),
             np.array([m.brakes_m_s2 for m in second]),
         )
-        for (a, b, apart_m, margin), left_m in zip(pairs, kept_m, strict=True):
+        for (a, b, apart_m, margin), left_m in zip(pairs, closest_apart_m, strict=True):
             if left_m < self.minimum_m + margin:
                 why = (
                     f"Vehicles {a} and {b} are {apart_m:.1f} m apart, and stopping both now leaves "
@@ -311,15 +311,15 @@ class GroupGuard:
         why: str,
         distance_m: float | None = None,
     ) -> None:
-        everybody = not self._others_go_on or self.phase == "waiting"
-        stopped = [v for v in (self.members if everybody else vehicles) if v not in self.held]
+        stops_all = not self._others_go_on or self.phase == "waiting"
+        stopped = [v for v in (self.members if stops_all else vehicles) if v not in self.held]
         if not stopped:
             return
         self.held.update(stopped)
         actions.code = "separation" if code == "separation" else "group"
         actions.hold |= dict.fromkeys(stopped, why)
         if self.phase == "waiting":
-            self.phase = "flying"  # nothing starts any more: the guard ends when all members stand still
+            self.phase = "flying"  # no order starts any more: the guard ends when all members have stopped
         self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
 
 
@@ -329,7 +329,7 @@ def is_steered(setpoint: Setpoint | None) -> bool:
     return not isinstance(setpoint, Acceleration | Attitude | Rates)
 
 
-def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint | None) -> MovingVehicle:
+def moving(snapshot: Snapshot, now_s: float, position: Vector3, setpoint: Setpoint | None) -> MovingVehicle:
     """Motion of a vehicle for the separation check.
 
     Args:
@@ -340,7 +340,7 @@ def moving(snapshot: Snapshot, now_s: float, place: Vector3, setpoint: Setpoint 
     """
     accuracy_m = snapshot.accuracy_m
     return MovingVehicle(
-        place,
+        position,
         snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
         UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,
         max(0.0, now_s - snapshot.received_s),

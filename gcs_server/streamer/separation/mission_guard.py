@@ -1,8 +1,8 @@
 """The guard of a group, for the vehicles of one offboard mission.
 
-They need no common setpoint stream: each has its own between take-off and landing, and none counts as having
-left. A vehicle counts while it is armed, also in PX4's own take-off and landing. What cannot be stopped by a
-stream is stopped by the mission, which hears of each finding.
+They have no common setpoint stream: each vehicle has its own stream between take-off and landing, and no
+vehicle counts as having left. A vehicle is checked while it is armed, also in PX4's own take-off and
+landing. The mission gets each finding and stops the vehicles that have no stream.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from missions.separation import SpeedTrend
 
 
 class MissionGuard(GroupGuard):
-    """Acts once: it stops all vehicles of the mission.
+    """The guard of one mission. It acts once, and stops all vehicles of the mission.
 
     Args:
-        name: the mission's, unlike that of any group.
-        vehicles: of the mission.
+        name: name of the guard, different from those of all groups.
+        vehicles: ids of the mission's vehicles.
         minimum_m: the minimum separation.
         now_s: monotonic.
     """
 
     def __init__(self, name: str, vehicles: Iterable[str], *, minimum_m: float, now_s: float) -> None:
-        super().__init__(name, {}, {}, minimum_m=minimum_m, start_s=now_s, lasts_s=math.inf)
+        super().__init__(name, {}, {}, minimum_m=minimum_m, start_s=now_s, duration_s=math.inf)
         self.phase = "flying"
         self._vehicles = tuple(vehicles)
         self._trends = {vehicle: SpeedTrend() for vehicle in self._vehicles}
@@ -36,15 +36,15 @@ class MissionGuard(GroupGuard):
         """The vehicles of the mission."""
         return self._vehicles
 
-    def order_to_come(self, vehicle: str) -> Order | None:
+    def pending_order(self, vehicle: str) -> Order | None:
         """None: the mission sets each vehicle's setpoints."""
         return None
 
-    def _counts(self, seen: MemberView) -> bool:
-        return seen.snapshot.armed
+    def _counts(self, views: MemberView) -> bool:
+        return views.snapshot.armed
 
-    def _gone(self, vehicle: str, seen: MemberView) -> str | None:
+    def _why_left(self, vehicle: str, views: MemberView) -> str | None:
         return None
 
-    def _gone_together(self, now_s: float, flying: list[str], seen: Mapping[str, MemberView]) -> bool:
+    def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
         return False

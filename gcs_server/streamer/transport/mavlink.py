@@ -140,7 +140,7 @@ def _trajectory(s: Trajectory, target: tuple[int, int]) -> Packed:
 
 def _position_global(s: PositionGlobal, target: tuple[int, int]) -> Packed:
     if s.alt_amsl_m is None:
-        raise ValueError("a height above home is turned into one above mean sea level before it is sent")
+        raise ValueError("alt_home_m must be converted to an altitude above mean sea level before it is sent")
     mask = type_mask((0.0, 0.0, 0.0), NOTHING, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
     return MSG_GLOBAL, _global.pack(
         0,
@@ -183,7 +183,7 @@ MAVLINK_CARRIES = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[att
 
 
 def encode(setpoint: DirectSetpoint, target: tuple[int, int]) -> Packed:
-    """Message id and payload, with the time left zero.
+    """Message id and payload; the payload's time is zero.
 
     Args:
         setpoint: what to send.
@@ -192,7 +192,7 @@ def encode(setpoint: DirectSetpoint, target: tuple[int, int]) -> Packed:
     return _ENCODERS[type(setpoint)](setpoint, target)
 
 
-def stamped(payload: bytes, now_s: float) -> bytes:
+def with_time(payload: bytes, now_s: float) -> bytes:
     """The payload with `time_boot_ms` set."""
     return _time.pack(int(now_s * 1000) & 0xFFFFFFFF) + payload[_time.size :]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gcs_server.streamer.transport.mavlink import MSG_COMMAND_LONG, Packed, encode, mode_command, stamped
+from gcs_server.streamer.transport.mavlink import MSG_COMMAND_LONG, Packed, encode, mode_command, with_time
 from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing
 from missions.setpoints import DirectSetpoint
@@ -12,7 +12,7 @@ class MavlinkTransport:
     """Sends to one vehicle.
 
     Args:
-        sender: how bytes reach the vehicle.
+        sender: sends payloads to the vehicle.
         target: the vehicle's system id and its autopilot's component id.
     """
 
@@ -31,4 +31,4 @@ class MavlinkTransport:
             payload = mode_command(outgoing.mode, self._target, outgoing.attempt)
             return self.sender.send_payload(MSG_COMMAND_LONG, payload)
         msg_id, payload = self._packed
-        return self.sender.send_payload(msg_id, stamped(payload, outgoing.now_s))
+        return self.sender.send_payload(msg_id, with_time(payload, outgoing.now_s))

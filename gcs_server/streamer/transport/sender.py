@@ -21,8 +21,8 @@ class SendPath(Protocol):
 class PayloadSender(Protocol):
     """Sends payloads to one vehicle; may be called from any thread."""
 
-    def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
-        """False if nothing was sent. `made_s`: when the payload was made (monotonic); its lifetime counts
+    def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
+        """False if nothing was sent. `created_s`: when the payload was made (monotonic); its lifetime counts
         from then."""
         ...
 
@@ -34,7 +34,7 @@ class PayloadSender(Protocol):
 class NoSender(PayloadSender):
     """The sender of a removed vehicle: sends nothing."""
 
-    def send_payload(self, msg_id: int, payload: bytes, *, made_s: float | None = None) -> bool:
+    def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
         return False
 
     def send_path(self) -> None:

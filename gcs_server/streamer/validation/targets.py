@@ -1,4 +1,4 @@
-"""Checks targets before they are accepted: too far, not allowed, or a path too fast."""
+"""Checks targets before they are accepted: distance, limits, fence, and the speed of paths."""
 
 from __future__ import annotations
 
@@ -36,25 +36,25 @@ LIMITS_REMEDY = "Wait for GPS and the estimator, or remove the limits of altitud
 LOCAL_FRAME_HINT = "Coordinates are metres north, east, down of the vehicle's local origin."
 
 
-def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, limited_place: bool) -> None:
+def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_position_limits: bool) -> None:
     """Checks that a mission, or a part of it, stays inside the position limits.
 
     Args:
         segments: in the local frame.
         snapshot: the vehicle, with its bounds.
-        limited_place: the operator has set position limits.
+        has_position_limits: the operator has set position limits.
 
     Raises:
         Refused: the path leaves the limits, or this cannot be checked.
     """
     bounds = snapshot.bounds
-    if limited_place and bounds.unknown is not None:
+    if has_position_limits and bounds.unknown is not None:
         raise Refused(f"The operator's limits cannot be enforced: {bounds.unknown}.", remedy=LIMITS_REMEDY)
     region = bounds.region
     for segment in segments:
         places = _places(segment)
         if isinstance(segment, WaitSegment) and segment.kind == "land":
-            places = places[:0]  # down to the ground, whose altitude is not known
+            places = places[:0]  # the landing goes down to the ground, whose altitude is not known
         outside = region.are_outside(places[:, :2]) | (places[:, 2] < region.down_min_m)
         outside |= places[:, 2] > region.down_max_m
         for index in np.flatnonzero(outside)[:1]:
@@ -77,37 +77,37 @@ def _places(segment: Segment) -> NDArray[np.float64]:
     return np.array([segment.end_ned_m])
 
 
-def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, limited_place: bool) -> None:
+def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_position_limits: bool) -> None:
     """Checks that the vehicle may fly to the target.
 
     Args:
         setpoint: the estimates that it needs are valid.
         now_s: monotonic.
         snapshot: the vehicle, with its bounds.
-        limited_place: the operator has set position limits.
+        has_position_limits: the operator has set position limits.
 
     Raises:
         Refused: too far, outside, too fast, or cannot be checked.
     """
-    bounds, here = snapshot.bounds, snapshot.position_at(now_s)
-    if limited_place and (bounds.unknown is not None or here is None):
+    bounds, position_now = snapshot.bounds, snapshot.position_at(now_s)
+    if has_position_limits and (bounds.unknown is not None or position_now is None):
         why = bounds.unknown or "the vehicle has no valid position estimate"
         raise Refused(
             f"The operator's limits cannot be enforced: {why}.",
             remedy=LIMITS_REMEDY,
         )
-    if here is None:
+    if position_now is None:
         return
     if isinstance(setpoint, Path):
-        check_path(setpoint, here, bounds)
+        check_path(setpoint, position_now, bounds)
     elif not isinstance(setpoint, Follow):  # the leader's path is not known: the limits apply in flight
-        target = _place_of(ResolvedSetpoint(setpoint, now_s, snapshot, 0.0).at(now_s, snapshot), bounds)
+        target = _target_of(ResolvedSetpoint(setpoint, now_s, snapshot, 0.0).at(now_s, snapshot), bounds)
         if target is not None:
-            _check_distance(target, here, "The target")
-            _check_inside(target, here, bounds)
+            _check_distance(target, position_now, "The target")
+            _check_inside(target, position_now, bounds)
 
 
-def _place_of(wanted: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
+def _target_of(wanted: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
     if isinstance(wanted, Position | Trajectory):
         return complete(wanted.position_ned_m)
     if isinstance(wanted, PositionGlobal) and bounds.origin is not None and wanted.alt_amsl_m is not None:
@@ -115,23 +115,23 @@ def _place_of(wanted: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
     return None
 
 
-def _check_distance(target: Vector3, here: Vector3, what: str) -> None:
-    distance_m = math.dist(target, here)
+def _check_distance(target: Vector3, position_now: Vector3, target_name: str) -> None:
+    distance_m = math.dist(target, position_now)
     if distance_m > SETPOINT_MAX_DISTANCE_M:
         raise Refused(
-            f"{what} is {distance_m:.0f} m from the vehicle; setpoints may be at most "
+            f"{target_name} is {distance_m:.0f} m from the vehicle; setpoints may be at most "
             f"{SETPOINT_MAX_DISTANCE_M:.0f} m away.",
             remedy=LOCAL_FRAME_HINT,
         )
 
 
-def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
+def _check_inside(target: Vector3, position_now: Vector3, bounds: Bounds) -> None:
     breach = _breach(target, bounds)
     if breach is not None:
         raise Refused(
             f"The target is outside {breach}.", remedy="Choose a position inside, or change the limit."
         )
-    region, start, end = bounds.region, (here[0], here[1]), (target[0], target[1])
+    region, start, end = bounds.region, (position_now[0], position_now[1]), (target[0], target[1])
     far_m = math.dist(start, end)
     if far_m < 1e-6 or region.breach(start) is not None:
         return  # from outside, the vehicle may fly back inside
@@ -143,34 +143,34 @@ def _check_inside(target: Vector3, here: Vector3, bounds: Bounds) -> None:
         )
 
 
-def _breach(place: Vector3, bounds: Bounds) -> str | None:
+def _breach(position: Vector3, bounds: Bounds) -> str | None:
     region = bounds.region
-    if region.clamp_down_m(place[2]) != place[2]:
+    if region.clamp_down_m(position[2]) != position[2]:
         return "the altitude limits"
-    return region.breach((place[0], place[1]))
+    return region.breach((position[0], position[1]))
 
 
-def check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
+def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
     begin = path.points[0].position_ned_m
-    off_m = math.dist(begin, here)
+    off_m = math.dist(begin, position_now)
     if off_m > PATH_START_WITHIN_M:
         raise Refused(
             f"The path begins {off_m:.1f} m away; it must begin within {PATH_START_WITHIN_M:g} m.",
             remedy="Fly to its first point first.",
         )
     for index, point in enumerate(path.points):
-        _check_distance(point.position_ned_m, here, f"Point {index} of the path")
+        _check_distance(point.position_ned_m, position_now, f"Point {index} of the path")
     curve = PathCurve(path, None)
-    looked_at_s = np.minimum(
+    checked_at_s = np.minimum(
         np.arange(math.ceil(curve.duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, curve.duration_s
     )
-    for index in np.flatnonzero(_suspect(*curve.many(looked_at_s), bounds)):
-        t_s = float(looked_at_s[index])
+    for index in np.flatnonzero(_violations(*curve.many(checked_at_s), bounds)):
+        t_s = float(checked_at_s[index])
         sample = curve.at(t_s)
-        place, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
-        assert place is not None
+        position, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
+        assert position is not None
         assert velocity is not None
-        breach = _breach(place, bounds)
+        breach = _breach(position, bounds)
         if breach is not None:
             raise Refused(
                 f"After {t_s:.1f} s the path is outside {breach}.",
@@ -181,7 +181,7 @@ def check_path(path: Path, here: Vector3, bounds: Bounds) -> None:
             raise Refused(f"After {t_s:.1f} s {too_fast}.", remedy="Give the points more time.")
 
 
-def _suspect(
+def _violations(
     places: NDArray[np.float64], velocities: NDArray[np.float64], bounds: Bounds
 ) -> NDArray[np.bool_]:
     """Samples of a path that are outside or too fast, checked all at once."""

@@ -121,7 +121,7 @@ def _region(
     if any(limit is not None for limit in (*heights, *distances)):
         home_ned = _home_ned(home, origin)
         if home_ned is None:
-            unknown = "there is no home position, from which altitude and distance limits count"
+            unknown = "there is no home position, from which altitude and distance limits are measured"
         else:
             down_min_m = home_ned[2] - _least(vehicle.height_max_m, operator.height_max_m)
             if operator.height_min_m is not None:

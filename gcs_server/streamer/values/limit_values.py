@@ -54,9 +54,9 @@ class VehicleLimits:
     yaw_rate_max_rad_s: float | None = None
     """MC_YAWRATE_MAX [rad/s]."""
     distance_max_m: float | None = None
-    """From home: GF_MAX_HOR_DIST [m]; None too where it is off (0)."""
+    """From home: GF_MAX_HOR_DIST [m]; also None if it is off (0)."""
     height_max_m: float | None = None
-    """Above home: GF_MAX_VER_DIST [m]; None too where it is off (0)."""
+    """Above home: GF_MAX_VER_DIST [m]; also None if it is off (0)."""
 
 
 MIN_FENCE_M = 1e-3
@@ -70,7 +70,7 @@ def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
         value = values.get(name)
         return None if value is None else math.radians(value)
 
-    def unless_off(name: str) -> float | None:
+    def limit_or_none(name: str) -> float | None:
         value = values.get(name)
         return None if value is None or value < MIN_FENCE_M else value
 
@@ -86,8 +86,8 @@ def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
         roll_rate_max_rad_s=degrees("MC_ROLLRATE_MAX"),
         pitch_rate_max_rad_s=degrees("MC_PITCHRATE_MAX"),
         yaw_rate_max_rad_s=degrees("MC_YAWRATE_MAX"),
-        distance_max_m=unless_off("GF_MAX_HOR_DIST"),
-        height_max_m=unless_off("GF_MAX_VER_DIST"),
+        distance_max_m=limit_or_none("GF_MAX_HOR_DIST"),
+        height_max_m=limit_or_none("GF_MAX_VER_DIST"),
     )
 
 
@@ -114,7 +114,7 @@ class OperatorLimits:
     """Stop before obstacles that the vehicle's own sensors measure; has no effect without such a sensor."""
 
     @property
-    def bounds_a_place(self) -> bool:
+    def needs_position(self) -> bool:
         """Whether applying these needs the vehicle's position."""
         return any(
             limit is not None

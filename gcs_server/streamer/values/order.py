@@ -24,10 +24,10 @@ class OnExpiry:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A setpoint as it was ordered."""
+    """A setpoint with its validity, as a client ordered it."""
 
     setpoint: Setpoint | Script
-    """What is flown; a script belongs to an offboard mission."""
+    """The setpoint, or the script of an offboard mission."""
     valid_for_s: float = 1.0
     on_expiry: OnExpiry = OnExpiry()
     client: str = ""
@@ -36,6 +36,6 @@ class Order:
     owner: StreamOwner = "operator"
 
     @property
-    def lasts_s(self) -> float:
+    def duration_s(self) -> float:
         """Time from its start until it expires: the validity of a path counts from the path's end."""
         return self.valid_for_s + (self.setpoint.duration_s if isinstance(self.setpoint, Path) else 0.0)

@@ -30,7 +30,7 @@ Outgoing = SetpointDue | ModeRequest
 
 
 class SetpointLoader(Protocol):
-    """The transport, as the pipeline sees it."""
+    """The pipeline's interface to the transport."""
 
     def load(self, setpoint: DirectSetpoint) -> None:
         """Packs the setpoint that is sent from now on; called only when it changes.

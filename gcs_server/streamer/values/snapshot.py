@@ -30,7 +30,7 @@ class Leader:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The vehicle's state as the event loop last knew it."""
+    """The vehicle's newest state in the event loop."""
 
     taken_s: float
     mode: str
@@ -61,7 +61,7 @@ class Snapshot:
     avoidance: AvoidanceWay | None = None
     """Direction that avoidance tries first; None: off."""
     mission_avoidance: AvoidanceWay | None = None
-    """In the steps of a mission that ask for it; None: there are none, or it is switched off for them."""
+    """Direction that avoidance tries first in the mission's steps with avoidance; None: off."""
 
     @property
     def received_s(self) -> float:
@@ -71,28 +71,28 @@ class Snapshot:
     def plausible(self) -> Snapshot:
         """A copy in which implausible numbers count as unknown."""
         position, velocity, leader = self.position_ned_m, self.velocity_ned_m_s, self.leader
-        told = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, self.accuracy_m)
-        numbers = (*told, *(self.q_ned_frd or ()))
-        moves = velocity is None or _within(velocity, MAX_SPEED_M_S)
-        here = position is None or (moves and _within(position, MAX_DISTANCE_M))
-        led = leader is None or (
+        scalars = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, self.accuracy_m)
+        numbers = (*scalars, *(self.q_ned_frd or ()))
+        velocity_valid = velocity is None or _within(velocity, MAX_SPEED_M_S)
+        position_valid = position is None or (velocity_valid and _within(position, MAX_DISTANCE_M))
+        leader_valid = leader is None or (
             _within(leader.position_ned_m, MAX_DISTANCE_M)
             and _within(leader.velocity_ned_m_s, MAX_SPEED_M_S)
             and (leader.yaw_ned_rad is None or math.isfinite(leader.yaw_ned_rad))
         )
         scans = tuple(scan for scan in self.scans if scan.plausible)
-        whole = moves and here and led and len(scans) == len(self.scans)
-        if whole and all(number is None or math.isfinite(number) for number in numbers):
+        complete = velocity_valid and position_valid and leader_valid and len(scans) == len(self.scans)
+        if complete and all(number is None or math.isfinite(number) for number in numbers):
             return self
         return replace(
             self,
-            position_ned_m=position if here else None,
-            velocity_ned_m_s=velocity if moves else None,
+            position_ned_m=position if position_valid else None,
+            velocity_ned_m_s=velocity if velocity_valid else None,
             yaw_ned_rad=_finite(self.yaw_ned_rad),
             home_alt_amsl_m=_finite(self.home_alt_amsl_m),
             hover_thrust=_finite(self.hover_thrust),
             q_ned_frd=self.q_ned_frd if _within(self.q_ned_frd or (), 2.0) else None,
-            leader=leader if led else None,
+            leader=leader if leader_valid else None,
             accuracy_m=_finite(self.accuracy_m),
             scans=scans,
         )

@@ -172,8 +172,8 @@ def test_a_command_does_not_leave_once_it_was_given_up():
 def test_a_setpoint_that_reaches_the_link_too_late_is_not_sent():
     link = SlowLink()
     payload = struct.pack("<I11fHBBB", 1, *range(11), 2552, 1, 1, 1)
-    link.sender.send(SETPOINT, payload, PEER, made_s=link.loop.now_s - 0.11)
-    link.sender.send(SETPOINT, payload, PEER, made_s=link.loop.now_s - 0.09)
+    link.sender.send(SETPOINT, payload, PEER, created_s=link.loop.now_s - 0.11)
+    link.sender.send(SETPOINT, payload, PEER, created_s=link.loop.now_s - 0.09)
     link.loop.run(0.1)
     assert len(link.left(SETPOINT)) == 1
     assert link.info().frames_expired == 1

@@ -49,8 +49,8 @@ class Vehicle:
     def _record(self, time_us, raw):
         self.recorded.append((time_us, raw))
 
-    def send_payload(self, msg_id, payload, *, made_s=None):
-        self.made_s = made_s
+    def send_payload(self, msg_id, payload, *, created_s=None):
+        self.created_s = created_s
         self.relayed.append((time.monotonic(), msg_id, payload))
         return True
 

@@ -91,7 +91,12 @@ async def test_whatever_the_process_does_nothing_in_the_loop_waits_for_it(stream
     await begin(streams, "1", vehicle)
     os.kill(streams.pid, signal.SIGSTOP)
     guard = GroupGuard(
-        "g", {"1": Order(HOVER)}, {"1": Order(HOVER)}, minimum_m=3.0, start_s=time.monotonic() + 9, lasts_s=9
+        "g",
+        {"1": Order(HOVER)},
+        {"1": Order(HOVER)},
+        minimum_m=3.0,
+        start_s=time.monotonic() + 9,
+        duration_s=9,
     )
     calls = (
         lambda: streams.beat({"1": snapshot()}),

@@ -76,8 +76,8 @@ async def test_what_is_no_datagram_is_sent_by_the_server_even_while_its_loop_sta
     assert len(vehicle.relayed) >= 10
     assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert vehicle.frames == []
-    at_s, made_s = vehicle.relayed[-1][0], vehicle.made_s
-    assert 0 <= at_s - made_s < 0.5, "handed over with its age, so that a late one can be left out"
+    at_s, created_s = vehicle.relayed[-1][0], vehicle.created_s
+    assert 0 <= at_s - created_s < 0.5, "handed over with its age, so that a late one can be left out"
 
 
 @flown
@@ -120,11 +120,11 @@ async def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_
     vehicle.datagrams = False
     real, faults = vehicle.send_payload, []
 
-    def send_payload(msg_id, payload, *, made_s):
+    def send_payload(msg_id, payload, *, created_s):
         if len(faults) < 3:
             faults.append(1)
             raise TypeError("a fault of the link")
-        return real(msg_id, payload, made_s=made_s)
+        return real(msg_id, payload, created_s=created_s)
 
     vehicle.send_payload = send_payload
     await begin(streams, "1", vehicle)

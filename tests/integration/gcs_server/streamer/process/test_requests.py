@@ -98,7 +98,7 @@ async def test_a_renewal_of_a_whole_group_is_known_with_its_answer(streams, vehi
 
     assert await streams.change("1", order, known())
     streams.watch(
-        GroupGuard("g", {"1": order}, {"1": order}, minimum_m=3.0, start_s=now_s + 0.1, lasts_s=5.0)
+        GroupGuard("g", {"1": order}, {"1": order}, minimum_m=3.0, start_s=now_s + 0.1, duration_s=5.0)
     )
     await soon(lambda: streams.beat({"1": known()}) or streams.guard("g").phase == "flying")
     assert streams.state("1").valid_left_s < 5.2

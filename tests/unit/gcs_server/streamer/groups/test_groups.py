@@ -43,8 +43,8 @@ def snapshot(east_m=0.0, position=HERE, velocity=(0.0, 0.0, 0.0), yaw=0.0):
     return Snapshot(101.0, "offboard", position, velocity, yaw, bounds=bounds, accuracy_m=0.0)
 
 
-def planned(vehicle, setpoint, east_m=0.0, lasts_s=30.0, **more):
-    return Planned(vehicle, setpoint, snapshot(east_m, **more), lasts_s)
+def planned(vehicle, setpoint, east_m=0.0, duration_s=30.0, **more):
+    return Planned(vehicle, setpoint, snapshot(east_m, **more), duration_s)
 
 
 def conflict(*members, minimum_m=3.0):
@@ -156,9 +156,9 @@ def test_a_path_under_way_is_looked_at_from_where_it_is():
 
 
 def test_velocities_count_until_they_expire():
-    def pair(lasts_s):
-        towards = planned("2", Velocity((0.0, -1.0, 0.0)), east_m=30.0, lasts_s=lasts_s)
-        return planned("1", Velocity((0.0, 1.0, 0.0)), lasts_s=lasts_s), towards
+    def pair(duration_s):
+        towards = planned("2", Velocity((0.0, -1.0, 0.0)), east_m=30.0, duration_s=duration_s)
+        return planned("1", Velocity((0.0, 1.0, 0.0)), duration_s=duration_s), towards
 
     assert conflict(*pair(5.0)) is None
     assert conflict(*pair(20.0)) is not None
@@ -296,7 +296,7 @@ WAIT, GO = Order(Position(HERE)), Order(Velocity((1.0, 0.0, 0.0)), 30.0)
 
 def guard(**more):
     both = ("1", "2")
-    options = {"minimum_m": 3.0, "start_s": 101.0, "lasts_s": 30.0, **more}
+    options = {"minimum_m": 3.0, "start_s": 101.0, "duration_s": 30.0, **more}
     return GroupGuard("7", dict.fromkeys(both, WAIT), dict.fromkeys(both, GO), **options)
 
 
@@ -341,7 +341,12 @@ def test_one_that_is_driven_ever_faster_is_stopped_while_there_is_still_room():
     drift = Order(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
     gains_m_s2, go_on_s, brakes_m_s2 = 6.0, 0.3, 1.5
     watch = GroupGuard(
-        "7", dict.fromkeys("12", WAIT), dict.fromkeys("12", drift), minimum_m=3.0, start_s=101.0, lasts_s=60.0
+        "7",
+        dict.fromkeys("12", WAIT),
+        dict.fromkeys("12", drift),
+        minimum_m=3.0,
+        start_s=101.0,
+        duration_s=60.0,
     )
     watch.check(101.0, seen(snapshot(60.0)))
     for step in range(1, 100):

@@ -189,7 +189,7 @@ def in_group(bench, *ids):
     orders = dict.fromkeys(ids, Order(HOVER, 60.0))
     guard = GroupGuard(
         "g", orders, {v: Order(Velocity((1.0, 0.0, 0.0)), 60.0) for v in ids}, minimum_m=3.0,
-        start_s=now_s, lasts_s=60.0,
+        start_s=now_s, duration_s=60.0,
     )  # fmt: skip
     bench.streams.watch(guard)
     return {v: Bounds(origin=LocalOrigin(47.0, 8.0 + i * 1.3e-4, 500.0)) for i, v in enumerate(ids)}

@@ -34,7 +34,7 @@ TARGET = (7, 1)
 def read(setpoint, now_s=12.5):
     """As the vehicle's parser makes of it."""
     msg_id, payload = mavlink.encode(setpoint, TARGET)
-    raw = encode_frame(msg_id, mavlink.stamped(payload, now_s), 3, 255, 190)
+    raw = encode_frame(msg_id, mavlink.with_time(payload, now_s), 3, 255, 190)
     (message,) = sim.MAVLink(None).parse_buffer(raw)
     assert (message.target_system, message.target_component) == TARGET
     assert message.time_boot_ms == 12500
@@ -126,7 +126,7 @@ def test_rates_arrive_with_roll_and_pitch_counting(rates, thrust):
 
 def test_only_the_time_changes_between_sendings():
     _, payload = mavlink.encode(Position((1.0, 2.0, -3.0)), TARGET)
-    early, late = mavlink.stamped(payload, 1.0), mavlink.stamped(payload, 5e6)
+    early, late = mavlink.with_time(payload, 1.0), mavlink.with_time(payload, 5e6)
     assert early[4:] == late[4:] == payload[4:]
     assert struct.unpack("<I", late[:4])[0] == int(5e9) & 0xFFFFFFFF
 
