@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -28,7 +29,7 @@ def aircraft_of(
     Args:
         vehicle: the real one; None: PX4's defaults, at the planned start.
         document: the plan.
-        role: of a mission of several vehicles: which one it flies.
+        role: of a mission of several vehicles: which one it flies; what was assumed then names no vehicle.
 
     Raises:
         InvalidRequest: the start position is not known.
@@ -38,14 +39,15 @@ def aircraft_of(
     if vehicle is None:
         assumed.append("No vehicle is named: PX4's defaults and a full battery are used.")
         return {"home": _start(planned, document, role)}, None, assumed
+    who = f"vehicle {vehicle.id}" if role is None else "the vehicle"
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
     }
     if not aircraft["parameters"]:
-        assumed.append(f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults are used.")
-    place = _place(vehicle, assumed)
+        assumed.append(f"The parameters of {who} have not been read: PX4's defaults are used.")
+    place = _place(vehicle, who, assumed)
     if place is None:
-        assumed.append(f"The position of vehicle {vehicle.id} is not known: the plan's home is used.")
+        assumed.append(f"The position of {who} is not known: the plan's home is used.")
         aircraft["home"] = _start(planned, document, role)
         return aircraft, None, assumed
     aircraft["home"] = place
@@ -54,14 +56,23 @@ def aircraft_of(
         aircraft["yaw_ned_rad"] = attitude.value.yaw_ned_rad
     percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None
     if percent is None:
-        assumed.append(f"The battery charge of vehicle {vehicle.id} is not known: a full battery is used.")
+        assumed.append(f"The battery charge of {who} is not known: a full battery is used.")
     else:
         aircraft["battery_share"] = min(1.0, max(0.0, percent / 100.0))
     origin = VehicleEstimates(vehicle).origin()
     return aircraft, None if origin is None else asdict(origin), assumed
 
 
-def _place(vehicle: Vehicle, assumed: list[str]) -> dict[str, float] | None:
+def said_once(assumed: Mapping[str, Sequence[str]]) -> list[str]:
+    """What was assumed, each sentence once, with the roles' names where it is about their vehicles."""
+    of: dict[str, list[str]] = {}
+    for role, texts in assumed.items():
+        for text in texts:
+            of.setdefault(text, []).append(role)
+    return [f"{' and '.join(roles)}: {text}" if "he vehicle" in text else text for text, roles in of.items()]
+
+
+def _place(vehicle: Vehicle, who: str, assumed: list[str]) -> dict[str, float] | None:
     """Its position on the ground; in flight: its home."""
     here, home = vehicle.topic("global_position"), vehicle.topic("home")
     flies = vehicle.flight_state.armed and vehicle.flight_state.landed_state != "on_ground"
@@ -70,7 +81,7 @@ def _place(vehicle: Vehicle, assumed: list[str]) -> dict[str, float] | None:
     if home is None or not isinstance(home.value, Home):
         return None
     if flies:
-        assumed.append(f"Vehicle {vehicle.id} is flying: the dry run starts on the ground at its home.")
+        assumed.append(f"{who[0].upper()}{who[1:]} is flying: the dry run starts on the ground at its home.")
     return _of(home.value)
 
 

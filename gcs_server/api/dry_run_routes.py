@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import dry_run_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.dry_run_aircraft import aircraft_of
+from gcs_server.api.dry_run_aircraft import aircraft_of, said_once
 from gcs_server.api.joint_mission_routes import require_roles
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.plan_checks import text_of
@@ -103,13 +103,13 @@ def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Flown
             remedy="Name a vehicle for each role, or give each role `start_ned_m`.",
         )
     roles: dict[str, dict[str, Any]] = {}
-    assumed: list[str] = []
+    assumed: dict[str, list[str]] = {}
     for role in document.roles:
         vehicle = None if body.vehicles is None else station.fleet.get(body.vehicles[role])
         aircraft, origin, unknown = aircraft_of(vehicle, document, role)
         roles[role] = {"aircraft": {**aircraft, **_battery(body)}, "origin": origin}
-        assumed += [text for text in unknown if text not in assumed]
-    return {"roles": roles}, assumed
+        assumed[role] = unknown
+    return {"roles": roles}, said_once(assumed)
 
 
 def _battery(body: m.DryRunRequest) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A dry run in one browser's scene: the corridor and the path once, then only where its vehicle is."""
+"""One vehicle of a dry run in a browser's scene: corridor and path once, then only where it is."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ class DryRunNode:
     """All parts have the colour of plans, so that the ghost is not mistaken for a real vehicle.
 
     Args:
-        origin_enu_m: start of the flight, in the world's ENU frame.
+        number: of the vehicle in the dry run, from 0.
+        origin_enu_m: origin of the path, in the world's ENU frame.
     """
 
     def __init__(
         self,
         client: viser.ClientHandle,
+        number: int,
         path: DryRunPath,
         origin_enu_m: Vector3,
         palette: Palette,
@@ -37,22 +39,23 @@ class DryRunNode:
         self.path, self.origin_enu_m = path, origin_enu_m
         self._scene, self._colour = client.scene, lit(palette.target, palette)
         self._drawn: VehiclePose | None = None
-        self._root = self._scene.add_frame(ROOT, show_axes=False)
-        self._scene.add_frame(f"{ROOT}/flown", show_axes=False, position=origin_enu_m)
+        self._at = root = f"{ROOT}_{number}"
+        self._root = self._scene.add_frame(root, show_axes=False)
+        self._scene.add_frame(f"{root}/flown", show_axes=False, position=origin_enu_m)
         self._lines("/flown/way", way(path), 1.6)
         if (corridor := tube(path)) is not None:
             self._mesh("/flown/corridor", corridor, 0.16)
-        self._ghost = self._scene.add_frame(f"{ROOT}/ghost", show_axes=False)
-        self._flying = MovingNode(client, f"{ROOT}/ghost")
+        self._ghost = self._scene.add_frame(f"{root}/ghost", show_axes=False)
+        self._flying = MovingNode(client, f"{root}/ghost")
         self._mesh("/ghost/shell", shapes.shell, 0.45)
         self._lines("/ghost/outline", shapes.ghost, 1.6)
-        self._scene.add_frame(f"{ROOT}/ghost/gimbal", show_axes=False, position=GIMBAL_AT_M)
-        self._looking = MovingNode(client, f"{ROOT}/ghost/gimbal")
-        self._frustum = self._scene.add_frame(f"{ROOT}/ghost/gimbal/sees", show_axes=False)
+        self._scene.add_frame(f"{root}/ghost/gimbal", show_axes=False, position=GIMBAL_AT_M)
+        self._looking = MovingNode(client, f"{root}/ghost/gimbal")
+        self._frustum = self._scene.add_frame(f"{root}/ghost/gimbal/sees", show_axes=False)
         volume, edges = shapes.frustum
         self._mesh("/ghost/gimbal/sees/volume", volume, 0.13)
         self._lines("/ghost/gimbal/sees/edges", edges, 1.2)
-        self.label = Label(client, f"{ROOT}/label", palette.target)
+        self.label = Label(client, f"{root}/label", palette.target)
 
     def remove(self) -> None:
         """Takes it down."""
@@ -79,7 +82,7 @@ class DryRunNode:
 
     def _mesh(self, name: str, mesh: Any, opacity: float) -> None:
         self._scene.add_mesh_simple(
-            ROOT + name,
+            self._at + name,
             mesh.vertices,
             mesh.faces,
             color=self._colour,
@@ -91,5 +94,5 @@ class DryRunNode:
 
     def _lines(self, name: str, points: Any, width_px: float) -> None:
         self._scene.add_line_segments(
-            ROOT + name, points, self._colour, thickness=width_px, thickness_units="screen"
+            self._at + name, points, self._colour, thickness=width_px, thickness_units="screen"
         )

@@ -41,10 +41,10 @@ class DryRunRequest(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DryRunPath:
-    """The nominal flight in N samples and the corridor of many at M places, in ENU about where it starts."""
+    """One vehicle's nominal flight, N samples; corridor of many, M places; ENU about `origin_deg_m`."""
 
     origin_deg_m: tuple[float, float, float]
-    """Where it starts: latitude, longitude, altitude AMSL."""
+    """Where the first vehicle starts: latitude, longitude, altitude AMSL."""
     t_s: NDArray[np.float64]
     """(N,) since the start."""
     position_enu_m: NDArray[np.float64]
@@ -55,6 +55,8 @@ class DryRunPath:
     """(N, 2): pitch, up is positive; yaw from north."""
     corridor_enu_m: NDArray[np.float64] | None
     """(M, 4, 3): its corners at each place, in the order left low, right low, right high, left high."""
+    role: str | None = None
+    """Of several vehicles: which one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,19 +64,27 @@ class DryRunMoment:
     """What a page shows of a dry run."""
 
     id: str
-    path: DryRunPath
+    paths: tuple[DryRunPath, ...]
+    """Of each vehicle that flew; the camera follows the first."""
     t_s: float
     follow: bool
 
 
-def path_of(found: Mapping[str, Any]) -> DryRunPath | None:
-    """From what came of a dry run; None: the flight never began."""
-    nominal = found["nominal"]
-    path, origin = nominal["path"], nominal["origin"]
+def paths_of(found: Mapping[str, Any]) -> tuple[DryRunPath, ...]:
+    """From what came of a dry run: of each vehicle that flew."""
+    together, many = found["together"], found["monte_carlo"]
+    corridor = None if many is None else many["corridor"]
+    flights = {None: found["nominal"]} if together is None else together["roles"]
+    paths = (_path_of(role, flight, corridor) for role, flight in flights.items())
+    return tuple(path for path in paths if path is not None)
+
+
+def _path_of(
+    role: str | None, flight: Mapping[str, Any], corridor: Mapping[str, Any] | None
+) -> DryRunPath | None:
+    path, origin = flight["path"], flight["origin"]
     if path is None or not path["t_s"]:
         return None
-    many = found["monte_carlo"]
-    corridor = None if many is None else many["corridor"]
     return DryRunPath(
         (origin["lat_deg"], origin["lon_deg"], origin["alt_amsl_m"]),
         np.asarray(path["t_s"], float),
@@ -82,6 +92,7 @@ def path_of(found: Mapping[str, Any]) -> DryRunPath | None:
         np.asarray(path["q_ned_frd"], float),
         np.asarray(path["gimbal_rad"], float),
         None if corridor is None else _corners(corridor),
+        role,
     )
 
 
@@ -132,7 +143,7 @@ def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
         motors=None,
         target=None,
         lost=False,
-        label=f"dry run · {height_text(up_m)}",
+        label=f"{path.role or 'dry run'} · {height_text(up_m)}",
         note=f"{int(t_s) // 60:02d}:{int(t_s) % 60:02d}",
     )
 

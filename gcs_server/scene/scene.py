@@ -15,7 +15,7 @@ from fastapi import APIRouter
 
 from gcs_server.clock import Clock
 from gcs_server.scene.clicks import ClickRequest, SceneClick
-from gcs_server.scene.dry_runs import DryRunMoment, DryRunResults, path_of
+from gcs_server.scene.dry_runs import DryRunMoment, DryRunResults, paths_of
 from gcs_server.scene.gizmo import Drag, SceneGizmo, dragged
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.palette import Theme
@@ -131,7 +131,7 @@ class Scene:
                     before.close()
                 known = (token, Stage(client, view, self._tracks.isolation, before))
                 self._stages[client_id] = known
-            start_m = self._tracks.enu(view.dry_run.path.origin_deg_m) if view.dry_run else None
+            start_m = self._tracks.enu(view.dry_run.paths[0].origin_deg_m) if view.dry_run else None
             known[1].update(view, drawn, now_s, start_m)
 
     def _set_view(self, token: str, wanted: ViewRequest) -> View:
@@ -164,8 +164,8 @@ class Scene:
             return before
         if asked is None or self._dry_runs is None:
             return None
-        path = before.path if before and before.id == asked.id else path_of(self._dry_runs(asked.id))
-        return None if path is None else DryRunMoment(asked.id, path, asked.t_s, asked.follow)
+        paths = before.paths if before and before.id == asked.id else paths_of(self._dry_runs(asked.id))
+        return DryRunMoment(asked.id, paths, asked.t_s, asked.follow) if paths else None
 
     def _drag(self, bridge: str, drag: Drag) -> None:
         """A handle was dragged in the browser of this bridge: only its own view's preview follows."""

@@ -84,7 +84,7 @@ class Stage:
             self._grid = self._add_grid()
             self._marks: Any = None
             self._preview: PreviewNode | None = None
-            self._dry_run: DryRunNode | None = None
+            self._dry_run: list[DryRunNode] = []
             self._board = Board(client)
             self._compass = [self._direction(i, name) for i, name in enumerate(COMPASS)]
 
@@ -142,11 +142,12 @@ class Stage:
                 self._board.say(self._labels(), mode=view.mode, scale=self._scale)
 
     def _labels(self) -> list[Label]:
-        others = [node.label for node in (self._preview, self._dry_run) if node is not None]
+        preview = [] if self._preview is None else [self._preview.label]
         return [
             *self._compass,
             *(label for node in self._vehicles.values() for label in node.labels),
-            *others,
+            *preview,
+            *(node.label for node in self._dry_run),
         ]
 
     def _make_one(self, fleet: Mapping[str, Track], seen: str | None) -> None:
@@ -186,27 +187,31 @@ class Stage:
         self._preview.update(view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=still)
 
     def _show_dry_run(self, view: View, start_m: Vector3 | None) -> VehiclePose | None:
-        """Draws path and vehicle of the dry run, while the page shows one.
+        """Draws paths and vehicles of the dry run, while the page shows one.
 
         Returns:
-            The vehicle, where the camera is to follow it instead of the real one.
+            The first vehicle, where the camera is to follow it instead of the real one.
         """
         shown = view.dry_run
         if shown is None or start_m is None:
             self._drop_dry_run()
             return None
-        node = self._dry_run
-        if node is None or node.path is not shown.path or node.origin_enu_m != start_m:
+        drawn = self._dry_run
+        if not drawn or drawn[0].path is not shown.paths[0] or drawn[0].origin_enu_m != start_m:
             self._drop_dry_run()
-            node = self._dry_run = DryRunNode(self._client, shown.path, start_m, self._palette, self._shapes)
-        pose = pose_at(shown.path, shown.t_s, start_m)
-        node.update(pose, hidden=shown.follow and view.mode == "gimbal")
-        return pose if shown.follow else None
+            drawn += [
+                DryRunNode(self._client, number, path, start_m, self._palette, self._shapes)
+                for number, path in enumerate(shown.paths)
+            ]
+        poses = [pose_at(node.path, shown.t_s, start_m) for node in drawn]
+        for node, pose in zip(drawn, poses, strict=True):
+            node.update(pose, hidden=shown.follow and view.mode == "gimbal" and node is drawn[0])
+        return poses[0] if shown.follow else None
 
     def _drop_dry_run(self) -> None:
-        if self._dry_run is not None:
-            self._dry_run.remove()
-            self._dry_run = None
+        for node in self._dry_run:
+            node.remove()
+        self._dry_run.clear()
 
     def _frame(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
         """Brings handles into sight that a page has put elsewhere, from the side from which one looks now."""

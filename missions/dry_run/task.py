@@ -98,7 +98,19 @@ def _together(
         report=report,
     ).document()  # fmt: skip
     nominal = dict(next(iter(flown["roles"].values())))
-    of_roles = [each for run in flown["roles"].values() for each in run["findings"]]
-    nominal["findings"] = [*flown.pop("findings"), *of_roles]
+    nominal["findings"] = [*flown.pop("findings"), *findings_of(flown["roles"])]
     nominal["finished"] = all(run["finished"] for run in flown["roles"].values())
     return {"nominal": nominal, "monte_carlo": None, "together": flown}
+
+
+def findings_of(roles: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Of all roles; one that several roles have at no step of theirs stands once, with their names."""
+    found: dict[tuple[str, str | None, str], tuple[dict[str, Any], list[str]]] = {}
+    for role, run in roles.items():
+        for each in run["findings"]:
+            same = (each["code"], each["step"], each["text"])
+            found.setdefault(same, (dict(each), []))[1].append(role)
+    for each, of in found.values():
+        if each["step"] is None:
+            each["text"] = f"{' and '.join(of)}: {each['text']}"
+    return [each for each, _ in found.values()]

@@ -204,4 +204,5 @@ def _too_near(
         f"{kept_m[first]:.1f} m of each other, braking included; in flight the guard holds both at "
         f"{least_m:.1f} m."
     )
-    return DryRunFinding("separation", message, steps[0], round(t_s, 2), (north, east, down))
+    step = steps[0] if int(one.step[first]) >= 0 else None
+    return DryRunFinding("separation", message, step, round(t_s, 2), (north, east, down))

@@ -7,6 +7,7 @@ import sys
 import pytest
 from fastapi.testclient import TestClient
 
+from gcs_server.api.dry_run_aircraft import NO_AVOIDANCE, said_once
 from gcs_server.app import create_app
 from gcs_server.errors import GcsError
 from gcs_server.plans import dry_runs
@@ -111,6 +112,12 @@ def test_the_roles_of_a_mission_are_flown_from_where_they_are_planned_to_stand(c
     assert left["lat_deg"] == pytest.approx(HOME["lat_deg"], abs=1e-7)
     assert (left["lon_deg"] - HOME["lon_deg"]) * 111_320 * 0.677 == pytest.approx(10.0, abs=0.1)
     assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
+
+
+def test_what_is_assumed_of_several_roles_is_said_once_with_their_names():
+    unread, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
+    assumed = {"lead": [NO_AVOIDANCE, unread], "left": [NO_AVOIDANCE, unread, flying]}
+    assert said_once(assumed) == [NO_AVOIDANCE, f"lead and left: {unread}", f"left: {flying}"]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from missions.dry_run.setup import Aircraft, Conditions
-from missions.dry_run.task import run
+from missions.dry_run.task import findings_of, run
 from missions.dry_run.together import DryRunTogether, dry_run_together
 from missions.errors import PlanError
 from missions.offboard.reader import read
@@ -91,6 +91,17 @@ def test_two_that_cross_at_one_height_are_found_with_place_and_time():
     assert list(answer["together"]["roles"]) == ["lead", "left"]
     assert answer["together"]["closest"][0]["distance_m"] < 3.0
     assert told[0] == "1 s are simulated; 0 of 2 vehicles have ended."
+
+
+def test_what_several_roles_have_in_common_is_said_once_with_their_names():
+    drain = {"code": "battery_unknown", "step": None, "text": "The drain is not known."}
+    step = {"code": "fence_touched", "step": "left, step 2", "text": "It leaves the fence."}
+    roles = {"lead": {"findings": [drain]}, "left": {"findings": [step, drain]}}
+    assert [each["text"] for each in findings_of(roles)] == [
+        "lead and left: The drain is not known.",
+        "It leaves the fence.",
+    ]
+    assert drain["text"] == "The drain is not known."
 
 
 def test_each_role_needs_a_vehicle():

@@ -11,6 +11,8 @@ export interface Problem {
   status: number;
   /** The request's field at fault. */
   field: string | null;
+  /** Of a plan with errors: their codes. */
+  codes?: readonly string[];
 }
 
 const TITLES: Readonly<Record<string, string>> = {
@@ -28,6 +30,8 @@ const TITLES: Readonly<Record<string, string>> = {
 function text(value: unknown): string | null {
   return typeof value === 'string' && value.trim() !== '' ? value : null;
 }
+
+const texts = (value: unknown): string[] => (Array.isArray(value) ? value.filter((one): one is string => text(one) !== null) : []);
 
 /** FastAPI's own validation errors: `[{loc: ["body", "alt_home_m"], msg}]`. */
 function validation(value: unknown): { detail: string; field: string | null } | null {
@@ -49,7 +53,8 @@ export function parseProblem(status: number, body: unknown): Problem {
   const raw = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
   const invalid = validation(raw['errors']) ?? validation(raw['detail']);
   const code = text(raw['code']) ?? (status === 422 ? 'invalid_request' : `http_${status}`);
-  const reasons = Array.isArray(raw['reasons']) ? raw['reasons'].filter((r): r is string => text(r) !== null) : [];
+  const reasons = texts(raw['reasons']);
+  const codes = texts(raw['codes']);
   return {
     title: text(raw['title']) ?? TITLES[code] ?? `The server answered ${status}`,
     detail: text(raw['detail']) ?? invalid?.detail ?? (reasons.length > 0 ? '' : 'The server gave no reason.'),
@@ -58,6 +63,7 @@ export function parseProblem(status: number, body: unknown): Problem {
     code,
     status,
     field: text(raw['field']) ?? invalid?.field ?? null,
+    ...(codes.length > 0 ? { codes } : {}),
   };
 }
 

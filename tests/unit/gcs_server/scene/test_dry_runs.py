@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_server.errors import UnknownDryRun
-from gcs_server.scene.dry_runs import path_of, pose_at, tube, way
+from gcs_server.scene.dry_runs import paths_of, pose_at, tube, way
 from gcs_server.scene.proxy import ViewRequest
 from gcs_server.scene.scene import Scene
 from missions.frames import rotate, yaw_from_q
@@ -32,14 +32,14 @@ FOUND = {
             "vertical_m": {"p5": [-0.5, -0.5, -2.0], "p95": [0.5, 0.5, 1.0]},
         }
     },
+    "together": None,
 }
-NOT_FLOWN = {"nominal": {**FOUND["nominal"], "path": None}, "monte_carlo": None}
+NOT_FLOWN = {"nominal": {**FOUND["nominal"], "path": None}, "monte_carlo": None, "together": None}
 START = (100.0, 200.0, 5.0)
 
 
 def path():
-    found = path_of(FOUND)
-    assert found is not None
+    (found,) = paths_of(FOUND)
     return found
 
 
@@ -71,10 +71,16 @@ def test_the_corridor_is_as_wide_and_high_as_the_flights_were():
 
 
 def test_one_flight_has_no_corridor_and_one_that_never_began_no_path():
-    alone = path_of({**FOUND, "monte_carlo": None})
-    assert alone is not None
+    (alone,) = paths_of({**FOUND, "monte_carlo": None})
     assert tube(alone) is None
-    assert path_of(NOT_FLOWN) is None
+    assert paths_of(NOT_FLOWN) == ()
+
+
+def test_of_several_vehicles_each_has_a_path_and_its_role_as_label():
+    flights = {"lead": FOUND["nominal"], "left": NOT_FLOWN["nominal"], "right": FOUND["nominal"]}
+    found = paths_of({"nominal": FOUND["nominal"], "monte_carlo": None, "together": {"roles": flights}})
+    assert [each.role for each in found] == ["lead", "right"]
+    assert pose_at(found[1], 15.0, START).label == "right · 10.0 m"
 
 
 def shown(scene, **asked):
@@ -94,7 +100,7 @@ def test_a_view_shows_a_moment_until_it_is_told_otherwise():
     first = shown(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
     later = shown(scene, dry_run={"id": "1", "t_s": 4.0})
     assert (first.t_s, first.follow, later.t_s, later.follow) == (3.0, True, 4.0, False)
-    assert first.path is later.path
+    assert first.paths is later.paths
     assert asked == ["1"]
     assert shown(scene, mode="free") is later
     with pytest.raises(UnknownDryRun):

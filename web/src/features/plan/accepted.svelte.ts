@@ -1,5 +1,7 @@
 /** Errors of a plan that a person flies despite: each by name, of just this plan and vehicle. */
 
+import type { Outcome } from '../../api/client';
+import type { Problem } from '../../api/problems';
 import type { Finding } from './fixes';
 import type { Document } from './kinds';
 
@@ -31,13 +33,40 @@ export class Accepted {
   }
 }
 
+/** Errors that the server found only when all vehicles were to start: it knows where they stand. */
+export class FoundAtStart {
+  private found = $state.raw<{ readonly of: Document; readonly vehicles: string; readonly problem: Problem } | null>(null);
+  /** A person flies despite all of them. */
+  accepted = $state(false);
+
+  /** What came of a start; after any change of the plan or of its vehicles everything is asked anew. */
+  heard(outcome: Outcome<unknown>, of: Document, vehicles: Readonly<Record<string, string>>): void {
+    const found = !outcome.ok && outcome.problem.codes !== undefined;
+    this.found = found ? { of, vehicles: JSON.stringify(vehicles), problem: outcome.problem } : null;
+    this.accepted = false;
+  }
+
+  findings(of: Document, vehicles: Readonly<Record<string, string>>): readonly string[] {
+    return this.isOf(of, vehicles) ? (this.found?.problem.reasons ?? []) : [];
+  }
+
+  /** Codes for the next start; none unless they are accepted. */
+  codes(of: Document, vehicles: Readonly<Record<string, string>>): readonly string[] {
+    return this.accepted && this.isOf(of, vehicles) ? (this.found?.problem.codes ?? []) : [];
+  }
+
+  private isOf(of: Document, vehicles: Readonly<Record<string, string>>): boolean {
+    return this.found?.of === of && this.found.vehicles === JSON.stringify(vehicles);
+  }
+}
+
 export function codesOf(findings: readonly Finding[]): string[] {
   return [...new Set(findings.map(({ code }) => code))];
 }
 
+export const findingText = ({ text, place }: Finding): string => (place.step === null ? text : `${place.step}: ${text}`);
+
 /** For a confirmation: each of them by name; empty without any. */
-export function despiteText(findings: readonly Finding[]): string {
-  if (findings.length === 0) return '';
-  const each = findings.map(({ text, place }) => (place.step === null ? text : `${place.step}: ${text}`));
-  return `Despite ${findings.length === 1 ? 'an error' : `${findings.length} errors`}: ${each.join(' ')}`;
+export function despiteText(findings: readonly string[]): string {
+  return findings.length === 0 ? '' : `Despite ${findings.length === 1 ? 'an error' : `${findings.length} errors`}: ${findings.join(' ')}`;
 }

@@ -7,6 +7,11 @@ export class Cast {
     this.vehicles = { ...this.vehicles, [role]: vehicle };
   }
 
+  rename(old: string, name: string): void {
+    const { [old]: vehicle = '', ...others } = this.vehicles;
+    this.vehicles = { ...others, [name]: vehicle };
+  }
+
   /** Of these roles alone; an empty text where none is chosen. */
   of(roles: readonly string[]): Record<string, string> {
     return Object.fromEntries(roles.map((role) => [role, this.vehicles[role] ?? '']));

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
-import { ApiClient } from '../../api/client';
+import { ApiClient, ofVehicle } from '../../api/client';
 import { placeAt } from '../../vehicle/geo';
-import { Accepted } from './accepted.svelte';
+import { Accepted, FoundAtStart } from './accepted.svelte';
 import { DEFAULT_ALTITUDE, EMPTY } from './document';
 import type { Finding } from './fixes';
 import { comparisonText, differenceText, holdsText, type Comparison } from './held';
@@ -131,6 +131,20 @@ describe('flying the plan that the vehicle holds', () => {
     for (const [plan, id] of [[{ ...EMPTY }, '1'] as const, [EMPTY, '2'] as const]) expect(accepted.split([one], plan, id).open).toEqual([one]);
     accepted.set(one, EMPTY, '1', false);
     expect(accepted.has(one, EMPTY, '1')).toBe(false);
+  });
+
+  it('despite what the server found at the start takes a person, for just this plan and these vehicles', async () => {
+    const refusal = { code: 'plan_findings', detail: 'Errors.', codes: ['separation'], reasons: ['lead, step 2: They come too near.'] };
+    const api = new ApiClient('p', undefined, () => Promise.resolve(Response.json(refusal, { status: 409 })));
+    const found = new FoundAtStart();
+    const cast = { lead: '1', left: '2' };
+    found.heard(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, cast);
+    expect([found.findings(EMPTY, { ...cast }), found.codes(EMPTY, cast)]).toEqual([refusal.reasons, []]);
+    found.accepted = true;
+    expect(found.codes(EMPTY, cast)).toEqual(['separation']);
+    expect([found.codes({ ...EMPTY }, cast), found.codes(EMPTY, { lead: '2', left: '1' })]).toEqual([[], []]);
+    found.heard({ ok: true, value: null }, EMPTY, cast);
+    expect(found.findings(EMPTY, cast)).toEqual([]);
   });
 
   it('names what is flown despite, and asks as before a danger', () => {

@@ -1,7 +1,7 @@
 /** Starting the mission that a vehicle holds: at its beginning, where it stands, or at an item. Pure. */
 
 import type { Question } from '../../app/actions/actions';
-import { codesOf, despiteText } from './accepted.svelte';
+import { codesOf, despiteText, findingText } from './accepted.svelte';
 import { simpleItems, type Plan } from './document';
 import type { Finding } from './fixes';
 
@@ -16,7 +16,7 @@ export function startQuestion(vehicleName: string, inAir: boolean, row: number |
   const flies = inAir ? `Flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
     title: `Fly the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
-    effect: [flies, despiteText(despite), 'Hold pauses it.'].filter((part) => part !== '').join(' '),
+    effect: [flies, despiteText(despite.map(findingText)), 'Hold pauses it.'].filter((part) => part !== '').join(' '),
     verb: 'Fly',
     danger: despite.length > 0,
   };

@@ -83,7 +83,7 @@ describe('starting an offboard mission', () => {
     expect(effect).toContain('Low battery: the vehicle lands. Control lost: it holds. Link lost, then back: it holds.');
     expect(effect).toContain('If the server or its link fails: after 1 s the vehicle lands. Hold stops it');
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
-    const despite = startQuestion(MISSION, '1 Quad', null, 0, null, [error('It leaves the fence.')]);
+    const despite = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
     expect(despite.effect).toContain('Despite an error: step 2: It leaves the fence. Low battery');
     expect([startQuestion(MISSION, '1 Quad', null, 0, null).danger, despite.danger]).toEqual([false, true]);
   });

@@ -101,7 +101,7 @@ export function startQuestion(
   time_s: number | null,
   warnings: number,
   ifStreamStops: string | null,
-  despite: readonly Finding[] = [],
+  despite: readonly string[] = [],
 ): Question {
   const { link_loss, low_battery, control_lost } = mission.actions;
   const does = (action: string): string => ACTIONS[action] ?? action;

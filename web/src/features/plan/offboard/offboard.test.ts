@@ -8,6 +8,7 @@ import { fixOf } from './fixes';
 import type { Flight } from './flight';
 import { nodesOf, notCast, stepId, type Mission, type MissionPlace, type Step } from './mission';
 import { picture, treeOf } from './picture';
+import { addRole, nameProblem, removeRole, renameRole } from './roles';
 import { frameOf, movedTo, saidAs, geoPointOf, type Way } from './places';
 import { detailOf, freshMission, freshStep, KINDS, stepTitle } from './words';
 
@@ -55,6 +56,29 @@ describe('the steps of a mission', () => {
     expect(notCast(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role left.');
     expect(notCast(['lead', 'left'], { lead: '1', left: '1' })).toContain('two roles');
     expect(notCast(['lead', 'left'], { lead: '1', left: '2' })).toBeNull();
+  });
+
+  it('become roles of several vehicles with the same meetings, and steps of one vehicle again', () => {
+    const alone = missionOf(freshStep('take_off'), FLY, freshStep('land'));
+    const two = addRole(alone);
+    expect(two.steps).toEqual([]);
+    expect(two.roles?.['lead']).toEqual({ start_ned_m: [0, 0, 0], steps: alone.steps });
+    expect(two.roles?.['wing']?.start_ned_m).toEqual([0, 10, 0]);
+    const met = addStep(two, 'meet', null, [stepId('lead, step 1')], FRAME).mission;
+    const three = addRole(met);
+    expect(Object.keys(three.roles ?? {})).toEqual(['lead', 'wing', 'role 3']);
+    expect(three.roles?.['role 3']?.steps.map((step) => step.step)).toEqual(['take_off', 'meet', 'land']);
+    expect(three.roles?.['role 3']?.start_ned_m).toEqual([0, 20, 0]);
+    const renamed = renameRole(three, 'lead', 'first');
+    expect(Object.keys(renamed.roles ?? {})).toEqual(['first', 'wing', 'role 3']);
+    expect([nameProblem(three, 'lead', 'wing'), nameProblem(three, 'lead', ' '), nameProblem(three, 'lead', 'lead')]).toEqual([
+      'There already is a role wing.',
+      'A role needs a name.',
+      null,
+    ]);
+    const again = removeRole(removeRole(renamed, 'role 3'), 'wing');
+    expect(again.roles).toBeUndefined();
+    expect(again.steps).toEqual(alone.steps);
   });
 
   it('say what they are, of every kind', () => {

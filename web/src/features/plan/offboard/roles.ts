@@ -1,0 +1,65 @@
+/** Roles of a mission: added, renamed, removed. Pure; a mission in, another one out. */
+
+import { roleNames, type Mission, type Role, type Step } from './mission';
+import { freshStep } from './words';
+
+export const MAX_ROLES = 10;
+/** Where a new role's vehicle is planned to stand, beside the last one [m]. */
+const BESIDE_M = 10;
+
+function freshName(mission: Mission, wanted: string): string {
+  const taken = roleNames(mission);
+  let number = taken.length + 1;
+  if (!taken.includes(wanted)) return wanted;
+  while (taken.includes(`role ${number}`)) number += 1;
+  return `role ${number}`;
+}
+
+/** Up, the meetings of the others, down. */
+function freshSteps(like: readonly Step[]): readonly Step[] {
+  const meetings = like.filter((step) => step.step === 'meet').map((step) => ({ ...step }));
+  return [freshStep('take_off'), ...meetings, freshStep('land')];
+}
+
+/** One more role; a mission for one vehicle becomes the first role of two. */
+export function addRole(mission: Mission): Mission {
+  const roles: Readonly<Record<string, Role>> =
+    roleNames(mission).length > 0 ? (mission.roles ?? {}) : { lead: { start_ned_m: [0, 0, 0], steps: mission.steps } };
+  const all = Object.values(roles);
+  const starts = all.map((role) => role.start_ned_m ?? null);
+  const [north = 0, , down = 0] = starts.at(-1) ?? [];
+  const east = Math.max(...starts.map((start) => start?.[1] ?? 0)) + BESIDE_M;
+  const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: freshSteps(all[0]?.steps ?? []) };
+  const named = { ...mission, roles, steps: [] };
+  return { ...named, roles: { ...roles, [freshName(named, 'wing')]: role } };
+}
+
+/** Why a role cannot have this name; null: it can. */
+export function nameProblem(mission: Mission, old: string, name: string): string | null {
+  if (name.trim() === '') return 'A role needs a name.';
+  if (name !== old && roleNames(mission).includes(name)) return `There already is a role ${name}.`;
+  return null;
+}
+
+export function renameRole(mission: Mission, old: string, name: string): Mission {
+  const roles = Object.entries(mission.roles ?? {}).map(([each, role]) => [each === old ? name : each, role] as const);
+  return { ...mission, roles: Object.fromEntries(roles) };
+}
+
+export function setRole(mission: Mission, name: string, fields: Partial<Role>): Mission {
+  const role = mission.roles?.[name];
+  return role === undefined ? mission : { ...mission, roles: { ...mission.roles, [name]: { ...role, ...fields } } };
+}
+
+/** Of two roles the other one's steps become those of a mission for one vehicle, which meets nobody. */
+export function removeRole(mission: Mission, name: string): Mission {
+  const { [name]: _gone, ...roles } = mission.roles ?? {};
+  const [last, ...others] = Object.values(roles);
+  if (last === undefined || others.length > 0) return { ...mission, roles };
+  const { roles: _roles, minimum_separation_m: _separation, ...alone } = mission;
+  return { ...alone, steps: withoutMeetings(last.steps) };
+}
+
+function withoutMeetings(steps: readonly Step[]): readonly Step[] {
+  return steps.filter((step) => step.step !== 'meet').map((step) => (step.step === 'repeat' ? { ...step, steps: withoutMeetings(step.steps ?? []) } : step));
+}
