@@ -10,7 +10,7 @@ import operator
 
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
-from vehicle_sim.autopilot.trajectory import YawRamp
+from vehicle_sim.autopilot.trajectory import YawRamp, fly
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TICK_S = 0.02
@@ -172,7 +172,7 @@ class Path:
 
     def z_towards(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
         """One tick towards a vertical speed (down is positive)."""
-        self.z.fly(tick_s)
+        fly(self.z.row, tick_s)
         self._smoothing.plan_vertical(velocity_m_s)
 
     def turn(self) -> None:

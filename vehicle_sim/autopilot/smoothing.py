@@ -11,7 +11,19 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from vehicle_sim.autopilot.trajectory import Axis, max_speed_for_distance, synchronise
+import numpy as np
+
+from vehicle_sim.autopilot.trajectory import (
+    POSITION,
+    SIZE,
+    VELOCITY,
+    Axis,
+    fly,
+    max_speed_for_distance,
+    plan,
+    synchronise,
+)
+from vehicle_sim.kernels import Column, Rows, formula, kernel
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ALIGNED = 0.98
@@ -19,6 +31,18 @@ ALIGNED = 0.98
 TURNING_SPEED_M_S = 0.2
 L1_LEAST_M = 5.0
 SLOW_M_S = 0.5
+SETTINGS = (
+    "MPC_XY_CRUISE", "MPC_XY_VEL_MAX", "MPC_Z_V_AUTO_UP", "MPC_Z_V_AUTO_DN", "MPC_ACC_HOR", "MPC_ACC_UP_MAX",
+    "MPC_ACC_DOWN_MAX", "MPC_JERK_AUTO", "MPC_XY_ERR_MAX", "MPC_XY_TRAJ_P", "NAV_MC_ALT_RAD",
+)  # fmt: skip
+(
+    _CRUISE, _SPEED_MAX, _UP_SPEED, _DOWN_SPEED, _LEVEL_ACCELERATION, _UP_ACCELERATION, _DOWN_ACCELERATION,
+    _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
+) = range(11)  # fmt: skip
+"""Columns of these."""
+_FROM, _TO, _ONWARD, _ACCEPTANCE = 0, 3, 6, 9
+"""Where a way's numbers begin: three places, then how near is near enough."""
+_X, _Y, _Z = 0, 1, 2
 
 
 class Limits(NamedTuple):
@@ -40,6 +64,78 @@ class Way:
     acceptance_m: float
 
 
+class Smoothing:
+    """Three axes of one vehicle, and the speed they had before a turn."""
+
+    def __init__(self, view: VehicleView) -> None:
+        self._view = view
+        self._axes = np.zeros((3, SIZE))
+        self._level_axes = self._axes[:2]
+        self.x, self.y, self.z = (Axis(row) for row in self._axes)
+        self._before_turn_m_s = np.zeros(1)
+        self._settings = np.zeros(len(SETTINGS))
+        self._settings_of = -1
+        """Of which change of parameters these are."""
+        self._way: Way | None = None
+        self._way_numbers = np.zeros(10)
+        """Of that way; a next place that there is none of is NaN."""
+
+    def begin(self) -> None:
+        """A new flight task knows no speed before a turn: one that begins across its way brakes first."""
+        self._before_turn_m_s[0] = 0.0
+
+    def fly(self, dt_s: float, way: Way, limits: Limits) -> None:
+        """One tick along the way in all axes."""
+        x, y, _ = self._view.estimate.position_ned_m
+        self._take(way)
+        _fly(self._axes, self._known(), self._way_numbers, self._before_turn_m_s, dt_s, x, y, *limits)
+
+    def fly_level(self, dt_s: float, way: Way | None, limits: Limits) -> float:
+        """One tick north and east only; without a way to rest.
+
+        Returns:
+            How long the tick is for the trajectory, which waits for a vehicle that lags [s].
+        """
+        x, y, _ = self._view.estimate.position_ned_m
+        if way is not None:
+            self._take(way)
+        return _fly_level(
+            self._axes, self._level_axes, self._known(), self._way_numbers, self._before_turn_m_s, dt_s, x, y,
+            way is not None, limits.cruise_m_s,
+        )  # fmt: skip
+
+    def plan_vertical(self, velocity_m_s: float) -> None:
+        """Towards a vertical speed (down is positive) by the limits of that direction."""
+        _plan_vertical(self.z.row, self._known(), velocity_m_s)
+
+    def vertical_speed(self, way_m: float, limits: Limits) -> float:
+        """How fast to climb or sink this far, never negative."""
+        return _vertical_speed(self._known(), way_m, limits.climb_m_s, limits.descent_m_s)
+
+    def _known(self) -> Column:
+        """The parameters as they are now."""
+        if self._settings_of != self._view.parameter_changes:
+            self._settings_of = self._view.parameter_changes
+            self._settings[:] = [self._view.parameter(name) for name in SETTINGS]
+        return self._settings
+
+    def _take(self, way: Way) -> None:
+        if way is not self._way:
+            self._way = way
+            onward = way.next_ned_m or (math.nan, math.nan, math.nan)
+            self._way_numbers[:] = *way.previous_ned_m, *way.target_ned_m, *onward, way.acceptance_m
+
+
+@formula
+def _stretch(axes: Rows, settings: Column, x: float, y: float) -> float:
+    """How much the trajectory waits: not for a vehicle that is ahead, it would never arrive."""
+    behind_n, behind_e = axes[_X, POSITION] - x, axes[_Y, POSITION] - y
+    if behind_n * axes[_X, VELOCITY] + behind_e * axes[_Y, VELOCITY] < 0.0:
+        return 1.0
+    return 1.0 - min(1.0, math.hypot(behind_n, behind_e) / max(0.1, settings[_ERROR_MAX]))
+
+
+@formula
 def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
     """A part of the velocity within its limit, and by how much the other part must slow down with it.
 
@@ -51,159 +147,146 @@ def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
     return limit_m_s, 1.0 if slow else limit_m_s / speed_m_s
 
 
-class Smoothing:
-    """Three axes of one vehicle, and the speed they had before a turn."""
+@formula
+def _corner_speed(axes: Rows, settings: Column, way: Column) -> float:
+    an, ae = way[_TO] - axes[_X, POSITION], way[_TO + 1] - axes[_Y, POSITION]
+    bn, be = way[_TO] - way[_ONWARD], way[_TO + 1] - way[_ONWARD + 1]
+    lengths = math.hypot(an, ae) * math.hypot(bn, be)
+    cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
+    half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
+    sideways = settings[_TRAJECTORY_P] * settings[_LEVEL_ACCELERATION]
+    return math.sqrt(sideways * way[_ACCEPTANCE] * math.tan(half))
 
-    def __init__(self, view: VehicleView) -> None:
-        self._view = view
-        self.x, self.y, self.z = Axis(), Axis(), Axis()
-        self._before_turn_m_s = 0.0
 
-    def begin(self) -> None:
-        """A new flight task knows no speed before a turn: one that begins across its way brakes first."""
-        self._before_turn_m_s = 0.0
+@formula
+def _level_speed(axes: Rows, settings: Column, way: Column, cruise_m_s: float) -> float:
+    cruise = min(cruise_m_s if math.isfinite(cruise_m_s) else settings[_CRUISE], settings[_SPEED_MAX])
+    jerk, acceleration = settings[_JERK], settings[_LEVEL_ACCELERATION]
+    tn, te, td = way[_TO], way[_TO + 1], way[_TO + 2]
+    nn, ne, nd = way[_ONWARD], way[_ONWARD + 1], way[_ONWARD + 2]
+    at_target = 0.0
+    if not math.isnan(nn):
+        onward_m = math.hypot(nn - tn, ne - te)
+        level = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
+        if onward_m > 0.001 and onward_m >= way[_ACCEPTANCE] and level:
+            exit_speed = max_speed_for_distance(jerk, acceleration, onward_m, 0.0)
+            at_target = min(min(_corner_speed(axes, settings, way), exit_speed), cruise)
+    left_m = math.hypot(tn - axes[_X, POSITION], te - axes[_Y, POSITION])
+    return min(cruise, max_speed_for_distance(jerk, acceleration, left_m, at_target))
 
-    def fly(self, dt_s: float, way: Way, limits: Limits) -> None:
-        """One tick along the way in all axes."""
-        stretched_s = dt_s * self._stretch()
-        for axis in (self.x, self.y, self.z):
-            axis.fly(stretched_s)
-        north, east, down = self._wanted(way, limits)
-        self._plan_level(north, east)
-        self.plan_vertical(down)
-        synchronise(self.x, self.y, self.z)
 
-    def fly_level(self, dt_s: float, way: Way | None, limits: Limits) -> float:
-        """One tick north and east only; without a way to rest.
+@formula
+def _turning(axes: Rows, way: Column) -> bool:
+    vn, ve = axes[_X, VELOCITY], axes[_Y, VELOCITY]
+    dn, de = way[_TO] - axes[_X, POSITION], way[_TO + 1] - axes[_Y, POSITION]
+    speed, left_m = math.hypot(vn, ve), math.hypot(dn, de)
+    if speed <= TURNING_SPEED_M_S or left_m <= way[_ACCEPTANCE]:
+        return False
+    return (vn * dn + ve * de) / (speed * left_m) < ALIGNED
 
-        Returns:
-            How long the tick is for the trajectory, which waits for a vehicle that lags [s].
-        """
-        stretched_s = dt_s * self._stretch()
-        self.x.fly(stretched_s)
-        self.y.fly(stretched_s)
-        north = east = 0.0
-        if way is not None:
-            speed, (aim_n, aim_e) = self._level(way, limits)
-            dn, de = aim_n - self.x.position_m, aim_e - self.y.position_m
-            length = math.hypot(dn, de)
-            if length > 1e-6:
-                north, east = speed * dn / length, speed * de / length
-        self._plan_level(north, east)
-        synchronise(self.x, self.y)
-        return stretched_s
 
-    def plan_vertical(self, velocity_m_s: float) -> None:
-        """Towards a vertical speed (down is positive) by the limits of that direction."""
-        parameter = self._view.parameter
-        name = "MPC_ACC_UP_MAX" if velocity_m_s < self.z.velocity_m_s else "MPC_ACC_DOWN_MAX"
-        self.z.plan(
-            velocity_m_s,
-            acceleration_limit_m_s2=parameter(name),
-            jerk_limit_m_s3=parameter("MPC_JERK_AUTO"),
-        )
+@formula
+def _crossing(axes: Rows, way: Column) -> tuple[float, float]:
+    """Where to aim while turning: on the line to the target, a radius ahead of the trajectory.
 
-    def vertical_speed(self, way_m: float, limits: Limits) -> float:
-        """How fast to climb or sink this far, never negative."""
-        parameter = self._view.parameter
-        up = way_m < 0.0
-        override = limits.climb_m_s if up else limits.descent_m_s
-        limit = override if math.isfinite(override) else parameter(
-            "MPC_Z_V_AUTO_UP" if up else "MPC_Z_V_AUTO_DN"
-        )  # fmt: skip
-        acceleration = parameter("MPC_ACC_UP_MAX" if up else "MPC_ACC_DOWN_MAX")
-        return min(limit, max_speed_for_distance(parameter("MPC_JERK_AUTO"), acceleration, abs(way_m)))
+    Who has passed the target aims back at it.
+    """
+    pn, pe, tn, te = way[_FROM], way[_FROM + 1], way[_TO], way[_TO + 1]
+    length = math.hypot(tn - pn, te - pe)
+    if length < 1e-6:
+        return tn, te
+    un, ue = (tn - pn) / length, (te - pe) / length
+    x, y = axes[_X, POSITION], axes[_Y, POSITION]
+    along = (x - pn) * un + (y - pe) * ue
+    if along > length:
+        return tn, te
+    closest_n, closest_e = pn + un * along, pe + ue * along
+    off_m = math.hypot(closest_n - x, closest_e - y)
+    radius = max(way[_ACCEPTANCE], L1_LEAST_M)
+    ahead = math.sqrt(radius * radius - off_m * off_m) if radius > off_m else 0.0
+    return closest_n + un * ahead, closest_e + ue * ahead
 
-    def _plan_level(self, north_m_s: float, east_m_s: float) -> None:
-        parameter = self._view.parameter
-        acceleration, jerk = parameter("MPC_ACC_HOR"), parameter("MPC_JERK_AUTO")
-        for axis, wanted in ((self.x, north_m_s), (self.y, east_m_s)):
-            axis.plan(wanted, acceleration_limit_m_s2=acceleration, jerk_limit_m_s3=jerk)
 
-    def _stretch(self) -> float:
-        """How much the trajectory waits: not for a vehicle that is ahead, it would never arrive."""
-        x, y, _ = self._view.estimate.position_ned_m
-        behind_n, behind_e = self.x.position_m - x, self.y.position_m - y
-        if behind_n * self.x.velocity_m_s + behind_e * self.y.velocity_m_s < 0.0:
-            return 1.0
-        error_m = math.hypot(behind_n, behind_e)
-        return 1.0 - min(1.0, error_m / max(0.1, self._view.parameter("MPC_XY_ERR_MAX")))
+@formula
+def _level(
+    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, cruise_m_s: float
+) -> tuple[float, float, float]:
+    """The horizontal speed, and how far north and east the place to aim at lies."""
+    speed = _level_speed(axes, settings, way, cruise_m_s)
+    aim_n, aim_e = way[_TO], way[_TO + 1]
+    if _turning(axes, way):
+        speed = min(speed, before_turn_m_s[0])
+        aim_n, aim_e = _crossing(axes, way)
+    else:
+        before_turn_m_s[0] = speed
+    return speed, aim_n - axes[_X, POSITION], aim_e - axes[_Y, POSITION]
 
-    def _wanted(self, way: Way, limits: Limits) -> Vector:
-        horizontal, (aim_n, aim_e) = self._level(way, limits)
-        dn, de = aim_n - self.x.position_m, aim_e - self.y.position_m
-        dd = way.target_ned_m[2] - self.z.position_m
-        vertical = self.vertical_speed(dd, limits)
-        length = math.sqrt(dn * dn + de * de + dd * dd)
-        if length < 1e-6:
-            return (0.0, 0.0, 0.0)
+
+@formula
+def _plan_level(axes: Rows, settings: Column, north_m_s: float, east_m_s: float) -> None:
+    plan(axes[_X], north_m_s, settings[_LEVEL_ACCELERATION], settings[_JERK])
+    plan(axes[_Y], east_m_s, settings[_LEVEL_ACCELERATION], settings[_JERK])
+
+
+@kernel
+def _vertical_speed(settings: Column, way_m: float, climb_m_s: float, descent_m_s: float) -> float:
+    up = way_m < 0.0
+    limit = climb_m_s if up else descent_m_s
+    if not math.isfinite(limit):
+        limit = settings[_UP_SPEED] if up else settings[_DOWN_SPEED]
+    acceleration = settings[_UP_ACCELERATION] if up else settings[_DOWN_ACCELERATION]
+    return min(limit, max_speed_for_distance(settings[_JERK], acceleration, abs(way_m), 0.0))
+
+
+@kernel
+def _plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
+    rises = velocity_m_s < axis[VELOCITY]
+    plan(
+        axis,
+        velocity_m_s,
+        settings[_UP_ACCELERATION] if rises else settings[_DOWN_ACCELERATION],
+        settings[_JERK],
+    )
+
+
+@kernel
+def _fly_level(
+    axes: Rows, level_axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float,
+    x: float, y: float, has_way: bool, cruise_m_s: float,
+) -> float:  # fmt: skip
+    stretched_s = dt_s * _stretch(axes, settings, x, y)
+    fly(axes[_X], stretched_s)
+    fly(axes[_Y], stretched_s)
+    north = east = 0.0
+    if has_way:
+        speed, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
+        length = math.hypot(dn, de)
+        if length > 1e-6:
+            north, east = speed * dn / length, speed * de / length
+    _plan_level(axes, settings, north, east)
+    synchronise(level_axes)
+    return stretched_s
+
+
+@kernel
+def _fly(
+    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
+    cruise_m_s: float, climb_m_s: float, descent_m_s: float,
+) -> None:  # fmt: skip
+    stretched_s = dt_s * _stretch(axes, settings, x, y)
+    for k in range(3):
+        fly(axes[k], stretched_s)
+    horizontal, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
+    dd = way[_TO + 2] - axes[_Z, POSITION]
+    vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
+    flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
+    north = east = down = 0.0
+    if length >= 1e-6:
         speed = math.hypot(horizontal, vertical)
-        across = _clamped(speed * math.hypot(dn, de) / length, horizontal)
-        rising = _clamped(across[1] * speed * abs(dd) / length, vertical)
-        level = across[0] * rising[1]
-        flat = max(math.hypot(dn, de), 1e-9)
-        return (level * dn / flat, level * de / flat, math.copysign(rising[0], dd))
-
-    def _level(self, way: Way, limits: Limits) -> tuple[float, tuple[float, float]]:
-        """The horizontal speed, and the place to aim at."""
-        speed = self._level_speed(way, limits)
-        if self._turning(way):
-            return min(speed, self._before_turn_m_s), self._crossing(way)
-        self._before_turn_m_s = speed
-        return speed, way.target_ned_m[:2]
-
-    def _level_speed(self, way: Way, limits: Limits) -> float:
-        parameter = self._view.parameter
-        cruise = limits.cruise_m_s if math.isfinite(limits.cruise_m_s) else parameter("MPC_XY_CRUISE")
-        cruise = min(cruise, parameter("MPC_XY_VEL_MAX"))
-        jerk, acceleration = parameter("MPC_JERK_AUTO"), parameter("MPC_ACC_HOR")
-        tn, te, td = way.target_ned_m
-        at_target = 0.0
-        if way.next_ned_m is not None:
-            nn, ne, nd = way.next_ned_m
-            onward_m = math.hypot(nn - tn, ne - te)
-            level = max(abs(td - self.z.position_m), abs(nd - td)) < parameter("NAV_MC_ALT_RAD")
-            if onward_m > 0.001 and onward_m >= way.acceptance_m and level:
-                exit_speed = max_speed_for_distance(jerk, acceleration, onward_m)
-                at_target = min(self._corner_speed(way, (nn, ne)), exit_speed, cruise)
-        left_m = math.hypot(tn - self.x.position_m, te - self.y.position_m)
-        return min(cruise, max_speed_for_distance(jerk, acceleration, left_m, at_target))
-
-    def _corner_speed(self, way: Way, onward: tuple[float, float]) -> float:
-        tn, te, _ = way.target_ned_m
-        an, ae = tn - self.x.position_m, te - self.y.position_m
-        bn, be = tn - onward[0], te - onward[1]
-        lengths = math.hypot(an, ae) * math.hypot(bn, be)
-        cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
-        half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
-        sideways = self._view.parameter("MPC_XY_TRAJ_P") * self._view.parameter("MPC_ACC_HOR")
-        return math.sqrt(sideways * way.acceptance_m * math.tan(half))
-
-    def _turning(self, way: Way) -> bool:
-        vn, ve = self.x.velocity_m_s, self.y.velocity_m_s
-        dn, de = way.target_ned_m[0] - self.x.position_m, way.target_ned_m[1] - self.y.position_m
-        speed, left_m = math.hypot(vn, ve), math.hypot(dn, de)
-        if speed <= TURNING_SPEED_M_S or left_m <= way.acceptance_m:
-            return False
-        return (vn * dn + ve * de) / (speed * left_m) < ALIGNED
-
-    def _crossing(self, way: Way) -> tuple[float, float]:
-        """Where to aim while turning: on the line to the target, a radius ahead of the trajectory.
-
-        Who has passed the target aims back at it.
-        """
-        pn, pe, _ = way.previous_ned_m
-        tn, te, _ = way.target_ned_m
-        length = math.hypot(tn - pn, te - pe)
-        if length < 1e-6:
-            return tn, te
-        un, ue = (tn - pn) / length, (te - pe) / length
-        x, y = self.x.position_m, self.y.position_m
-        along = (x - pn) * un + (y - pe) * ue
-        if along > length:
-            return tn, te
-        closest_n, closest_e = pn + un * along, pe + ue * along
-        off_m = math.hypot(closest_n - x, closest_e - y)
-        radius = max(way.acceptance_m, L1_LEAST_M)
-        ahead = math.sqrt(radius * radius - off_m * off_m) if radius > off_m else 0.0
-        return closest_n + un * ahead, closest_e + ue * ahead
+        across, slower = _clamped(speed * flat / length, horizontal)
+        rising, level_part = _clamped(slower * speed * abs(dd) / length, vertical)
+        level = across * level_part / max(flat, 1e-9)
+        north, east, down = level * dn, level * de, math.copysign(rising, dd)
+    _plan_level(axes, settings, north, east)
+    _plan_vertical(axes[_Z], settings, down)
+    synchronise(axes)

@@ -1,7 +1,8 @@
 """Smooth motion of one direction: a velocity reached as fast as acceleration and jerk allow.
 
 The change of velocity has three parts (jerk, constant acceleration, jerk back), as in PX4's smoothing. Axes
-that move together are given the time of the slowest, so that they bend along one curve.
+that move together are given the time of the slowest, so that they bend along one curve. An axis is a row of
+numbers, which the compiled functions below move; `Axis` is such a row by its names.
 """
 
 from __future__ import annotations
@@ -9,161 +10,161 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vehicle_sim.frames import wrap_angle
+from vehicle_sim.kernels import Column, Rows, formula, kernel
 
-
-def max_speed_for_distance(
-    jerk_m_s3: float, acceleration_m_s2: float, distance_m: float, final_speed_m_s: float = 0.0
-) -> float:
-    """The highest speed from which the vehicle can stop within `distance_m` under both limits."""
-    # Comparisons are faster than max(); a fleet of a hundred vehicles calls this 20,000 times a second.
-    jerk_m_s3 = jerk_m_s3 if jerk_m_s3 > 0.1 else 0.1
-    distance_m = distance_m if distance_m > 0.0 else 0.0
-    b = 4.0 * acceleration_m_s2 * acceleration_m_s2 / jerk_m_s3
-    c = -2.0 * acceleration_m_s2 * distance_m - final_speed_m_s * final_speed_m_s
-    square = b * b - 4.0 * c
-    speed_m_s = 0.5 * (-b + (math.sqrt(square) if square > 0.0 else 0.0))
-    return final_speed_m_s if final_speed_m_s > speed_m_s else speed_m_s
-
+POSITION, VELOCITY, ACCELERATION, JERK, ACCELERATION_LIMIT, CHANGE, FIRST, MIDDLE, LAST, PLANNED, SIZE = (
+    range(11)
+)
+"""The numbers of an axis: where it is [m], how fast [m/s, m/s²], the signed jerk of the first part [m/s³] (that
+of the last part is the opposite), the limit of the acceleration, the change of velocity that was planned [m/s],
+how long its three parts last [s], and whether one was planned since the reset: before that, the acceleration
+goes on."""
 
 _NEGLIGIBLE = 1e-6
 """Accelerations [m/s²] and changes [m/s] below this count as zero."""
 
 
-@dataclass(slots=True)
-class Axis:
-    """Position, velocity and acceleration of one direction, and the planned change of velocity."""
+@kernel
+def max_speed_for_distance(
+    jerk_m_s3: float, acceleration_m_s2: float, distance_m: float, final_speed_m_s: float
+) -> float:
+    """The highest speed from which the vehicle can stop within `distance_m` under both limits."""
+    jerk_m_s3 = max(jerk_m_s3, 0.1)
+    distance_m = max(distance_m, 0.0)
+    b = 4.0 * acceleration_m_s2 * acceleration_m_s2 / jerk_m_s3
+    c = -2.0 * acceleration_m_s2 * distance_m - final_speed_m_s * final_speed_m_s
+    square = b * b - 4.0 * c
+    speed_m_s = 0.5 * (-b + (math.sqrt(square) if square > 0.0 else 0.0))
+    return max(final_speed_m_s, speed_m_s)
 
-    position_m: float = 0.0
-    velocity_m_s: float = 0.0
-    acceleration_m_s2: float = 0.0
-    _jerk_m_s3: float = 0.0
-    """Signed jerk of the first part; the last part has the opposite sign."""
-    _acceleration_limit_m_s2: float = 0.0
-    _change_m_s: float = 0.0
-    _parts_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    _planned: bool = False
-    """Whether a change was planned since the reset; before that, the initial acceleration continues."""
+
+@formula
+def _move(axis: Column, dt_s: float, jerk: float) -> None:
+    a, v = axis[ACCELERATION], axis[VELOCITY]
+    axis[POSITION] += v * dt_s + 0.5 * a * dt_s * dt_s + jerk * dt_s**3 / 6.0
+    axis[VELOCITY] += a * dt_s + 0.5 * jerk * dt_s * dt_s
+    axis[ACCELERATION] += jerk * dt_s
+
+
+@formula
+def _within_limit(axis: Column, first_s: float) -> float:
+    a, jerk, limit = axis[ACCELERATION], axis[JERK], axis[ACCELERATION_LIMIT]
+    peak = a + jerk * first_s
+    if abs(peak) > limit:
+        first_s = (math.copysign(limit, peak) - a) / jerk
+    return max(first_s, 0.0)
+
+
+@formula
+def _middle_s(axis: Column, first_s: float, last_s: float) -> float:
+    a, jerk = axis[ACCELERATION], axis[JERK]
+    peak = a + jerk * first_s
+    if abs(peak) < _NEGLIGIBLE:
+        return 0.0
+    first_m_s = (a + 0.5 * jerk * first_s) * first_s
+    last_m_s = (peak - 0.5 * jerk * last_s) * last_s
+    return max((axis[CHANGE] - first_m_s - last_m_s) / peak, 0.0)
+
+
+@kernel
+def plan(axis: Column, velocity_m_s: float, acceleration_limit_m_s2: float, jerk_limit_m_s3: float) -> None:
+    """Chooses the fastest change to a velocity."""
+    a, limit = axis[ACCELERATION], max(jerk_limit_m_s3, 0.1)
+    gap = velocity_m_s - (axis[VELOCITY] + 0.5 * a * abs(a) / limit)
+    jerk = math.copysign(limit, gap if abs(gap) > _NEGLIGIBLE else a)
+    change = velocity_m_s - axis[VELOCITY]
+    axis[JERK], axis[ACCELERATION_LIMIT], axis[CHANGE] = jerk, acceleration_limit_m_s2, change
+    square = 0.5 * a * a + change * jerk
+    root = math.sqrt(square) if square > 0.0 else 0.0
+    first_s = _within_limit(axis, max((root - abs(a) * math.copysign(1.0, a * jerk)) / abs(jerk), 0.0))
+    last_s = max(a / jerk + first_s, 0.0)
+    axis[FIRST], axis[MIDDLE], axis[LAST] = first_s, _middle_s(axis, first_s, last_s), last_s
+    axis[PLANNED] = 1.0
+
+
+@formula
+def _take(axis: Column, total_s: float) -> None:
+    """Stretches the planned change to a longer duration."""
+    a, jerk, change = axis[ACCELERATION], axis[JERK], axis[CHANGE]
+    b = jerk * total_s - a
+    inner = jerk * jerk * total_s * total_s + 2.0 * total_s * a * jerk - a * a - 4.0 * jerk * change
+    first_s = 0.0
+    if inner > 0.0:
+        root = math.sqrt(inner)
+        sooner, later = max(0.0, (b - root) / (2.0 * jerk)), max(0.0, (b + root) / (2.0 * jerk))
+        if 2.0 * sooner + a / jerk <= total_s + 1e-9:
+            first_s = sooner
+        elif 2.0 * later + a / jerk <= total_s + 1e-9:
+            first_s = later
+    first_s = _within_limit(axis, first_s)
+    last_s = max(0.0, a / jerk + first_s)
+    axis[FIRST], axis[MIDDLE], axis[LAST] = first_s, max(0.0, total_s - first_s - last_s), last_s
+
+
+@kernel
+def fly(axis: Column, dt_s: float) -> None:
+    """Advances along the plan; after its end the velocity is constant."""
+    left_s = dt_s
+    for part in range(3):
+        lasts_s = axis[FIRST + part]
+        if lasts_s > 0.0 and left_s > 0.0:
+            step_s = min(left_s, lasts_s)
+            _move(axis, step_s, (1 - part) * axis[JERK])
+            left_s -= step_s
+            axis[FIRST + part] = lasts_s - step_s
+    if left_s > 0.0:
+        if axis[PLANNED] != 0.0:
+            axis[ACCELERATION] = 0.0
+        _move(axis, left_s, 0.0)
+
+
+@kernel
+def synchronise(axes: Rows) -> None:
+    """Stretches the plans of all axes to the duration of the slowest."""
+    longest_s = 0.0
+    for k in range(axes.shape[0]):
+        longest_s = max(longest_s, axes[k, FIRST] + axes[k, MIDDLE] + axes[k, LAST])
+    for k in range(axes.shape[0]):
+        if axes[k, FIRST] + axes[k, MIDDLE] + axes[k, LAST] < longest_s:
+            _take(axes[k], longest_s)
+
+
+def _number(index: int) -> property:
+    """A number of an axis, to read and to write."""
+
+    def read(axis: Axis) -> float:
+        return axis.values[index]
+
+    def write(axis: Axis, value: float) -> None:
+        axis.values[index] = value
+
+    return property(read, write)
+
+
+class Axis:
+    """One direction.
+
+    Args:
+        row: its numbers; default: of its own, at rest at zero.
+    """
+
+    position_m = _number(POSITION)
+    velocity_m_s = _number(VELOCITY)
+    acceleration_m_s2 = _number(ACCELERATION)
+
+    def __init__(self, row: NDArray[np.float64] | None = None) -> None:
+        self.row = np.zeros(SIZE) if row is None else row
+        self.values = self.row.data
+        """The same numbers, read and written several times as fast."""
 
     def reset(self, position_m: float, velocity_m_s: float = 0.0) -> None:
         """Starts again at a position and velocity, without acceleration."""
-        self.position_m = position_m
-        self.velocity_m_s = velocity_m_s
-        self.acceleration_m_s2 = 0.0
-        self._parts_s, self._planned = (0.0, 0.0, 0.0), False
-
-    @property
-    def change_s(self) -> float:
-        """Duration of the planned change of velocity."""
-        first_s, middle_s, last_s = self._parts_s
-        return first_s + middle_s + last_s
-
-    def plan(
-        self, velocity_wanted_m_s: float, *, acceleration_limit_m_s2: float, jerk_limit_m_s3: float
-    ) -> None:
-        """Choose the fastest change to the wanted velocity."""
-        a, limit = self.acceleration_m_s2, acceleration_limit_m_s2
-        jerk_limit_m_s3 = jerk_limit_m_s3 if jerk_limit_m_s3 > 0.1 else 0.1
-        stopping_velocity = self.velocity_m_s + 0.5 * a * abs(a) / jerk_limit_m_s3
-        gap = velocity_wanted_m_s - stopping_velocity
-        jerk = math.copysign(jerk_limit_m_s3, gap if abs(gap) > _NEGLIGIBLE else a)
-        change = velocity_wanted_m_s - self.velocity_m_s
-        self._jerk_m_s3, self._acceleration_limit_m_s2, self._change_m_s = jerk, limit, change
-        square = 0.5 * a * a + change * jerk
-        root = math.sqrt(square) if square > 0.0 else 0.0
-        first_s = (root - abs(a) * math.copysign(1.0, a * jerk)) / abs(jerk)
-        first_s = self._within_limit(first_s if first_s > 0.0 else 0.0)
-        last_s = a / jerk + first_s
-        last_s = last_s if last_s > 0.0 else 0.0
-        self._parts_s, self._planned = (first_s, self._middle_s(first_s, last_s), last_s), True
-
-    def take(self, total_s: float) -> None:
-        """Stretches the planned change to a longer duration."""
-        a, jerk, change = self.acceleration_m_s2, self._jerk_m_s3, self._change_m_s
-        b = jerk * total_s - a
-        inner = jerk * jerk * total_s * total_s + 2.0 * total_s * a * jerk - a * a - 4.0 * jerk * change
-        first_s = 0.0
-        if inner > 0.0:
-            root = math.sqrt(inner)
-            fits = [
-                first
-                for first in (max(0.0, (b - root) / (2.0 * jerk)), max(0.0, (b + root) / (2.0 * jerk)))
-                if 2.0 * first + a / jerk <= total_s + 1e-9
-            ]
-            first_s = fits[0] if fits else 0.0
-        first_s = self._within_limit(first_s)
-        last_s = max(0.0, a / jerk + first_s)
-        self._parts_s = (first_s, max(0.0, total_s - first_s - last_s), last_s)
-
-    def fly(self, dt_s: float) -> None:
-        """Advances along the plan; after its end the velocity is constant."""
-        first_s, middle_s, last_s = self._parts_s
-        left_s = dt_s
-        if first_s > 0.0 < left_s:
-            step_s = min(left_s, first_s)
-            self._move(step_s, self._jerk_m_s3)
-            left_s, first_s = left_s - step_s, first_s - step_s
-        if middle_s > 0.0 < left_s:
-            step_s = min(left_s, middle_s)
-            self._move(step_s, 0.0)
-            left_s, middle_s = left_s - step_s, middle_s - step_s
-        if last_s > 0.0 < left_s:
-            step_s = min(left_s, last_s)
-            self._move(step_s, -self._jerk_m_s3)
-            left_s, last_s = left_s - step_s, last_s - step_s
-        self._parts_s = (first_s, middle_s, last_s)
-        if left_s > 0.0:
-            if self._planned:
-                self.acceleration_m_s2 = 0.0
-            self._move(left_s, 0.0)
-
-    def advance(
-        self,
-        velocity_wanted_m_s: float,
-        dt_s: float,
-        *,
-        acceleration_limit_m_s2: float,
-        jerk_limit_m_s3: float,
-    ) -> None:
-        """Advances by `dt_s`, then plans a change to the wanted velocity."""
-        self.fly(dt_s)
-        self.plan(
-            velocity_wanted_m_s,
-            acceleration_limit_m_s2=acceleration_limit_m_s2,
-            jerk_limit_m_s3=jerk_limit_m_s3,
-        )
-
-    def _move(self, dt_s: float, jerk: float) -> None:
-        a, v = self.acceleration_m_s2, self.velocity_m_s
-        self.position_m += v * dt_s + 0.5 * a * dt_s * dt_s + jerk * dt_s**3 / 6.0
-        self.velocity_m_s += a * dt_s + 0.5 * jerk * dt_s * dt_s
-        self.acceleration_m_s2 += jerk * dt_s
-
-    def _within_limit(self, first_s: float) -> float:
-        a, jerk, limit = self.acceleration_m_s2, self._jerk_m_s3, self._acceleration_limit_m_s2
-        peak = a + jerk * first_s
-        if abs(peak) > limit:
-            first_s = (math.copysign(limit, peak) - a) / jerk
-        return first_s if first_s > 0.0 else 0.0
-
-    def _middle_s(self, first_s: float, last_s: float) -> float:
-        a, jerk = self.acceleration_m_s2, self._jerk_m_s3
-        peak = a + jerk * first_s
-        if abs(peak) < _NEGLIGIBLE:
-            return 0.0
-        first_m_s = (a + 0.5 * jerk * first_s) * first_s
-        last_m_s = (peak - 0.5 * jerk * last_s) * last_s
-        middle_s = (self._change_m_s - first_m_s - last_m_s) / peak
-        return middle_s if middle_s > 0.0 else 0.0
-
-
-def synchronise(*axes: Axis) -> None:
-    """Stretches the plans of all axes to the duration of the slowest."""
-    times_s = [axis.change_s for axis in axes]
-    longest_s = max(times_s)
-    for axis, own_s in zip(axes, times_s, strict=True):
-        if own_s < longest_s:
-            axis.take(longest_s)
+        self.row[:] = 0.0
+        self.values[POSITION], self.values[VELOCITY] = position_m, velocity_m_s
 
 
 YAW_RATE_TIME_CONSTANT_S = 0.2

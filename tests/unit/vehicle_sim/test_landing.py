@@ -247,7 +247,7 @@ class Lagging:
             height_above_ground_m=20.0,
         )  # fmt: skip
         self.simulation = SimpleNamespace(fusion=SimpleNamespace(resets=np.zeros((4, 1), dtype=np.int64)))
-        self.row = 0
+        self.row = self.parameter_changes = 0
         self.parameter = Parameters().usable
         self.choice = lambda name: int(Parameters().get(name))
 

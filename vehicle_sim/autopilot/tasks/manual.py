@@ -8,7 +8,7 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
-from vehicle_sim.autopilot.trajectory import Axis
+from vehicle_sim.autopilot.trajectory import Axis, fly, plan
 from vehicle_sim.frames import GRAVITY_M_S2, wrap_angle
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
@@ -212,11 +212,9 @@ class Manual:
         down = min(down, parameter("MPC_LAND_SPEED") + part * (down - parameter("MPC_LAND_SPEED")))
         wanted = -throttle * (up if throttle > 0.0 else max(0.0, down))
         rises = wanted < self._z.velocity_m_s
-        self._z.advance(
-            wanted, TICK_S,
-            acceleration_limit_m_s2=parameter("MPC_ACC_UP_MAX" if rises else "MPC_ACC_DOWN_MAX"),
-            jerk_limit_m_s3=parameter("MPC_JERK_MAX"),
-        )  # fmt: skip
+        limit = parameter("MPC_ACC_UP_MAX" if rises else "MPC_ACC_DOWN_MAX")
+        fly(self._z.row, TICK_S)
+        plan(self._z.row, wanted, limit, parameter("MPC_JERK_MAX"))
         if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDS_M_S:
             self._height_lock_m = None
             return math.nan, self._z.velocity_m_s
