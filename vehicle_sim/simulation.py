@@ -28,12 +28,13 @@ from vehicle_sim.sensors.range_finder import RangeFinder
 from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.state import (
     BatteryState,
-    EstimateRows,
     EstimateState,
     Home,
     SensorState,
     TargetState,
     TruthState,
+    VehicleEstimate,
+    estimates_of,
 )
 from vehicle_sim.world.contact import Collision, Contact
 from vehicle_sim.world.lidar import Lidar
@@ -107,7 +108,7 @@ class Simulation:
         """Since boot."""
         self.time_s = 0.0
         """Seconds since boot: the step count times the step."""
-        self._estimate_rows: EstimateRows | None = None
+        self._estimates: list[VehicleEstimate] | None = None
         self._start_ned_m = row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
         self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
         if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
@@ -160,11 +161,11 @@ class Simulation:
         return self._estimator.fusion
 
     @property
-    def estimate_rows(self) -> EstimateRows:
-        """The same as plain numbers."""
-        if self._estimate_rows is None:
-            self._estimate_rows = EstimateRows(self._estimator.state)
-        return self._estimate_rows
+    def estimates(self) -> list[VehicleEstimate]:
+        """The same as plain numbers, a row for each vehicle."""
+        if self._estimates is None:
+            self._estimates = estimates_of(self._estimator.state)
+        return self._estimates
 
     @property
     def battery(self) -> BatteryState:
@@ -204,7 +205,7 @@ class Simulation:
             self._touch(self._contact)
         self.steps += 1
         self.time_s = self.steps * STEP_S
-        self._estimate_rows = None
+        self._estimates = None
 
     def _touch(self, contact: Contact) -> None:
         """Finds the surface under each body, and collisions: the rotors of a collided vehicle are broken."""
@@ -242,7 +243,7 @@ class Simulation:
             self._bodies.ground_ned_m[i] = self._contact.support_ned_m(self._start_ned_m)[i]
         self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
         self._estimator.reset(i)
-        self._estimate_rows = None
+        self._estimates = None
         self._cascade.reset(i)
         self.motor_health[i] = 1.0
         self._batteries.refill(i)
@@ -290,7 +291,7 @@ class Simulation:
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Sets the global origin of vehicle `i`'s local frame, on command."""
         self._estimator.set_origin(i, lat_deg, lon_deg, alt_amsl_m)
-        self._estimate_rows = None
+        self._estimates = None
 
     def set_wind(self, wind_ned_m_s: FloatArray, i: int | None = None) -> None:
         """Steady wind: (3,) for vehicle `i`, or (3,) or (N, 3) for all."""

@@ -7,14 +7,20 @@ Arrays are written in place every step: read them, do not keep them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle_sim.kernels import Rows, kernel
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+
+Vector = tuple[float, float, float]
 
 ROTOR_COUNT = 4
 
@@ -159,26 +165,46 @@ class EstimateState:
     """(N,) height and vertical speed may be used."""
 
 
-class EstimateRows:
-    """`EstimateState` as plain numbers, a list a field, made once a step for all vehicles.
+class VehicleEstimate(NamedTuple):
+    """One vehicle's row of `EstimateState` as plain numbers; NED, FRD, SI."""
+
+    position_ned_m: Vector
+    velocity_ned_m_s: Vector
+    acceleration_ned_m_s2: Vector
+    q_ned_frd: tuple[float, float, float, float]
+    rates_frd_rad_s: Vector
+    roll_rad: float
+    pitch_rad: float
+    yaw_ned_rad: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    height_above_ground_m: float
+    """By the range finder; NaN: not known."""
+    valid_position: bool
+    valid_velocity: bool
+    valid_attitude: bool
+    valid_altitude: bool
+
+
+def estimates_of(state: EstimateState) -> list[VehicleEstimate]:
+    """Of each vehicle, made for all of them at once.
 
     Single elements of arrays cost an autopilot more than whole arrays cost a fleet.
     """
-
-    def __init__(self, state: EstimateState) -> None:
-        self.position_ned_m: list[list[float]] = state.position_ned_m.tolist()
-        self.velocity_ned_m_s: list[list[float]] = state.velocity_ned_m_s.tolist()
-        self.acceleration_ned_m_s2: list[list[float]] = state.acceleration_ned_m_s2.tolist()
-        self.q_ned_frd: list[list[float]] = state.q_ned_frd.tolist()
-        self.rates_frd_rad_s: list[list[float]] = state.rates_frd_rad_s.tolist()
-        self.lat_deg: list[float] = state.lat_deg.tolist()
-        self.lon_deg: list[float] = state.lon_deg.tolist()
-        self.alt_amsl_m: list[float] = state.alt_amsl_m.tolist()
-        self.height_above_ground_m: list[float] = state.height_above_ground_m.tolist()
-        self.valid_position: list[bool] = state.valid_position.tolist()
-        self.valid_velocity: list[bool] = state.valid_velocity.tolist()
-        self.valid_attitude: list[bool] = state.valid_attitude.tolist()
-        self.valid_altitude: list[bool] = state.valid_altitude.tolist()
+    angles_rad = np.empty((3, len(state.lat_deg)))
+    _write_angles(state.q_ned_frd, angles_rad)
+    vectors = (
+        state.position_ned_m, state.velocity_ned_m_s, state.acceleration_ned_m_s2, state.q_ned_frd,
+        state.rates_frd_rad_s,
+    )  # fmt: skip
+    numbers = (
+        *angles_rad, state.lat_deg, state.lon_deg, state.alt_amsl_m, state.height_above_ground_m,
+        state.valid_position, state.valid_velocity, state.valid_attitude, state.valid_altitude,
+    )  # fmt: skip
+    columns = (map(tuple, rows.tolist()) for rows in vectors)
+    fields = zip(*columns, *(column.tolist() for column in numbers), strict=True)
+    return list(map(VehicleEstimate._make, fields))
 
 
 @dataclass(slots=True)
@@ -219,3 +245,13 @@ class TargetState:
     """(N,)."""
     hover_thrust: FloatArray
     """(N,) the hover thrust in use (estimated when MPC_USE_HTE)."""
+
+
+@kernel
+def _write_angles(q_ned_frd: Rows, angles_rad: Rows) -> None:
+    """Roll, pitch and yaw, a row each."""
+    for i in range(q_ned_frd.shape[0]):
+        w, x, y, z = q_ned_frd[i, 0], q_ned_frd[i, 1], q_ned_frd[i, 2], q_ned_frd[i, 3]
+        angles_rad[0, i] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        angles_rad[1, i] = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+        angles_rad[2, i] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -6,36 +6,15 @@ Reading single elements of NumPy arrays is the main cost of a Python autopilot, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
-from vehicle_sim.frames import angles_of
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
 from vehicle_sim.simulation import Simulation
+from vehicle_sim.state import Vector, VehicleEstimate
 
-Vector = tuple[float, float, float]
+__all__ = ["Vector", "VehicleEstimate", "VehicleView"]
+
 Number = TypeVar("Number", float, int)
-
-
-class VehicleEstimate(NamedTuple):
-    """What the estimator says now; NED, FRD, SI."""
-
-    position_ned_m: Vector
-    velocity_ned_m_s: Vector
-    acceleration_ned_m_s2: Vector
-    q_ned_frd: tuple[float, float, float, float]
-    rates_frd_rad_s: Vector
-    roll_rad: float
-    pitch_rad: float
-    yaw_ned_rad: float
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
-    height_above_ground_m: float
-    """By the range finder; NaN: not known."""
-    valid_position: bool
-    valid_velocity: bool
-    valid_attitude: bool
-    valid_altitude: bool
 
 
 class _Known(dict[str, Number], Generic[Number]):
@@ -59,7 +38,6 @@ class VehicleView:
         self.row = row
         self.parameters: Parameters = simulation.parameters[row]
         self.boot_time_unix_s = boot_time_unix_s
-        self._estimate: VehicleEstimate | None = None
         self._floats = _Known[float](lambda name: float(self.parameters.get(name)))
         self._choices = _Known[int](lambda name: int(self.parameters.get(name)))
         self.parameter: Callable[[str], float] = self._floats.__getitem__
@@ -69,7 +47,6 @@ class VehicleView:
         self.parameter_changes = 0
         """Rises with each parameter change, so that values derived from parameters are computed again."""
         self.parameters.add_listener(self._forget)
-        self._step = -1
 
     @property
     def time_s(self) -> float:
@@ -103,25 +80,7 @@ class VehicleView:
     @property
     def estimate(self) -> VehicleEstimate:
         """The estimate of this step."""
-        step = self.simulation.steps
-        if self._estimate is None or self._step != step:
-            self._estimate, self._step = self._read(), step
-        return self._estimate
-
-    def _read(self) -> VehicleEstimate:
-        rows, i = self.simulation.estimate_rows, self.row
-        w, x, y, z = rows.q_ned_frd[i]
-        north, east, down = rows.position_ned_m[i]
-        vn, ve, vd = rows.velocity_ned_m_s[i]
-        an, ae, ad = rows.acceleration_ned_m_s2[i]
-        roll_rate, pitch_rate, yaw_rate = rows.rates_frd_rad_s[i]
-        # In the order of the fields: naming them takes a third of the time again.
-        return VehicleEstimate(
-            (north, east, down), (vn, ve, vd), (an, ae, ad), (w, x, y, z),
-            (roll_rate, pitch_rate, yaw_rate), *angles_of((w, x, y, z)),
-            rows.lat_deg[i], rows.lon_deg[i], rows.alt_amsl_m[i], rows.height_above_ground_m[i],
-            rows.valid_position[i], rows.valid_velocity[i], rows.valid_attitude[i], rows.valid_altitude[i],
-        )  # fmt: skip
+        return self.simulation.estimates[self.row]
 
     @property
     def origin(self) -> tuple[float, float, float]:

@@ -19,8 +19,8 @@ from vehicle_sim.kernels import Column, Rows, formula, kernel
 POSITION, VELOCITY, ACCELERATION, JERK, ACCELERATION_LIMIT, CHANGE, FIRST, MIDDLE, LAST, PLANNED, SIZE = (
     range(11)
 )
-"""The numbers of an axis: where it is [m], how fast [m/s, m/s²], the signed jerk of the first part [m/s³] (that
-of the last part is the opposite), the limit of the acceleration, the change of velocity that was planned [m/s],
+"""The numbers of an axis: where it is [m], how fast [m/s, m/s²], the signed jerk of the first part [m/s³]
+(that of the last part is the opposite), the limit of the acceleration, the change of velocity planned [m/s],
 how long its three parts last [s], and whether one was planned since the reset: before that, the acceleration
 goes on."""
 
@@ -158,7 +158,7 @@ class Axis:
 
     def __init__(self, row: NDArray[np.float64] | None = None) -> None:
         self.row = np.zeros(SIZE) if row is None else row
-        self.values = self.row.data
+        self.values: memoryview[float] = self.row.data.cast("B").cast("d")
         """The same numbers, read and written several times as fast."""
 
     def reset(self, position_m: float, velocity_m_s: float = 0.0) -> None:
