@@ -22,6 +22,8 @@ export interface Check {
   readonly estimates: Estimates;
   /** Of an offboard mission: its path, and what each step takes. */
   readonly flight: Flight | null;
+  /** Below the flight: along it [m], and its height above home or above the start [m]. */
+  readonly ground: readonly (readonly [number, number | null])[];
   readonly not_known: readonly string[];
 }
 
@@ -33,6 +35,15 @@ export interface Area {
 export interface Imported {
   readonly plan: Document;
   readonly areas: readonly Area[];
+  readonly notes: readonly string[];
+}
+
+export interface GroundPlan {
+  readonly plan: Plan;
+  /** Altitudes that were resolved, those that were not, and waypoints added. */
+  readonly resolved: number;
+  readonly unknown: number;
+  readonly added: number;
   readonly notes: readonly string[];
 }
 
@@ -99,6 +110,11 @@ export class PlanApi {
   /** The mission that flies a waypoint plan. */
   convert(plan: Plan, name: string, vehicle: string | null): Promise<Outcome<{ plan: Mission; notes: readonly string[] }>> {
     return edited(this.api.post('/plans/convert', { body: { plan: sent(plan), name, vehicle } }));
+  }
+
+  /** @param tolerance_m waypoints are added between items above the ground until lines are within it; null: none. */
+  followGround(plan: Plan, tolerance_m: number | null): Promise<Outcome<GroundPlan>> {
+    return edited(this.api.post('/plans/ground', { body: { plan: sent(plan), tolerance_m } }));
   }
 
   /** @param altitude_m above home, of points that have none. */

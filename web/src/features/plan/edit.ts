@@ -1,7 +1,7 @@
 /** Changes of a plan: a plan in, another plan out. Pure; nothing is changed in place. */
 
 import { eastNorth, placeAt, type Place } from '../../vehicle/geo';
-import { isPlaced, refOf, type FenceZone, type Home, type Item, type Plan } from './document';
+import { isPlaced, refOf, type Altitude, type FenceZone, type Home, type Item, type Plan } from './document';
 
 /** What plans of both kinds have. */
 export interface Fenced {
@@ -34,13 +34,20 @@ export function place(plan: Plan, id: string, at: Place): Plan {
   if (ref === null) return plan;
   if (ref.of === 'item') {
     const item = plan.items[ref.row];
-    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to }) : plan;
+    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to, altitude: unresolved(item.altitude) }) : plan;
   }
   if (ref.of === 'rally') {
     const point = plan.rally_points[ref.index];
-    return point === undefined ? plan : { ...plan, rally_points: replaced(plan.rally_points, ref.index, { ...point, ...to }) };
+    return point === undefined
+      ? plan
+      : { ...plan, rally_points: replaced(plan.rally_points, ref.index, { ...point, ...to, altitude: unresolved(point.altitude) }) };
   }
   return placeShared(plan, id, at);
+}
+
+/** At another place the ground has another altitude. */
+function unresolved(altitude: Altitude): Altitude {
+  return altitude.reference === 'terrain' ? { ...altitude, resolved_amsl_m: null } : altitude;
 }
 
 /** Home and geofence, which plans of both kinds have. */

@@ -7,7 +7,7 @@ import { fixOf, type Finding } from './fixes';
 import * as history from './history';
 import { CHOICES, freshItem, titleOf } from './items';
 import { picture, ringOf } from './layer';
-import { polylines, profile } from './profile';
+import { groundAreas, polylines, profile } from './profile';
 import { surveyOf, SURVEY } from './survey';
 import { treeOf } from './tree';
 
@@ -189,6 +189,29 @@ describe('the altitude profile', () => {
   });
 });
 
+describe('the ground below a plan', () => {
+  it('lies within the plot, with a gap where it is not known', () => {
+    const plan = planOf(waypoint(100));
+    const ground = [
+      [0, 0],
+      [30, 50],
+      [50, null],
+      [80, -20],
+      [100, -5],
+    ] as const;
+    const shape = profile(plan, ground);
+    expect([shape.top_m, shape.bottom_m]).toEqual([60, -20]);
+    const areas = groundAreas(shape, ground, 100, 80);
+    expect(areas).toBe('M0.0 80L0.0 60.0L30.0 10.0L30.0 80ZM80.0 80L80.0 80.0L100.0 65.0L100.0 80Z');
+  });
+  it('has another altitude where an item above it is moved to', () => {
+    const item = freshItem('waypoint', at(0), { value_m: 30, reference: 'terrain', resolved_amsl_m: 510 });
+    const moved = place(planOf(item), 'item:0', at(50)).items[0];
+    expect(moved).toMatchObject({ altitude: { value_m: 30, resolved_amsl_m: null } });
+    expect(place(planOf(waypoint(0)), 'item:0', at(50)).items[0]).toMatchObject({ altitude: { value_m: 30, reference: 'home' } });
+  });
+});
+
 describe('a survey', () => {
   it('counts its altitude from home and its overlaps as shares', () => {
     expect(surveyOf([at(0), at(50), at(50, 50)], SURVEY)).toMatchObject({
@@ -196,5 +219,6 @@ describe('a survey', () => {
       altitude: { value_m: 40, reference: 'home' },
       coverage: { distance_m: 40, front_overlap: 0.75, camera: { image_height_px: 3648 } },
     });
+    expect(surveyOf([at(0), at(50), at(50, 50)], { ...SURVEY, follows_ground: true })).toMatchObject({ altitude: { value_m: 40, reference: 'terrain' } });
   });
 });

@@ -3,9 +3,9 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import type { Area, Check, Format, Imported, Pattern, PlanApi, PlanVersion } from './api';
+import type { Area, Check, Format, GroundPlan, Imported, Pattern, PlanApi, PlanVersion } from './api';
 import { CONDITIONS, powerOf, type Conditions } from './conditions';
-import { EMPTY, type Home } from './document';
+import { EMPTY, type Home, type Plan } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
 import { homeOf, type Document } from './kinds';
 import type { Downloaded } from './mission.svelte';
@@ -204,17 +204,42 @@ export class Plans {
     return answer.value.file;
   }
 
-  /** Lines over an area, with pictures, at the end of the plan. */
-  async pattern(pattern: Pattern): Promise<boolean> {
+  /**
+   * Lines over an area, with pictures, at the end of the plan.
+   * @param tolerance_m of lines above the ground; null: the pattern does not follow the ground.
+   */
+  async pattern(pattern: Pattern, tolerance_m: number | null = null): Promise<boolean> {
     const answer = await this.call(this.api.pattern(pattern));
     if (!answer.ok) {
       this.fail('The survey was not created.', answer.problem);
       return false;
     }
     const { plan } = this.editor;
-    this.editor.change({ ...plan, items: [...plan.items, ...answer.value.plan.items] });
-    this.editor.stopPlacing();
+    const longer = { ...plan, items: [...plan.items, ...answer.value.plan.items] };
     this.notice = null;
+    if (tolerance_m === null) this.editor.change(longer);
+    else if (!(await this.followGround(tolerance_m, longer))) return false;
+    this.editor.stopPlacing();
+    return true;
+  }
+
+  /**
+   * Resolves altitudes above the ground with the server's elevation files.
+   * @param tolerance_m waypoints are added where a straight line leaves its height above the ground; null: none.
+   */
+  async followGround(tolerance_m: number | null, plan: Plan = this.editor.plan): Promise<boolean> {
+    const { draft } = this.editor;
+    const answer = await this.call(this.api.followGround(plan, tolerance_m));
+    if (!answer.ok) {
+      this.fail('The altitudes were not resolved.', answer.problem);
+      return false;
+    }
+    if (this.editor.draft !== draft) {
+      this.notice = { tone: 'caution', text: 'The plan was changed meanwhile: its altitudes were not resolved.' };
+      return false;
+    }
+    this.editor.change(answer.value.plan);
+    this.notice = grounded(answer.value);
     return true;
   }
 
@@ -315,6 +340,16 @@ export class Plans {
 
 function nameOf(name: string): string {
   return name.trim() === '' ? 'Plan' : name.trim();
+}
+
+function grounded({ resolved, unknown, added, notes }: GroundPlan): Notice {
+  const missing =
+    unknown === 0
+      ? []
+      : [`${unknown} ${unknown === 1 ? 'altitude stays' : 'altitudes stay'} unresolved. Put elevation files of this area into the data folder.`];
+  const waypoints = added === 0 ? '' : `, ${added} ${added === 1 ? 'waypoint' : 'waypoints'} added`;
+  const text = [`${resolved} ${resolved === 1 ? 'altitude' : 'altitudes'} above the ground resolved${waypoints}.`, ...missing, ...notes].join(' ');
+  return { tone: unknown === 0 && notes.length === 0 ? 'ok' : 'caution', text };
 }
 
 function sentence(what: string, problem: Problem): string {

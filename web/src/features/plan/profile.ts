@@ -23,10 +23,13 @@ export interface Profile {
   readonly bottom_m: number;
 }
 
+/** Of the server's check: along the flight [m], and height of the ground above home or above the start [m]. */
+export type Ground = readonly (readonly [number, number | null])[];
+
 const ROUND_M = 10;
 
 /** From home, where it is planned, through everything that is flown to. */
-export function profile(plan: Plan): Profile {
+export function profile(plan: Plan, ground: Ground = []): Profile {
   let along_m = 0;
   const home = plan.planned_home;
   const way = path(plan);
@@ -36,11 +39,11 @@ export function profile(plan: Plan): Profile {
     if (before !== null && before !== undefined) along_m += groundDistance_m(before, item);
     points.push({ row, id: `item:${row}`, along_m, alt_home_m: alt_home_m(item.altitude, home) });
   });
-  return scaled(points);
+  return scaled(points, ground);
 }
 
 /** Of a mission: its path as it will be flown, on the way that takes longest; heights above the start. */
-export function missionProfile(flight: Flight): Profile {
+export function missionProfile(flight: Flight, ground: Ground = []): Profile {
   const points: ProfilePoint[] = [];
   const start_down_m = flight.start_ned_m[2] ?? 0;
   let [along_m, place] = [0, ''];
@@ -54,12 +57,12 @@ export function missionProfile(flight: Flight): Profile {
       place = leg.place;
       points.push({ row: points.length, id: begins ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m });
     });
-  return scaled(points);
+  return scaled(points, ground);
 }
 
-function scaled(points: readonly ProfilePoint[]): Profile {
+function scaled(points: readonly ProfilePoint[], ground: Ground): Profile {
   const along_m = points.at(-1)?.along_m ?? 0;
-  const known = points.flatMap((point) => point.alt_home_m ?? []);
+  const known = [...points.flatMap((point) => point.alt_home_m ?? []), ...ground.flatMap(([, height_m]) => height_m ?? [])];
   const top_m = Math.max(ROUND_M, Math.ceil((Math.max(0, ...known) * 1.1) / ROUND_M) * ROUND_M);
   const bottom_m = Math.min(0, Math.floor(Math.min(0, ...known) / ROUND_M) * ROUND_M);
   return { points, length_m: along_m, top_m, bottom_m };
@@ -83,4 +86,21 @@ export function polylines({ points, length_m, top_m, bottom_m }: Profile, width:
     parts.at(-1)?.push({ x, y: ((top_m - point.alt_home_m) / (top_m - bottom_m)) * height, id: point.id });
   }
   return parts.filter((part) => part.length > 0);
+}
+
+/** The ground as areas down to the plot's lower edge, for the path of an SVG; places where it is not known are left out. */
+export function groundAreas({ length_m, top_m, bottom_m }: Profile, ground: Ground, width: number, height: number): string {
+  const runs: string[][] = [[]];
+  for (const [along_m, height_m] of ground) {
+    if (height_m === null) {
+      if (runs.at(-1)?.length !== 0) runs.push([]);
+      continue;
+    }
+    const x = length_m === 0 ? 0 : Math.min(1, along_m / length_m) * width;
+    runs.at(-1)?.push(`${x.toFixed(1)} ${(((top_m - height_m) / (top_m - bottom_m)) * height).toFixed(1)}`);
+  }
+  return runs
+    .filter((run) => run.length > 1)
+    .map((run) => `M${run[0]?.split(' ')[0]} ${height}L${run.join('L')}L${run.at(-1)?.split(' ')[0]} ${height}Z`)
+    .join('');
 }
