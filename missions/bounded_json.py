@@ -1,4 +1,4 @@
-"""Reads JSON from outside, within limits that are checked before and while it is parsed."""
+"""Reads untrusted JSON within limits that are checked before and during parsing."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 from missions.errors import PlanError
 
 MAX_FILE_BYTES = 8 * 1024 * 1024
-"""A plan of 10,000 items, as QGroundControl writes it, has about 5 MB."""
+"""A plan of 10,000 items, as QGroundControl writes it, takes about 5 MB."""
 MAX_DEPTH = 32
 MAX_VALUES = 250_000
-"""Counted as commas and opening brackets outside texts; 10,000 items of QGroundControl have 180,000."""
+"""Counted as commas and opening brackets outside strings; 10,000 items of QGroundControl have 180,000."""
 MAX_KEYS = 1000
-"""Of one object."""
+"""Most keys of one object."""
 MAX_LINES = 25_000
-"""Of files with an item a line."""
+"""Most lines of a file with one item per line."""
 _MAX_DIGITS = 40
 _TEXT = re.compile(r'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = re.compile(r"[^\[\]{}]+")
@@ -27,7 +27,7 @@ def decode(data: str | bytes, what: str = "the file") -> str:
     """The text of a file of bounded size, in UTF-8.
 
     Raises:
-        PlanError: It is too large, or no UTF-8.
+        PlanError: It is too large or not UTF-8.
     """
     if len(data) > MAX_FILE_BYTES:
         limit_mib, size_mb = MAX_FILE_BYTES // (1024 * 1024), len(data) / 1e6
@@ -43,10 +43,10 @@ def decode(data: str | bytes, what: str = "the file") -> str:
 
 
 def decode_lines(data: str | bytes) -> str:
-    """The text of a file with an item a line, of bounded size.
+    """The text of a file with one item per line, of bounded size.
 
     Raises:
-        PlanError: It is too large, no UTF-8, or has too many lines.
+        PlanError: It is too large, not UTF-8, or has too many lines.
     """
     text = decode(data)
     if text.count("\n") + text.count("\r") > MAX_LINES:
@@ -58,14 +58,14 @@ def check_json(data: str | bytes) -> str:
     """The text, if parsing it is safe: bounded in size, depth and number of values.
 
     Raises:
-        PlanError: It is not.
+        PlanError: It is not safe.
     """
     text = decode(data)
-    bare = _TEXT.sub("0", text)
-    if bare.count(",") + bare.count("[") + bare.count("{") > MAX_VALUES:
+    without_strings = _TEXT.sub("0", text)
+    if without_strings.count(",") + without_strings.count("[") + without_strings.count("{") > MAX_VALUES:
         raise PlanError("the file", f"more than {MAX_VALUES} values", "Split the plan into smaller ones.")
     depth = deepest = 0
-    for bracket in _NOT_BRACKETS.sub("", bare):
+    for bracket in _NOT_BRACKETS.sub("", without_strings):
         depth += 1 if bracket in "[{" else -1
         deepest = max(deepest, depth)
     if deepest > MAX_DEPTH:
@@ -76,10 +76,10 @@ def check_json(data: str | bytes) -> str:
 
 
 def load(data: str | bytes) -> Any:
-    """JSON from outside as Python values: finite numbers, no repeated key in an object.
+    """Untrusted JSON as Python values: finite numbers, no repeated key in an object.
 
     Raises:
-        PlanError: It is out of bounds or no JSON; says the line and column.
+        PlanError: It exceeds a limit or is not JSON; names the line and column.
     """
     text = check_json(data)
     try:
@@ -96,7 +96,7 @@ def load(data: str | bytes) -> Any:
 
 
 def dump(value: Any) -> str:
-    """JSON text that `load` gives back as the same values in the same order; ASCII only."""
+    """ASCII JSON text from which `load` reads the same values in the same order."""
     return json.dumps(value, allow_nan=False, separators=(",", ":"))
 
 
@@ -120,9 +120,9 @@ def _refuse_constant(text: str) -> float:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(pairs) > MAX_KEYS:
         raise PlanError("the file", f"more than {MAX_KEYS} keys in one object", "Choose another file.")
-    found = dict(pairs)
-    if len(found) != len(pairs):
+    values = dict(pairs)
+    if len(values) != len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
         raise PlanError(f"key {twice[:60]!r}", "it appears twice in one object", "Remove one of them.")
-    return found
+    return values

@@ -20,28 +20,28 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "landing_missing": ("error", "MIS_TKO_LAND_REQ requires a landing"),
     "takeoff_landing_mismatch": ("error", "MIS_TKO_LAND_REQ requires take-off and landing, or neither"),
     "command_refused": ("error", "PX4 refuses this command in a mission"),
-    "place_missing": ("error", "an item that is flown to or looked at has no place"),
+    "place_missing": ("error", "an item that needs a position has none"),
     "vtol_item": ("error", "an item for VTOL aircraft only"),
     "value_not_sendable": ("error", "a value does not fit the mission message"),
-    "set_home_place": ("error", "PX4 sets home in a mission to the vehicle's place only"),
+    "set_home_place": ("error", "in a mission PX4 sets home to the vehicle's position only"),
     "terrain_unresolved": ("error", "a terrain altitude without elevation data; PX4 refuses terrain frames"),
     "terrain_outdated": ("warning", "a resolved altitude that no longer fits the elevation data below it"),
     "terrain_hit": ("error", "the straight path between two items goes below the ground"),
     "terrain_near": ("warning", "the straight path between two items comes within 10 m of the ground"),
     "home_off_ground": ("warning", "the planned home is more than 10 m above or below the elevation data"),
-    "complex_without_items": ("error", "a pattern of another program that holds no mission items"),
+    "complex_without_items": ("error", "a pattern of another program that contains no mission items"),
     "jump_target_missing": ("error", "a jump names an item that does not exist"),
     "jump_stalls": ("error", "a jump loops without flying or waiting"),
     "jump_endless": ("warning", "a jump repeats without end"),
     "items_never_reached": ("warning", "items come after one that ends the mission"),
     "speed_invalid": ("error", "an invalid speed"),
     "speed_too_high": ("warning", "a speed above MPC_XY_VEL_MAX, which PX4 limits"),
-    "altitude_too_high": ("warning", "above the operator's limit of altitude"),
+    "altitude_too_high": ("warning", "above the operator's altitude limit"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
-    "altitude_below_home": ("warning", "flown to at or below the altitude of home"),
+    "altitude_below_home": ("warning", "an item at or below the altitude of home"),
     "altitude_unknown": ("warning", "an altitude that cannot be compared with home"),
     "first_waypoint_far": ("warning", "the first item is farther from home than MIS_DIST_1WP"),
-    "leg_too_long": ("warning", "farther from the item before than the operator's limit"),
+    "leg_too_long": ("warning", "farther from the previous item than the operator's limit"),
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
     "fence_violation": ("error", "an item outside the geofence"),
     "fence_crossed": ("error", "the straight path between two items leaves the geofence"),
@@ -60,26 +60,27 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong."""
+    """One problem of a plan."""
 
     code: str
     message: str
     """A sentence for a person."""
     row: int | None = None
-    """Index in `Plan.items`; None if it is not about an item."""
+    """Index in `Plan.items`; None: the finding concerns no single item."""
     zone: int | None = None
     """Index in `Plan.fence`."""
     rally_point: int | None = None
     """Index in `Plan.rally_points`."""
     fix: str | None = None
-    """What to do about it."""
-    raised: bool = False
-    """A warning that is an error for this vehicle."""
+    """How to correct it."""
+    is_error_here: bool = False
+    """The code is a warning, but this vehicle's parameters make it an error."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:
-        """Whether PX4 refuses it or it is unsafe (error), or it may surprise (warning)."""
-        return "error" if self.raised else CODES[self.code][0]
+        """error: PX4 refuses it or it is unsafe; warning: the flight may differ from what the pilot
+        expects."""
+        return "error" if self.is_error_here else CODES[self.code][0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,18 +106,18 @@ class Context:
     route: Route
     legs: tuple[Leg, ...]
     origin: LocalOrigin | None
-    """Of a local frame about home, else about the first place; None: the plan has no place at all."""
+    """Origin of the local frame: home, otherwise the first position; None: the plan has no position."""
 
     @classmethod
     def of(cls, plan: Plan, limits: Limits) -> Context:
-        """For one plan."""
+        """The context of one plan."""
         items = tuple(plan.simple_items())
         route = follow(plan)
         return cls(plan, limits, items, route, legs(plan, route), _origin(plan, items))
 
     @property
     def vehicle(self) -> VehicleModel:
-        """The vehicle it is checked for."""
+        """The vehicle that the plan is checked for."""
         return self.limits.vehicle
 
     @property
@@ -125,7 +126,7 @@ class Context:
         return None if self.plan.planned_home is None else self.plan.planned_home.alt_amsl_m
 
     def height_m(self, item: PlacedItem) -> float | None:
-        """Above home; None where it is not known."""
+        """Altitude of an item above home; None: unknown."""
         if item.altitude.reference == "home":
             return item.altitude.value_m
         amsl_m = item.altitude.amsl_m(self.home_amsl_m)
@@ -142,5 +143,5 @@ def _origin(plan: Plan, items: tuple[tuple[int, SimpleItem], ...]) -> LocalOrigi
 
 
 def name(row: int, item: SimpleItem) -> str:
-    """An item for a person: `Item 3 (waypoint)`."""
+    """An item's name in messages: `Item 3 (waypoint)`."""
     return f"Item {row + 1} ({item.kind.replace('_', ' ')})"

@@ -1,4 +1,4 @@
-"""Checks of the items one by one and in their order: what PX4 refuses, take-off, jumps, speeds, altitudes."""
+"""Checks of single items and their order: what PX4 refuses, take-off, jumps, speeds, altitudes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from missions.plan import ComplexItem, Plan
 from missions.route import is_flown_to
 
 FENCE_CAPACITY, RALLY_CAPACITY = 64, 32
-"""Items PX4 v1.16 has room for; a fence polygon is one for each corner."""
+"""Items that PX4 v1.16 can store; each corner of a fence polygon is one item."""
 VTOL_COMMANDS = frozenset({84, 85, 3000})
 TAKEOFF_MARGIN_M = 1.0
 
@@ -40,8 +40,10 @@ def _presence(context: Context) -> Iterator[Finding]:
         yield Finding("home_missing", message, fix="Set the planned home position.")
     for row, item in enumerate(context.plan.items):
         if isinstance(item, ComplexItem) and not item.items:
-            message = f"Item {row + 1} ({item.complex_type}) holds no mission items; it would not be flown."
-            yield Finding("complex_without_items", message, row, fix="Replace it by a pattern made here.")
+            message = (
+                f"Item {row + 1} ({item.complex_type}) contains no mission items; it would not be flown."
+            )
+            yield Finding("complex_without_items", message, row, fix="Replace it with a pattern made here.")
     corners, points = len(fence_items(context.plan)), len(context.plan.rally_points)
     if corners > FENCE_CAPACITY:
         message = f"The geofence has {corners} corners and circles; PX4 has room for {FENCE_CAPACITY}."
@@ -56,7 +58,7 @@ def _refused(context: Context) -> Iterator[Finding]:
         if isinstance(item, CommandItem):
             if _lacks_place(item):
                 message = f"Item {row + 1} (command {item.command}) has no latitude, longitude or altitude."
-                yield Finding("place_missing", message, row, fix="Set its place.")
+                yield Finding("place_missing", message, row, fix="Set its position.")
             elif item.command in VTOL_COMMANDS:
                 message = f"Item {row + 1} (command {item.command}) is for VTOL aircraft only."
                 yield Finding("vtol_item", message, row, fix="Use take-off and land.")
@@ -69,7 +71,7 @@ def _refused(context: Context) -> Iterator[Finding]:
             fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove it."
             yield Finding("command_refused", message, row, fix=fix)
         elif isinstance(item, SetHome) and item.use_current != 1.0:
-            message = f"{name(row, item)} names a place; PX4 takes only the vehicle's own."
+            message = f"{name(row, item)} names a position; PX4 accepts only the vehicle's own."
             yield Finding("set_home_place", message, row, fix="Set use_current to 1.")
         elif (
             isinstance(item, PlacedItem)
@@ -91,7 +93,7 @@ def _lacks_place(item: CommandItem) -> bool:
 
 
 def _takeoff(context: Context) -> Iterator[Finding]:
-    before: str | None = None
+    earlier: str | None = None
     least_m = context.vehicle.altitude_acceptance_m + TAKEOFF_MARGIN_M
     for row, item in context.items:
         if isinstance(item, Takeoff):
@@ -101,21 +103,21 @@ def _takeoff(context: Context) -> Iterator[Finding]:
                     f"{name(row, item)} climbs to {height_m:.1f} m above home; PX4 needs {least_m:.1f} m."
                 )
                 yield Finding("takeoff_too_low", message, row, fix=f"Raise it to {least_m:.1f} m.")
-            if before is not None:
-                message = f"PX4 requires the take-off before {before}."
+            if earlier is not None:
+                message = f"PX4 requires the take-off before {earlier}."
                 yield Finding("takeoff_not_first", message, row, fix="Move the take-off to the start.")
         if is_flown_to(item) or isinstance(item, Delay | Jump | Gate):
-            before = before or name(row, item).lower()
+            earlier = earlier or name(row, item).lower()
 
 
 def _ends(context: Context) -> Iterator[Finding]:
-    """MIS_TKO_LAND_REQ: 1 wants a take-off, 2 a landing, 3 both, 4 and 5 both or none."""
+    """MIS_TKO_LAND_REQ: 1 requires a take-off, 2 a landing, 3 both, 4 and 5 both or neither."""
     takeoff = any(isinstance(item, Takeoff) for _, item in context.items)
     landing = any(isinstance(item, Land) for _, item in context.items)
     required = context.vehicle.required_ends
     if required in (4, 5) and takeoff != landing:
-        there, missing = ("take-off", "landing") if takeoff else ("landing", "take-off")
-        message = f"The plan has a {there} but no {missing}, and the vehicle requires both or neither."
+        present, missing = ("take-off", "landing") if takeoff else ("landing", "take-off")
+        message = f"The plan has a {present} but no {missing}, and the vehicle requires both or neither."
         yield Finding("takeoff_landing_mismatch", message, fix=f"Add a {missing}.")
         return
     if required in (2, 3) and not landing:
@@ -126,7 +128,7 @@ def _ends(context: Context) -> Iterator[Finding]:
         message = (
             "The plan has no take-off; on the ground the vehicle climbs to its own take-off altitude first."
         )
-        yield Finding("takeoff_missing", message, fix="Add a take-off.", raised=required in (1, 3))
+        yield Finding("takeoff_missing", message, fix="Add a take-off.", is_error_here=required in (1, 3))
 
 
 def _jumps(context: Context) -> Iterator[Finding]:
@@ -151,7 +153,7 @@ def _never_reached(context: Context) -> Iterator[Finding]:
         return
     if isinstance(last.item, Land | LoiterUnlimited | ReturnHome) or not last.item.autocontinue:
         left = len(context.items) - last.seq - 1
-        message = f"{name(last.row, last.item)} ends the mission; {left} after it may never be reached."
+        message = f"{name(last.row, last.item)} ends the mission; {left} items after it may never be reached."
         yield Finding("items_never_reached", message, last.row, fix="Move or remove what comes after.")
 
 
@@ -187,7 +189,7 @@ def _altitudes(context: Context) -> Iterator[Finding]:
                 yield Finding("altitude_unknown", message, row, fix="Resolve it with elevation data.")
             continue
         if fence_m > 0.0 and height_m > fence_m:
-            message = f"{name(row, item)} is {height_m:.0f} m above home; the fence ends at {fence_m:.0f} m."
+            message = f"{name(row, item)} is {height_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
             yield Finding("altitude_fence", message, row, fix=f"Lower it to {fence_m:.0f} m or less.")
         elif most is not None and height_m > most:
             message = f"{name(row, item)} is {height_m:.0f} m above home; the limit is {most:.0f} m."

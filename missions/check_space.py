@@ -16,10 +16,11 @@ from missions.route import is_flown_to
 from missions.values import FenceCircle, FencePolygon, FenceZone, Point
 
 TOLERANCE_M = 0.05
-"""Points on an edge count as inside."""
+"""A point this close to an edge counts as inside."""
 CIRCLE_SEGMENTS = 64
 """Polygon segments for a quarter of a circle; the error is 0.008 % of the radius."""
-Place = tuple[float, float]
+NorthEast = tuple[float, float]
+"""[m]"""
 
 
 def _distances(context: Context) -> Iterator[Finding]:
@@ -38,16 +39,16 @@ def _distances(context: Context) -> Iterator[Finding]:
 
 def _from_home(context: Context, lat_deg: float, lon_deg: float) -> Iterator[Finding]:
     far_m, radius_m = context.vehicle.first_waypoint_max_m, context.vehicle.fence_radius_m
-    places = [
+    flown_to = [
         (row, item) for row, item in context.items if isinstance(item, PlacedItem) and is_flown_to(item)
     ]
-    for position, (row, item) in enumerate(places):
+    for index, (row, item) in enumerate(flown_to):
         away_m = distance_m(lat_deg, lon_deg, item.lat_deg, item.lon_deg)
-        if position == 0 and 0.0 < far_m < away_m:
+        if index == 0 and 0.0 < far_m < away_m:
             message = f"{name(row, item)}, the first one, is {away_m:.0f} m from home."
             yield Finding("first_waypoint_far", message, row, fix="Check that this is the right plan.")
         if 0.0 < radius_m < away_m:
-            message = f"{name(row, item)} is {away_m:.0f} m from home; the fence ends at {radius_m:.0f} m."
+            message = f"{name(row, item)} is {away_m:.0f} m from home; the fence limit is {radius_m:.0f} m."
             yield Finding("radius_exceeded", message, row, fix="Move it nearer to home.")
 
 
@@ -59,27 +60,28 @@ def _fence(context: Context) -> Iterator[Finding]:
     if home is not None and not area.covers(ShapelyPoint(_local(context, home.lat_deg, home.lon_deg))):
         message = "Home is outside the geofence: PX4 rejects this geofence."
         yield Finding("fence_home_outside", message, fix="Move the home or the fence.")
-    before: tuple[Place, bool] | None = None
+    previous: tuple[NorthEast, bool] | None = None
+    """Position, and whether it is inside."""
     if home is not None:
-        place = _local(context, home.lat_deg, home.lon_deg)
-        before = (place, bool(area.covers(ShapelyPoint(place))))
+        position = _local(context, home.lat_deg, home.lon_deg)
+        previous = (position, bool(area.covers(ShapelyPoint(position))))
     seen: set[tuple[str, int]] = set()
     for step in context.route.steps:
         item = step.item
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
-        place = _local(context, item.lat_deg, item.lon_deg)
-        inside = bool(area.covers(ShapelyPoint(place)))
+        position = _local(context, item.lat_deg, item.lon_deg)
+        inside = bool(area.covers(ShapelyPoint(position)))
         if not inside and ("point", step.seq) not in seen:
             seen.add(("point", step.seq))
             message = f"{name(step.row, item)} is outside the geofence."
             yield Finding("fence_violation", message, step.row, fix="Move it inside, or change the fence.")
-        start = before[0] if inside and before is not None and before[1] else place
-        if ("path", step.seq) not in seen and inside and not area.covers(LineString([start, place])):
+        start = previous[0] if inside and previous is not None and previous[1] else position
+        if ("path", step.seq) not in seen and inside and not area.covers(LineString([start, position])):
             seen.add(("path", step.seq))
             message = f"The straight path to {name(step.row, item).lower()} leaves the geofence."
             yield Finding("fence_crossed", message, step.row, fix="Add a waypoint around the edge.")
-        before = (place, inside)
+        previous = (position, inside)
     for index, rally in enumerate(context.plan.rally_points):
         if not area.covers(ShapelyPoint(_local(context, rally.lat_deg, rally.lon_deg))):
             message = f"Rally point {index + 1} is outside the geofence."
@@ -99,7 +101,7 @@ def _zones(context: Context) -> Iterator[Finding]:
             yield Finding("rally_terrain", message, rally_point=index, fix="Set its altitude above home.")
 
 
-def _local(context: Context, lat_deg: float, lon_deg: float) -> Place:
+def _local(context: Context, lat_deg: float, lon_deg: float) -> NorthEast:
     """North and east of the origin [m]."""
     assert context.origin is not None
     north, east, _ = context.origin.to_ned(lat_deg, lon_deg, 0.0)
@@ -114,21 +116,21 @@ def _allowed(context: Context) -> BaseGeometry | None:
 
 
 def allowed_area(fence: Sequence[FenceZone], origin: LocalOrigin) -> BaseGeometry:
-    """Inside all inclusions and outside all exclusions: north and east of a local origin [m]."""
-    whole: BaseGeometry = shapely.box(-3e7, -3e7, 3e7, 3e7)
+    """The area inside all inclusions and outside all exclusions, in metres north and east of an origin."""
+    area: BaseGeometry = shapely.box(-3e7, -3e7, 3e7, 3e7)
     for zone in fence:
         if isinstance(zone, FenceCircle):
-            center = ShapelyPoint(_corner(origin, zone.center))
+            center = ShapelyPoint(_north_east(origin, zone.center))
             shape: BaseGeometry = center.buffer(zone.radius_m, quad_segs=CIRCLE_SEGMENTS)
         else:
-            shape = shapely.make_valid(Polygon([_corner(origin, point) for point in zone.polygon]))
+            shape = shapely.make_valid(Polygon([_north_east(origin, point) for point in zone.polygon]))
         grown = shape.buffer(TOLERANCE_M if zone.inclusion else -TOLERANCE_M)
-        whole = whole.intersection(grown) if zone.inclusion else whole.difference(grown)
-    shapely.prepare(whole)
-    return whole
+        area = area.intersection(grown) if zone.inclusion else area.difference(grown)
+    shapely.prepare(area)
+    return area
 
 
-def _corner(origin: LocalOrigin, point: Point) -> Place:
+def _north_east(origin: LocalOrigin, point: Point) -> NorthEast:
     north, east, _ = origin.to_ned(point.lat_deg, point.lon_deg, 0.0)
     return (north, east)
 

@@ -1,7 +1,7 @@
-"""Checks a plan: findings with place, sentence, stable code, and a fix if there is one.
+"""Checks a plan. Each finding has a stable code, a message, the item concerned, and a fix if there is one.
 
-`check` never raises: a rule that fails is a finding itself. What PX4 v1.16 refuses is an error; what flies
-other than a person may expect is a warning.
+`check` never raises: a rule that fails becomes a finding. An error: PX4 v1.16 refuses the plan. A warning:
+the flight may differ from what the pilot expects.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ def check(plan: Plan, limits: Limits | None = None) -> tuple[Finding, ...]:
     """All findings about a plan, in the order of the rules."""
     limits = limits or Limits()
     rules: tuple[Rule, ...] = (*check_items.RULES, *check_space.RULES, _totals)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     try:
         context = Context.of(plan, limits)
     except Exception as error:
         return (Finding("check_failed", f"The plan could not be checked: {error!r:.200}."),)
     for rule in rules:
         try:
-            found += list(rule(context))
+            findings += list(rule(context))
         except Exception as error:
             name = getattr(rule, "__name__", "rule").strip("_").replace("_", " ")
             message = f"The check of {name} could not be carried out: {error!r:.200}."
-            found.append(Finding("check_failed", message))
-    return tuple(found)
+            findings.append(Finding("check_failed", message))
+    return tuple(findings)
 
 
 def _totals(context: Context) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Smooth curves through points in time: position, velocity and acceleration at any moment.
+"""Smooth curves through timed points: position, velocity and acceleration at any time.
 
 Cubic Hermite pieces. The slope at a point is that of the parabola through the point and its two neighbours;
 it is zero at both ends, so the curve starts and ends at rest. Position and velocity are continuous.
@@ -18,35 +18,36 @@ from missions.setpoints import Path, Trajectory
 
 
 class PathCurve:
-    """A path, prepared to be sampled.
+    """A path that can be sampled at any time.
 
     Args:
         path: at least two points, times increasing from 0.
-        yaw_kept_rad: the heading for a path whose points name none.
+        default_yaw_rad: the heading of a path whose points have none.
     """
 
-    def __init__(self, path: Path, yaw_kept_rad: float | None) -> None:
+    def __init__(self, path: Path, default_yaw_rad: float | None) -> None:
         self._times = [point.t_s for point in path.points]
         self._positions = [point.position_ned_m for point in path.points]
         self._slopes = _slopes(self._times, self._positions)
         self._yaws = _unwrapped([point.yaw_ned_rad for point in path.points])
-        self._yaw_kept_rad = yaw_kept_rad
+        self._default_yaw_rad = default_yaw_rad
 
     @property
     def duration_s(self) -> float:
-        """From the first point to the last."""
+        """Time from the first point to the last."""
         return self._times[-1]
 
     @property
     def rows(self) -> int:
-        """How many points it was made of."""
+        """Number of points of the path."""
         return len(self._times)
 
     def at(self, t_s: float) -> Trajectory:
-        """The setpoint `t_s` after the start; before the start and after the end: that point, at rest."""
+        """The setpoint `t_s` after the start. Before the start: the first point; after the end: the last, at
+        rest."""
         if not 0.0 < t_s < self._times[-1]:
             end = 0 if t_s <= 0.0 else -1
-            yaw = self._yaws[end] if self._yaws else self._yaw_kept_rad
+            yaw = self._yaws[end] if self._yaws else self._default_yaw_rad
             return Trajectory(self._positions[end], (0.0, 0.0, 0.0), yaw_ned_rad=yaw)
         index = bisect.bisect_right(self._times, t_s) - 1
         piece_s = self._times[index + 1] - self._times[index]
@@ -60,13 +61,14 @@ class PathCurve:
             )
             for order in range(3)
         )
-        yaw = self._yaw_kept_rad
+        yaw = self._default_yaw_rad
         if self._yaws:
             yaw = wrap_pi(self._yaws[index] + u * (self._yaws[index + 1] - self._yaws[index]))
         return Trajectory(position, velocity, acceleration, yaw)
 
-    def many(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions (N, 3) [m] and velocities (N, 3) [m/s] at N times within the path, as `at` has them."""
+    def sample(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions (N, 3) [m] and velocities (N, 3) [m/s] at N times within the path; same values as
+        `at`."""
         times = np.array(self._times)
         positions, slopes = np.array(self._positions), np.array(self._slopes)
         index = np.clip(np.searchsorted(times, times_s, side="right") - 1, 0, len(times) - 2)
@@ -77,7 +79,7 @@ class PathCurve:
 
 
 def _slopes(times_s: list[float], positions: list[Vector3]) -> list[Vector3]:
-    """The slope at each point [m/s]; computed for all at once, since a path may have thousands."""
+    """The slope at each point [m/s]; vectorised, since a path may have thousands of points."""
     spans = np.diff(np.array(times_s))[:, None]
     steps = np.diff(np.array(positions), axis=0)
     before, after = spans[:-1], spans[1:]
@@ -87,11 +89,12 @@ def _slopes(times_s: list[float], positions: list[Vector3]) -> list[Vector3]:
 
 
 def _hermite(order: int, u: Any, h: Any, p0: Any, m0: Any, p1: Any, m1: Any) -> Any:
-    """A piece's value (order 0), first or second derivative by time; of one moment or of arrays of them.
+    """The value (order 0), or the first or second time derivative of a piece, at one time or at an array of
+    times.
 
     Args:
         order: 0, 1 or 2.
-        u: share of the piece's duration, 0 to 1.
+        u: fraction of the piece's duration, 0 to 1.
         h: the piece's duration [s].
         p0: position at its start.
         m0: slope at its start.
@@ -116,7 +119,7 @@ def _vector(values: Iterable[float]) -> Vector3:
 
 
 def _unwrapped(yaws: list[float | None]) -> list[float]:
-    """The yaws without jumps of a whole turn; empty where the path names none."""
+    """The yaws without jumps of a full turn; empty if the path has none."""
     unwrapped: list[float] = []
     for yaw in yaws:
         if yaw is None:

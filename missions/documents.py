@@ -1,5 +1,4 @@
-"""Reads and writes both kinds of plan: waypoint plans, flown by PX4, and offboard missions, flown by
-setpoints."""
+"""Reads and writes waypoint plans, which PX4 flies, and offboard missions, which are flown by setpoints."""
 
 from __future__ import annotations
 
@@ -21,15 +20,15 @@ MISSION_FORMAT = "offboard-gcs-mission"
 
 
 def kind_of(document: Document) -> Kind:
-    """Which of the two it is."""
+    """The kind of a document."""
     return "offboard_mission" if isinstance(document, OffboardMission) else "waypoint_plan"
 
 
 def read(data: str | bytes) -> Document:
-    """A document of either kind from our own JSON, as its `format` says.
+    """A document of either kind from this project's JSON; `format` selects the kind.
 
     Raises:
-        PlanError: It is neither; says where and what to do.
+        PlanError: It is neither; names the field and the fix.
     """
     text = decode(data)
     value = load(text)
@@ -40,38 +39,38 @@ def read(data: str | bytes) -> Document:
 
 
 def write(document: Document) -> bytes:
-    """The document as our own JSON, UTF-8; `read` gives the same."""
+    """The document as this project's JSON in UTF-8; `read` returns an equal document."""
     if isinstance(document, OffboardMission):
         return mission_document.write(document)
     return plan_document.write(document)
 
 
 def named(document: Document, name: str) -> Document:
-    """The document under this name; only missions have one of their own."""
+    """A copy of the document with this name; a waypoint plan has no name and is returned unchanged."""
     if isinstance(document, OffboardMission) and document.name != name:
         return document.model_copy(update={"name": name})
     return document
 
 
 def count(document: Document) -> int:
-    """Items of a waypoint plan as they are uploaded, or steps of a mission, nested ones included."""
+    """Number of items of a waypoint plan as uploaded, or of steps of a mission, including nested ones."""
     if isinstance(document, OffboardMission):
-        return sum(_steps(steps) for steps in (*document.flown.values(), *document.missions.values()))
+        return sum(_steps(steps) for steps in (*document.steps_by_role.values(), *document.missions.values()))
     return sum(1 for _ in document.simple_items())
 
 
 def _steps(steps: tuple[MissionStep, ...]) -> int:
-    found = len(steps)
+    total = len(steps)
     for step in steps:
         if isinstance(step, Repeat):
-            found += _steps(step.steps)
+            total += _steps(step.steps)
         elif isinstance(step, Branch):
-            found += _steps(step.then) + _steps(step.otherwise)
-    return found
+            total += _steps(step.then) + _steps(step.otherwise)
+    return total
 
 
 def schema(kind: Kind) -> dict[str, Any]:
-    """The JSON Schema of the documents of a kind."""
+    """The JSON Schema of one kind of document."""
     if kind == "offboard_mission":
         return mission_document.schema()
     return Plan.model_json_schema()

@@ -1,4 +1,4 @@
-"""The error of a plan that cannot be read or written: where, why, and what to do."""
+"""The error of a plan that cannot be read or written: the part concerned, the reason and the fix."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pydantic import ValidationError
 
 
 class PlanError(Exception):
-    """A plan that cannot be read, or that a format cannot hold. Nothing has been changed.
+    """A plan that cannot be read, or that a format cannot store. Nothing has been changed.
 
     Attributes:
-        place: Where, for a person: "item 3 (waypoint), field lat_deg". Items count from 1.
-        reason: What is wrong there, without a full stop.
-        fix: What to do about it, as a sentence.
+        place: The part concerned: "item 3 (waypoint), field lat_deg". Items are numbered from 1.
+        reason: What is wrong, without a full stop.
+        fix: How to correct it, as a sentence.
     """
 
     def __init__(self, place: str, reason: str, fix: str) -> None:
@@ -24,7 +24,7 @@ class PlanError(Exception):
 
 
 def place_of(location: tuple[int | str, ...]) -> str:
-    """Describes a value's place for a person, from its path of keys and indexes; items count from 1."""
+    """The name of a value in messages, from its path of keys and indexes; items are numbered from 1."""
     parts = list(location)
     if len(parts) >= 2 and parts[0] in ("items", "fence", "rally_points") and isinstance(parts[1], int):
         nouns = {"items": "item", "fence": "fence zone", "rally_points": "rally point"}
@@ -48,7 +48,7 @@ _FIXES = {
     "missing": "Add this field.",
     "extra_forbidden": "Remove this field, or correct its name.",
     "finite_number": "Write a finite number.",
-    "union_tag_invalid": "Use one of the kinds named.",
+    "union_tag_invalid": "Use one of these kinds.",
     "union_tag_not_found": "Add the field that names the kind.",
     "too_long": "Split the plan into smaller ones.",
 }

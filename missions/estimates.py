@@ -1,8 +1,8 @@
 """Length, time, pictures and energy of a plan, from stated models.
 
-Time of a leg: the longer of its horizontal and vertical part. Horizontally the vehicle speeds up and slows
-down with `acceleration_m_s2` and stops at every waypoint (a trapezoid of speed); PX4 rounds gentle corners
-without stopping, so that the estimate is late, not early. Vertically the speed is constant. No wind.
+The time of a leg is the longer of its horizontal and its vertical part. Horizontally the vehicle accelerates
+and brakes with `acceleration_m_s2` and stops at every waypoint (trapezoidal speed profile). PX4 flies gentle
+corners without stopping, so the real flight is rather shorter. The vertical speed is constant. No wind.
 """
 
 import math
@@ -20,25 +20,25 @@ GROUND_SPEED_TYPES = (0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Estimates for a flight; lengths in metres, times in seconds."""
+    """Estimates for one flight."""
 
     length_m: float
-    """Along the path, over the ground and up and down."""
+    """Length of the path, horizontal and vertical."""
     time_s: float
     climb_m: float
-    """All metres upwards."""
+    """Sum of all climbs."""
     photos: int
-    """Pictures that items take; those without end count once."""
+    """Pictures that items take; an endless series counts as one."""
     energy_wh: float | None
     """None without a power model."""
     endless: bool
-    """A jump repeats without end, or the plan has more steps than are followed: it takes longer than this."""
+    """A jump repeats without end, or the plan has too many steps: the flight is longer than estimated."""
     known_altitudes: bool
-    """False: some altitude could not be compared, and its leg counts as level."""
+    """False: an altitude could not be compared with home; its leg counts as level."""
 
 
 def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None) -> Estimate:
-    """The estimate of a whole flight."""
+    """Estimates a whole flight."""
     route = follow(plan)
     leg_of = {id(leg.step): leg for leg in legs(plan, route)}
     speed_m_s = plan.hover_speed_m_s or vehicle.cruise_m_s
@@ -89,7 +89,7 @@ def leg_time_s(leg: Leg, speed_m_s: float, vehicle: VehicleModel) -> float:
 
 
 def travel_time_s(length_m: float, speed_m_s: float, acceleration_m_s2: float) -> float:
-    """Time from rest to rest with a trapezoid of speed [s]."""
+    """Time from rest to rest with a trapezoidal speed profile [s]."""
     ramp_m = speed_m_s**2 / acceleration_m_s2
     if length_m >= ramp_m:
         return length_m / speed_m_s + speed_m_s / acceleration_m_s2
@@ -111,7 +111,8 @@ def _wait_s(item: SimpleItem) -> float:
 def _return(
     plan: Plan, last: SimpleItem | None, speed_m_s: float, vehicle: VehicleModel
 ) -> tuple[float, float, float]:
-    """Length, time and climb of a return: up to the return altitude, home, down. Zero without a home."""
+    """Length, time and climb of a return: climb to the return altitude, fly home, land. Zero without a
+    home."""
     home = plan.planned_home
     if home is None or not isinstance(last, PlacedItem):
         return 0.0, 0.0, 0.0

@@ -1,7 +1,7 @@
 """Fence geometry: fences on the earth, and the region that a vehicle may be in, in its local NED frame.
 
-Horizontal positions are (north, east) of the local origin [m]. Horizontal and vertical limits are asked
-separately, because a vehicle brakes for each by itself.
+Horizontal positions are (north, east) of the local origin [m]. Horizontal and vertical limits are separate,
+because a vehicle brakes for each separately.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from missions.geodesy import LocalOrigin
 NorthEast = tuple[float, float]
 """North, east [m]."""
 INSET_M = 0.5
-"""How far inside the edge a position is placed that replaces one outside."""
-LOOK_EVERY_M, MAX_LOOKS = 0.5, 4000
-"""A straight line is looked at this often."""
+"""Distance inside the edge of a position that replaces one outside."""
+CHECK_EVERY_M, MAX_CHECKS = 0.5, 4000
+"""Spacing and maximum number of the checked points of a straight line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Circle:
     center_ne_m: NorthEast
     radius_m: float
     name: str
-    """For people: "the operator's fence"."""
+    """Name in messages: "the operator's fence"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +77,9 @@ class Region:
     """Where a vehicle may be: inside all circles and polygons, and between two altitudes."""
 
     down_min_m: float = -math.inf
-    """The upper limit: down is negative above the origin."""
+    """The upper altitude limit; down is negative above the origin."""
     down_max_m: float = math.inf
-    """The lower limit."""
+    """The lower altitude limit."""
     circles: tuple[Circle, ...] = ()
     polygons: tuple[Polygon, ...] = ()
 
@@ -94,14 +94,14 @@ class Region:
         return math.isfinite(self.down_min_m) or math.isfinite(self.down_max_m)
 
     def breach(self, p: NorthEast) -> str | None:
-        """The name of a limit that excludes the position; None where it is inside all."""
+        """The name of a limit that the position violates; None: it is inside all limits."""
         for circle in self.circles:
             if math.dist(p, circle.center_ne_m) > circle.radius_m:
                 return circle.name
         return next((polygon.name for polygon in self.polygons if not _within(p, polygon.corners_ne_m)), None)
 
     def are_outside(self, positions_ne_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """For each of many positions (N, 2): whether `breach` finds a limit that excludes it."""
+        """For each of many positions (N, 2): whether it violates a limit."""
         outside = np.zeros(len(positions_ne_m), dtype=bool)
         north, east = positions_ne_m[:, 0], positions_ne_m[:, 1]
         for circle in self.circles:
@@ -134,21 +134,21 @@ class Region:
 
     def edges(self, p: NorthEast) -> list[tuple[float, NorthEast]]:
         """For each limit: the distance inside its edge (negative: outside), and the direction outwards."""
-        found: list[tuple[float, NorthEast]] = []
+        edges: list[tuple[float, NorthEast]] = []
         for circle in self.circles:
             out = (p[0] - circle.center_ne_m[0], p[1] - circle.center_ne_m[1])
-            found.append((circle.radius_m - math.hypot(*out), _unit(out)))
+            edges.append((circle.radius_m - math.hypot(*out), _unit(out)))
         for polygon in self.polygons:
             q = _nearest_edge_point(p, polygon.corners_ne_m)
             distance_m = math.dist(p, q)
             if _within(p, polygon.corners_ne_m):
-                found.append((distance_m, _unit((q[0] - p[0], q[1] - p[1]))))
+                edges.append((distance_m, _unit((q[0] - p[0], q[1] - p[1]))))
             else:
-                found.append((-distance_m, _unit((p[0] - q[0], p[1] - q[1]))))
-        return found
+                edges.append((-distance_m, _unit((p[0] - q[0], p[1] - q[1]))))
+        return edges
 
     def nearest_inside(self, p: NorthEast) -> NorthEast | None:
-        """A position inside all limits, as near as possible; None where none is found."""
+        """A position inside all limits near the given one; None: none was found."""
         for _ in range(12):
             if self.breach(p) is None:
                 return p
@@ -161,7 +161,7 @@ class Region:
     def last_inside(self, here: NorthEast, target: NorthEast) -> NorthEast | None:
         """The last position inside on the straight line from `here` to a target.
 
-        From outside: the nearest position inside; None where none is found.
+        If `here` is outside: the nearest position inside; None: none was found.
         """
         if self.breach(here) is not None:
             return self.nearest_inside(here)
@@ -188,7 +188,7 @@ class FenceArea:
     inclusions: Region
     """The vehicle stays inside all of these."""
     exclusions: tuple[Region, ...] = ()
-    """It stays out of each of these; one zone each."""
+    """The vehicle stays outside all of these; one region for each zone."""
 
     def are_outside(self, positions_ne_m: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which of many positions (N, 2) are not allowed."""
@@ -198,8 +198,8 @@ class FenceArea:
         return outside
 
     def is_left_between(self, here: NorthEast, there: NorthEast) -> bool:
-        """Whether the straight line leaves the area or ends outside it; the way in from outside does not."""
-        count = 2 + min(MAX_LOOKS, int(math.dist(here, there) / LOOK_EVERY_M))
+        """Whether the straight line leaves the area; a line that only enters the area does not leave it."""
+        count = 2 + min(MAX_CHECKS, int(math.dist(here, there) / CHECK_EVERY_M))
         outside = self.are_outside(np.linspace(here, there, count))
         return bool(outside[int((~outside).argmax()) :].any())
 

@@ -1,8 +1,7 @@
-"""Rotations and frames on the ground side: NED and FRD, quaternions `(w, x, y, z)` of unit length.
+"""Rotations and frames of the ground station: NED and FRD, unit quaternions `(w, x, y, z)`.
 
-A quaternion's name says what it does: `q_ned_frd` takes a vector from body FRD to NED. Vectors and
-quaternions are tuples of floats: for a single value that is faster than NumPy. ENU and FLU exist in
-`gcs_server/scene` only.
+`q_ned_frd` transforms a vector from body FRD to NED. Vectors and quaternions are tuples of floats, which is
+faster than NumPy for single values. Only `gcs_server/scene` uses ENU and FLU.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
 
 
 def normalized(q: Quaternion) -> Quaternion | None:
-    """The quaternion scaled to unit length; None where it is not a rotation (zero or not finite)."""
+    """The quaternion scaled to unit length; None if it is zero or not finite."""
     length = math.hypot(*q)
     if not math.isfinite(length) or length < 1e-6:
         return None
@@ -86,7 +85,8 @@ def euler_from_q(q: Quaternion) -> Vector3:
 
 
 def ned_from_heading(vector_frd: Vector3, yaw_ned_rad: float) -> Vector3:
-    """A vector of the level heading frame (forward, right, down) in NED; `-yaw_ned_rad` gives the inverse."""
+    """Rotates a vector from the level heading frame (forward, right, down) to NED; `-yaw_ned_rad` inverts
+    it."""
     c, s = math.cos(yaw_ned_rad), math.sin(yaw_ned_rad)
     return (c * vector_frd[0] - s * vector_frd[1], s * vector_frd[0] + c * vector_frd[1], vector_frd[2])
 
@@ -114,21 +114,21 @@ def limit_tilt(q_ned_frd: Quaternion, max_rad: float) -> tuple[Quaternion, bool]
     return normalized(limited) or limited, True
 
 
-def limit_rotation(before: Quaternion, wanted: Quaternion, max_rad: float) -> tuple[Quaternion, bool]:
-    """Rotates from `before` towards `wanted` by at most `max_rad`.
+def limit_rotation(start: Quaternion, target: Quaternion, max_rad: float) -> tuple[Quaternion, bool]:
+    """Rotates from `start` towards `target` by at most `max_rad`.
 
     Returns:
-        The attitude, and whether it is short of `wanted`.
+        The attitude, and whether it differs from `target`.
     """
-    step = multiply(conjugate(before), wanted)
+    step = multiply(conjugate(start), target)
     if step[0] < 0:  # the shorter way round
         step = (-step[0], -step[1], -step[2], -step[3])
     sine = math.hypot(step[1], step[2], step[3])
     if 2.0 * math.atan2(sine, step[0]) <= max_rad:
-        return wanted, False
+        return target, False
     scale = math.sin(max_rad / 2.0) / sine
     part = (math.cos(max_rad / 2.0), step[1] * scale, step[2] * scale, step[3] * scale)
-    limited = multiply(before, part)
+    limited = multiply(start, part)
     return normalized(limited) or limited, True
 
 

@@ -1,6 +1,6 @@
-"""Latitude, longitude and the local NED frame: flat about its origin, for the range of one vehicle.
+"""Latitude, longitude and the local NED frame, a flat projection around its origin.
 
-The earth is a sphere of the radius that PX4 projects with (`CONSTANTS_RADIUS_OF_EARTH`).
+The earth is a sphere with PX4's radius (`CONSTANTS_RADIUS_OF_EARTH`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: floa
 
 @dataclass(frozen=True, slots=True)
 class LocalOrigin:
-    """The zero of a local NED frame on the earth."""
+    """Position of the origin of a local NED frame."""
 
     lat_deg: float
     lon_deg: float
@@ -33,14 +33,14 @@ class LocalOrigin:
     def from_pair(
         cls, lat_deg: float, lon_deg: float, alt_amsl_m: float, position_ned_m: Vector3
     ) -> LocalOrigin:
-        """From one position that is known both on the earth and in the local frame."""
+        """The origin, from one position known both as latitude and longitude and in the local frame."""
         lat_0_deg = lat_deg - math.degrees(position_ned_m[0] / EARTH_RADIUS_M)
         radius_m = EARTH_RADIUS_M * math.cos(math.radians(lat_0_deg))
         lon_0_deg = lon_deg - math.degrees(position_ned_m[1] / radius_m)
         return cls(lat_0_deg, lon_0_deg, alt_amsl_m + position_ned_m[2])
 
     def to_ned(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Vector3:
-        """A position on the earth as north, east, down of the origin [m]."""
+        """Converts a global position to north, east, down relative to the origin [m]."""
         north = math.radians(lat_deg - self.lat_deg) * EARTH_RADIUS_M
         delta_lon_deg = math.remainder(lon_deg - self.lon_deg, 360.0)
         east = math.radians(delta_lon_deg) * EARTH_RADIUS_M * math.cos(math.radians(self.lat_deg))
@@ -54,6 +54,6 @@ class LocalOrigin:
         return (self.lat_deg + math.degrees(north / EARTH_RADIUS_M), lon_deg, self.alt_amsl_m - down)
 
     def to_frame_of(self, other: LocalOrigin, position_ned_m: Vector3) -> Vector3:
-        """A position of this frame in the frame of another origin, at most a few kilometres away."""
+        """Converts a position of this frame to the frame of another origin, at most a few kilometres away."""
         n, e, d = other.to_ned(self.lat_deg, self.lon_deg, self.alt_amsl_m)
         return (position_ned_m[0] + n, position_ned_m[1] + e, position_ned_m[2] + d)

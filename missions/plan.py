@@ -1,7 +1,7 @@
 """The document of a waypoint plan: items, geofence, rally points, home and speeds.
 
-Frozen; whoever changes a plan makes a new one. Unknown parts of a foreign file travel along as JSON
-text (`original`), so that the file can be written back without loss.
+Plans are immutable. Unknown parts of a file of another program are kept as JSON text (`original`), so that
+the file can be written back without loss.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from missions.errors import PlanError, from_validation
 from missions.values import FenceZone, HomePosition, Model, RallyPoint
 
 MAX_ITEMS = 10_000
-"""Items of a mission, those inside complex items included; PX4 has room for as many."""
+"""Most items of a mission, including those inside complex items; PX4 can store as many."""
 MAX_FENCE_ZONES = 500
 MAX_RALLY_POINTS = 500
 
@@ -30,7 +30,7 @@ TYPED_ITEMS: tuple[type[i.Item], ...] = (
     c.VideoStop, c.CameraMode, c.CameraZoom, c.CameraFocus, c.ControlVideo, c.Digicam, c.ObliqueSurvey,
     c.GimbalPitchYaw, c.GimbalConfigure, c.MountConfigure, c.MountControl,
 )  # fmt: skip
-"""Every item PX4 v1.16 executes for a multicopter."""
+"""All items that PX4 v1.16 executes for a multicopter."""
 
 SimpleItem = Annotated[
     i.Takeoff | i.Waypoint | i.LoiterUnlimited | i.LoiterTime | i.LoiterToAltitude | i.Land | i.RoiLocation
@@ -45,10 +45,10 @@ SimpleItem = Annotated[
 
 
 class ComplexItem(Model):
-    """A pattern of another program (QGroundControl's survey, corridor, structure scan), kept whole.
+    """A pattern of another program (QGroundControl's survey, corridor, structure scan), kept unchanged.
 
-    `items` are the mission items that the file has for it. Some files have none (QGroundControl works them
-    out anew when it opens a structure scan): such a plan can be kept and shown, but not flown.
+    `items` are its mission items in the file. Some files have none, because QGroundControl recalculates a
+    structure scan when it opens the file. Such a plan can be stored and displayed, but not flown.
     """
 
     kind: Literal["complex"] = "complex"
@@ -59,7 +59,7 @@ class ComplexItem(Model):
 
 
 PlanItem = Annotated[SimpleItem | ComplexItem, Field(discriminator="kind")]
-"""One row of a plan: a simple item, or a complex one that holds several."""
+"""One row of a plan: a simple item, or a complex item that contains several."""
 
 Speed = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
 
@@ -71,17 +71,18 @@ class Plan(Model):
     version: Literal[1] = 1
     planned_home: HomePosition | None = None
     cruise_speed_m_s: Speed | None = None
-    """Planned speed of fixed wings (kept for files that have it)."""
+    """Planned speed of fixed-wing aircraft; stored only because files contain it."""
     hover_speed_m_s: Speed | None = None
     """Planned speed of multicopters, used by estimates, not uploaded; None: the vehicle's MPC_XY_CRUISE."""
     items: Annotated[tuple[PlanItem, ...], Field(max_length=MAX_ITEMS)] = ()
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=MAX_FENCE_ZONES)] = ()
     rally_points: Annotated[tuple[RallyPoint, ...], Field(max_length=MAX_RALLY_POINTS)] = ()
     original: str | None = None
-    """JSON text of the .plan file it was read from, without what the fields above hold."""
+    """JSON text of the .plan file it was read from, without the data of the fields above."""
 
     def simple_items(self) -> Iterator[tuple[int, SimpleItem]]:
-        """The items as they are uploaded, complex ones in their place, each with its row in `items`."""
+        """The items in upload order, each with its row in `items`; a complex item yields its mission
+        items."""
         for row, item in enumerate(self.items):
             if isinstance(item, ComplexItem):
                 for inner in item.items:
@@ -91,10 +92,10 @@ class Plan(Model):
 
 
 def read(data: str | bytes) -> Plan:
-    """A plan from our own JSON.
+    """Reads a plan from this project's JSON.
 
     Raises:
-        PlanError: It is too large, no JSON, or not a plan; says where and what to do.
+        PlanError: It is too large, not JSON, or not a plan; names the field and the fix.
     """
     text = decode(data)
     load(text)
@@ -106,10 +107,10 @@ def read(data: str | bytes) -> Plan:
 
 
 def check_count(plan: Plan) -> Plan:
-    """The plan itself, where it has no more items than PX4 has room for.
+    """Returns the plan if PX4 can store its items.
 
     Raises:
-        PlanError: It has more.
+        PlanError: It has too many items.
     """
     count = sum(len(item.items) if isinstance(item, ComplexItem) else 1 for item in plan.items)
     if count > MAX_ITEMS:
@@ -119,12 +120,12 @@ def check_count(plan: Plan) -> Plan:
 
 
 def write(plan: Plan) -> bytes:
-    """The plan as our own JSON, UTF-8; `read` gives the same plan."""
+    """The plan as this project's JSON in UTF-8; `read` returns an equal plan."""
     return plan.model_dump_json(indent=1, exclude_defaults=False).encode()
 
 
 def without_originals(plan: Plan) -> Plan:
-    """The plan as if it had been made here: nothing kept of a foreign file but what the fields say."""
+    """A copy of the plan without the JSON text of the file it was read from."""
     return plan.model_copy(
         update={
             "original": None,

@@ -1,4 +1,4 @@
-"""The route of a plan: its items in the order of execution, with jumps followed, and the legs between
+"""The route of a plan: its items in the order of execution, jumps included, and the legs between
 positions."""
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from missions.plan import Plan, SimpleItem
 from missions.values import Altitude
 
 MAX_STEPS = 20_000
-"""Items that are followed; jumps may repeat others many times."""
+"""Most executed items; jumps may repeat items many times."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """An item at the moment it is carried out."""
+    """One execution of an item."""
 
     seq: int
-    """Index as uploaded."""
+    """Index in upload order."""
     row: int
     """Index of its row in `Plan.items`."""
     item: SimpleItem
@@ -27,46 +27,46 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The items in the order they are carried out."""
+    """The items in the order of execution."""
 
     steps: tuple[Step, ...]
     endless: bool
-    """A jump repeats without end; it is followed once."""
+    """A jump repeats without end; the route contains it once."""
     truncated: bool
     """There are more steps than `MAX_STEPS`."""
     stalled_row: int | None
-    """The row of a jump that leads back to itself without an item that is flown to or waited for."""
+    """The row of a jump that loops without flying to an item or waiting."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """From one place to the next."""
+    """The straight path from one position to the next."""
 
     step: Step
     length_m: float
-    """Over the ground."""
+    """Horizontal length."""
     climb_m: float | None
-    """Positive up; None where the two altitudes cannot be compared."""
+    """Positive upwards; None: the two altitudes cannot be compared."""
 
 
 def is_flown_to(item: SimpleItem) -> bool:
-    """Whether the vehicle flies to the item's place; a region of interest is only looked at."""
+    """Whether the vehicle flies to the item's position; only the camera points at a region of interest."""
     return isinstance(item, PlacedItem) and not isinstance(item, LegacyRoi | RoiLocation)
 
 
 def follow(plan: Plan) -> Route:
-    """The items as PX4 carries them out: jumps followed, nothing after a landing or return."""
+    """The items as PX4 executes them, including jumps, up to a landing or return."""
     items = [Step(seq, row, item) for seq, (row, item) in enumerate(plan.simple_items())]
     steps: list[Step] = []
     jumps: dict[int, int] = {}
     endless, stalled_row = False, None
-    seq = since_place = 0
+    seq = since_position = 0
     while seq < len(items) and len(steps) < MAX_STEPS:
         step = items[seq]
         steps.append(step)
         item = step.item
-        since_place = 0 if is_flown_to(item) or isinstance(item, Delay) else since_place + 1
-        if since_place > len(items) + 1:
+        since_position = 0 if is_flown_to(item) or isinstance(item, Delay) else since_position + 1
+        if since_position > len(items) + 1:
             stalled_row = step.row
             break
         seq += 1
@@ -84,25 +84,26 @@ def follow(plan: Plan) -> Route:
 
 
 def legs(plan: Plan, route: Route) -> tuple[Leg, ...]:
-    """The legs between the places of a route; the first one from the planned home, where there is one."""
+    """The legs between the positions of a route; the first one starts at the planned home, if there is
+    one."""
     home = plan.planned_home
     here = None if home is None else (home.lat_deg, home.lon_deg)
     altitude = None if home is None else Altitude(value_m=home.alt_amsl_m, reference="amsl")
     home_amsl_m = None if home is None else home.alt_amsl_m
-    found: list[Leg] = []
+    legs_flown: list[Leg] = []
     for step in route.steps:
         item = step.item
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
         if here is not None:
             length_m = distance_m(*here, item.lat_deg, item.lon_deg)
-            found.append(Leg(step, length_m, climb_m(altitude, item.altitude, home_amsl_m)))
+            legs_flown.append(Leg(step, length_m, climb_m(altitude, item.altitude, home_amsl_m)))
         here, altitude = (item.lat_deg, item.lon_deg), item.altitude
-    return tuple(found)
+    return tuple(legs_flown)
 
 
 def climb_m(start: Altitude | None, end: Altitude, home_alt_amsl_m: float | None) -> float | None:
-    """How much higher the end is; None where home or terrain is needed and not known."""
+    """Altitude difference from start to end; None if it requires an unknown home or terrain altitude."""
     if start is None:
         return None
     if start.reference == end.reference == "home":

@@ -1,13 +1,13 @@
-"""Offboard setpoints, one frozen class a kind, whatever carries them.
+"""Offboard setpoints, one frozen class for each kind, independent of the protocol that carries them.
 
-Field names say quantity, frame and unit: NED from the vehicle's local origin; FRD of the body, in the
-`_body` kinds of the level heading frame. None means "not controlled" (an ignore bit in MAVLink, NaN in PX4).
-Where a kind has several quantities, position goes before velocity and velocity before acceleration; the lower
-ones are feed-forward. With neither yaw nor yaw rate the vehicle keeps its present heading.
+Field names contain quantity, frame and unit. NED is relative to the vehicle's local origin. FRD is the body
+frame; in the `_body` kinds it is the level heading frame. None means "not controlled" (an ignore bit in
+MAVLink, NaN in PX4). If a kind has several quantities, PX4 controls the position, otherwise the velocity,
+otherwise the acceleration; the others are feed-forward. With neither yaw nor yaw rate the vehicle keeps its
+heading.
 
-`type` is a kind's name in the API, on the page and in plans. `needs` are the estimates without which a kind
-cannot be flown: those that PX4 requires, and those needed to convert it into a kind that is sent
-unchanged.
+`type` is the name of a kind in the API, on the page and in plans. `needs` are the estimates that a kind
+requires: those of PX4, and those for the conversion to a kind that is sent unchanged.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class PositionGlobal:
-    """A position on the earth, with exactly one of the two altitudes."""
+    """A global position, with exactly one of the two altitudes."""
 
     type: ClassVar[str] = "position_global"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "global_position")
@@ -58,7 +58,7 @@ class PositionBody:
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "heading")
     offset_frd_m: Vector3
     yaw_offset_rad: float | None = None
-    """Added to the heading; None keeps the heading."""
+    """Added to the heading; None: keep the heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True)
 class VelocityBody:
-    """A velocity in the level heading frame; it turns with the vehicle."""
+    """A velocity in the level heading frame, which turns with the vehicle."""
 
     type: ClassVar[str] = "velocity_body"
     needs: ClassVar[tuple[Estimate, ...]] = ("velocity", "heading")
@@ -85,7 +85,7 @@ class VelocityBody:
 
 @dataclass(frozen=True, slots=True)
 class Acceleration:
-    """An acceleration in the local frame without gravity: zero keeps the velocity, not the position."""
+    """An acceleration in the local frame without gravity; zero keeps the velocity, not the position."""
 
     type: ClassVar[str] = "acceleration"
     needs: ClassVar[tuple[Estimate, ...]] = ("velocity",)
@@ -117,7 +117,7 @@ class Attitude:
     thrust: float
     """0 to 1, along the body's up axis."""
     yaw_rate_ned_rad_s: float | None = None
-    """Feed-forward about the earth's down axis (PX4's `yaw_sp_move_rate`)."""
+    """Yaw rate feed-forward about the vertical axis (PX4's `yaw_sp_move_rate`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ class ThrustTorque:
 
 @dataclass(frozen=True, slots=True)
 class Actuators:
-    """Each motor and servo by itself, normalised to -1..1; None is disarmed."""
+    """A value for each motor and servo, normalised to -1..1; None: disarmed."""
 
     type: ClassVar[str] = "actuators"
     needs: ClassVar[tuple[Estimate, ...]] = ()
@@ -155,14 +155,14 @@ class PathPoint:
     """A position at a time."""
 
     t_s: float
-    """Since the start of the path."""
+    """Time since the start of the path."""
     position_ned_m: Vector3
     yaw_ned_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """A curve through points in time (`curves.PathCurve`); the vehicle holds its last point afterwards."""
+    """A curve through timed points (`curves.PathCurve`); afterwards the vehicle holds the last point."""
 
     type: ClassVar[str] = "path"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
@@ -170,23 +170,24 @@ class Path:
 
     @property
     def duration_s(self) -> float:
-        """From the first point to the last."""
+        """Time from the first point to the last."""
         return self.points[-1].t_s
 
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """A position relative to another vehicle; it moves with that vehicle. Exactly one of the two offsets."""
+    """A position relative to another vehicle, with exactly one of the two offsets; it moves with that
+    vehicle."""
 
     type: ClassVar[str] = "follow"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "global_position")
     vehicle: str
-    """The id of the vehicle that is followed."""
+    """Id of the vehicle to follow."""
     offset_ned_m: Vector3 | None = None
     offset_frd_m: Vector3 | None = None
-    """Along the other vehicle's heading."""
+    """Offset in the other vehicle's heading frame."""
     yaw: str = "keep"
-    """keep (the heading), same (as the other vehicle's), face (the other vehicle)."""
+    """keep: keep the heading; same: the other vehicle's heading; face: towards the other vehicle."""
 
 
 DirectSetpoint = (
@@ -196,11 +197,11 @@ DirectSetpoint = (
 Setpoint = DirectSetpoint | PositionBody | ThrustTorque | Actuators | Path | Follow
 """Every kind."""
 KINDS: dict[str, type[Setpoint]] = {kind.type: kind for kind in get_args(Setpoint)}
-"""Every kind by the name that the API, the page and plans give it."""
+"""Every kind by its `type`."""
 
 
 def needs_of(setpoint: Setpoint) -> tuple[Estimate, ...]:
-    """The estimates that one setpoint needs: those of its kind, by the fields that are given."""
+    """The estimates that one setpoint needs, which depends on its kind and on the given fields."""
     if isinstance(setpoint, Trajectory) and all(axis is None for axis in setpoint.position_ned_m):
         return (Velocity if any(setpoint.velocity_ned_m_s) else Acceleration).needs
     if isinstance(setpoint, PositionGlobal) and setpoint.alt_home_m is not None:
@@ -211,7 +212,7 @@ def needs_of(setpoint: Setpoint) -> tuple[Estimate, ...]:
 
 
 def complete(vector: Partial3) -> Vector3 | None:
-    """The vector where all its axes are controlled, else None."""
+    """The vector if all its axes are controlled, otherwise None."""
     x, y, z = vector
     return None if x is None or y is None or z is None else (x, y, z)
 

@@ -1,4 +1,4 @@
-"""The values that every part of a plan is made of: numbers, altitudes, places."""
+"""Common values of plans: numbers, altitudes, positions, fence zones."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
-"""A finite number of a size that can be."""
+"""A finite number of plausible size."""
 LatDeg = Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)]
 LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, allow_inf_nan=False)]
 AltitudeM = Annotated[float, Field(ge=-12_000.0, le=100_000.0, allow_inf_nan=False)]
-"""Metres, positive up; from the deepest sea to the edge of space."""
+"""Metres, positive up; from the bottom of the sea to the edge of space."""
 Metres = Annotated[float, Field(ge=0.0, le=1e7, allow_inf_nan=False)]
 
 Reference = Literal["home", "amsl", "terrain"]
-"""What an altitude counts from: the home position, mean sea level, or the ground below."""
+"""Reference of an altitude: the home position, mean sea level, or the ground below."""
 
 
 class Model(BaseModel):
-    """Frozen, no unknown fields, no silent conversion of types."""
+    """Base class of documents: immutable, no unknown fields, no type conversion."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Altitude(Model):
-    """An altitude with what it counts from; neither means anything alone.
+    """An altitude with its reference.
 
-    `resolved_amsl_m` belongs to the reference "terrain": the altitude above mean sea level that
-    elevation data gave for it. PX4 flies only that, since it refuses terrain frames.
+    `resolved_amsl_m` belongs to the reference "terrain": the altitude above mean sea level computed from
+    elevation data. It is uploaded instead, because PX4 refuses terrain frames.
     """
 
     value_m: AltitudeM
@@ -36,7 +36,7 @@ class Altitude(Model):
     resolved_amsl_m: AltitudeM | None = None
 
     def amsl_m(self, home_alt_amsl_m: float | None) -> float | None:
-        """Above mean sea level in metres; None where home or terrain is not known."""
+        """Altitude above mean sea level [m]; None: home or terrain is unknown."""
         if self.reference == "amsl":
             return self.value_m
         if self.reference == "home":
@@ -45,14 +45,14 @@ class Altitude(Model):
 
 
 class Point(Model):
-    """A place on the ground, WGS84 degrees."""
+    """A position on the ground, WGS84 degrees."""
 
     lat_deg: LatDeg
     lon_deg: LonDeg
 
 
 class HomePosition(Model):
-    """Where the flight is planned to start: WGS84 degrees, metres above mean sea level."""
+    """Planned home position: WGS84 degrees, metres above mean sea level."""
 
     lat_deg: LatDeg
     lon_deg: LonDeg
@@ -60,7 +60,7 @@ class HomePosition(Model):
 
 
 class RallyPoint(Model):
-    """A place to return to instead of home."""
+    """A position to return to instead of home."""
 
     lat_deg: LatDeg
     lon_deg: LonDeg

@@ -1,4 +1,4 @@
-"""What a plan is judged and timed by: the vehicle's speeds and limits, and its power."""
+"""Vehicle model for checks and estimates of plans: speeds, limits and power."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 GRAVITY_M_S2 = 9.80665
 AIR_DENSITY_KG_M3 = 1.225
-"""ISA, sea level."""
+"""At sea level, international standard atmosphere."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleModel:
-    """Speeds and limits; the defaults are those of PX4 v1.16 for a multicopter (parameter names beside)."""
+    """Speeds and limits; the defaults are those of the PX4 v1.16 parameters for a multicopter."""
 
     cruise_m_s: float = 5.0  # MPC_XY_CRUISE
     speed_max_m_s: float = 12.0  # MPC_XY_VEL_MAX
@@ -33,16 +33,17 @@ class VehicleModel:
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, float]) -> VehicleModel:
-        """With the vehicle's own values, where it has them and they are finite."""
-        found = {
+        """Uses the vehicle's parameters that are finite, otherwise the defaults."""
+        values = {
             field: parameters[name]
             for field, name in PARAMETERS.items()
             if name in parameters and math.isfinite(parameters[name])
         }
-        if "required_ends" in found:
-            found["required_ends"] = int(found["required_ends"])
+        if "required_ends" in values:
+            values["required_ends"] = int(values["required_ends"])
         positive = {name for name in PARAMETERS if name.endswith(("_m_s", "_m_s2"))}
-        return cls(**{name: value for name, value in found.items() if name not in positive or value > 0.0})  # type: ignore[arg-type]
+        valid = {name: value for name, value in values.items() if name not in positive or value > 0.0}
+        return cls(**valid)  # type: ignore[arg-type]
 
 
 PARAMETERS = {
@@ -67,19 +68,19 @@ PARAMETERS = {
 
 @dataclass(frozen=True, slots=True)
 class PowerModel:
-    """Constant power in flight, and the work of climbing.
+    """Constant power in flight, plus the work of climbing.
 
-    Hover power is a fair bound up to moderate speeds, where induced power falls and drag rises. Climbing at v
-    adds mass · g · v / efficiency; descending saves nothing.
+    Hover power is a good estimate up to moderate speeds: induced power decreases while drag increases.
+    Climbing at v adds mass · g · v / efficiency; a descent saves no energy.
     """
 
     hover_power_w: float
     battery_wh: float
     mass_kg: float
     efficiency: float = 0.6
-    """Of motors, controllers and propellers together, 0 to 1."""
+    """Total efficiency of motors, controllers and propellers, 0 to 1."""
     reserve: float = 0.2
-    """Share of the battery that stays for the unexpected."""
+    """Share of the battery that is kept in reserve."""
 
     @property
     def usable_wh(self) -> float:
@@ -87,7 +88,7 @@ class PowerModel:
         return self.battery_wh * (1.0 - self.reserve)
 
     def energy_wh(self, time_s: float, climb_m: float) -> float:
-        """Energy of a flight of this duration that climbs so many metres in all [Wh]."""
+        """Energy of a flight, from its duration and total climb [Wh]."""
         climb_j = self.mass_kg * GRAVITY_M_S2 * climb_m / self.efficiency
         return (self.hover_power_w * time_s + climb_j) / 3600.0
 

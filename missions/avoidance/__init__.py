@@ -1,1 +1,1 @@
-"""Obstacle avoidance: from measured distances and the motion that is wanted to one that is free. Pure."""
+"""Obstacle avoidance: changes the wanted motion so that it stays clear of measured obstacles. No I/O."""

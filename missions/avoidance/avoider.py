@@ -1,12 +1,13 @@
-"""Flies over or around obstacles, and back to the path behind them.
+"""Flies over or around obstacles, then returns to the path behind them.
 
-The straight line to the wanted position (and the path beyond it) must be free of what was measured lately.
-Where it is not, the vehicle climbs until it clears the highest point measured, flies on, and comes straight
-down once nothing measured lies near the way down; or it takes the heading nearest to the goal that is free.
-It moves only where a sensor looks. Where no way is allowed, or the sensors are silent, it stops and says why.
+The straight line to the wanted position, and the path after it, must be clear of recent measurements.
+If it is not, the vehicle climbs above the highest measured point, flies on, and descends once nothing was
+measured below. Or it flies on the clear heading that is nearest to the direction of the goal.
+The vehicle moves only in directions that a sensor measures. If no direction is allowed, or the sensors send
+nothing, it stops and reports the reason.
 
-Points of memory count as solid from the ground up (`memory.py`). A single ray sees a line: what stands beside
-that line is not seen.
+Below each remembered point everything counts as solid (`memory.py`). A sensor with a single ray measures
+along one line only; it does not detect obstacles nearby that line.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import math
 from missions.avoidance.corridor import BELOW_M, CLEARANCE_M, OVER_M, InTheWay, in_the_way
 from missions.avoidance.detour import Side, choose_heading
 from missions.avoidance.memory import ObstacleMemory
-from missions.avoidance.scans import Scan, fresh, looks_down, looks_level, seen_m
+from missions.avoidance.scans import Scan, fresh, measures_down, measures_level, range_at_m
 from missions.avoidance.stopping import braking_speed
 from missions.avoidance.values import Adjusted, Allowed, AvoidanceState, AvoidanceWay, Here, Wanted
 from missions.frames import Vector3
@@ -29,11 +30,11 @@ CLIMB_MOST_M = 15.0
 CEILING_MARGIN_M = 0.7
 DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_SINK_M_S = 2.0, 1.5, 1.0
 CLEAR_FOR_S = 0.5
-"""The way must be clear for this long before the vehicle returns to the path."""
-BACK_WITHIN_M = 1.0
-SEES_NOW_S = 0.5
+"""The direct path must be clear for this long before the vehicle returns to it."""
+RETURNED_WITHIN_M = 1.0
+MEASURED_WITHIN_S = 0.5
 """Above an obstacle the vehicle moves only with a measurement this recent: the obstacle may get higher."""
-OTHER_GOAL_M = 2.0
+GOAL_MOVED_M = 2.0
 """If no way was found, the search is repeated when the goal has moved this far."""
 MOVES_M, MOVES_M_S = 0.5, 0.3
 """Smaller motions do not need a sensor that measures in their direction."""
@@ -44,13 +45,13 @@ class Avoider:
     """Obstacle avoidance of one vehicle, while it is on.
 
     Args:
-        way: the direction to try first.
+        way: what to try first.
     """
 
     def __init__(self, way: AvoidanceWay = "over") -> None:
         self.way = way
         self._memory = ObstacleMemory()
-        self._taken: set[tuple[float, Vector3, int]] = set()
+        self._stored_scans: set[tuple[float, Vector3, int]] = set()
         self._state: AvoidanceState = "clear"
         self._clear_since_s: float | None = None
         self._side: Side | None = None
@@ -58,10 +59,10 @@ class Avoider:
         """Whether the side was already changed in this detour."""
         self._no_way_to: Vector3 | None = None
         self._scanned_at_m: float | None = None
-        self._unsure_m = 0.0
-        """Climb between two measurements: the top of an obstacle may be anywhere between them."""
+        self._top_uncertainty_m = 0.0
+        """Climb between two measurements; the top of the obstacle may be anywhere between them."""
         self._level_m = 0.0
-        self._hold: Vector3 | None = None
+        self._hold_position: Vector3 | None = None
 
     def adjust(
         self, now_s: float, here: Here, wanted: Wanted, scans: tuple[Scan, ...], allowed: Allowed
@@ -70,21 +71,21 @@ class Avoider:
 
         Args:
             now_s: monotonic, the clock of the scans.
-            here: the vehicle.
-            wanted: without obstacles.
+            here: the vehicle's position and motion.
+            wanted: the motion without obstacles.
             scans: the newest scan of each sensor.
             allowed: limits and allowed area.
         """
         adjusted = self._adjusted(now_s, here, wanted, fresh(scans, now_s, FRESH_S), allowed)
         self._state = adjusted.state
         if adjusted.state != "stopped" and adjusted.state != "turning":
-            self._hold = None
+            self._hold_position = None
         return adjusted
 
     def _adjusted(
         self, now_s: float, here: Here, wanted: Wanted, seen: tuple[Scan, ...], allowed: Allowed
     ) -> Adjusted:
-        if not any(looks_level(scan) for scan in seen):
+        if not any(measures_level(scan) for scan in seen):
             return self._stop(
                 here, wanted, f"No obstacle measurement for {FRESH_S:g} s: the vehicle holds its position."
             )
@@ -94,14 +95,14 @@ class Avoider:
         heading = _heading(here, wanted)
         yaw = self._yaw_to_see(here, wanted, seen, heading)
         points = self._memory.above(low_m, now_s)
-        met = in_the_way(points, here, wanted, self._unsure_m)
-        if met is not None:
+        blocking = in_the_way(points, here, wanted, self._top_uncertainty_m)
+        if blocking is not None:
             self._clear_since_s = None
-            return self._detour(now_s, here, wanted, seen, allowed, met, yaw)
-        self._side, self._turned_back, self._no_way_to, self._unsure_m = None, False, None, 0.0
+            return self._detour(now_s, here, wanted, seen, allowed, blocking, yaw)
+        self._side, self._turned_back, self._no_way_to, self._top_uncertainty_m = None, False, None, 0.0
         if self._clear_since_s is None:
             self._clear_since_s = now_s
-        if heading is not None and seen_m(seen, heading) is None:
+        if heading is not None and range_at_m(seen, heading) is None:
             return self._turn(here, wanted, heading)
         below = goal_up_m < up_m - BELOW_M and _distance(here, wanted) > MOVES_M  # not seen on the way down
         if self._state in ("clear", "turning") and not below:
@@ -109,22 +110,22 @@ class Avoider:
         return self._back(now_s, here, wanted, seen, allowed, yaw)
 
     def _remember(self, now_s: float, here: Here, seen: tuple[Scan, ...], lowest_m: float) -> None:
-        """Adds each new scan to the memory, from the vehicle's position at that time."""
+        """Stores each new scan, taken from the vehicle's position at that time."""
         keys = {
-            (scan.heard_s, scan.directions_ned[0], len(scan.directions_ned)): scan
+            (scan.measured_s, scan.directions_ned[0], len(scan.directions_ned)): scan
             for scan in seen
             if scan.directions_ned
         }
         for key, scan in keys.items():
-            if key in self._taken:
+            if key in self._stored_scans:
                 continue
-            at_ned_m = _at(here, now_s - scan.heard_s)
-            self._memory.take(scan, at_ned_m, lowest_m)
-            if looks_level(scan):
+            at_ned_m = _at(here, now_s - scan.measured_s)
+            self._memory.add(scan, at_ned_m, lowest_m)
+            if measures_level(scan):
                 before_m, self._scanned_at_m = self._scanned_at_m, -at_ned_m[2]
                 if before_m is not None and self._state in ("over", "stopped"):
-                    self._unsure_m = max(self._unsure_m, self._scanned_at_m - before_m)
-        self._taken = set(keys)
+                    self._top_uncertainty_m = max(self._top_uncertainty_m, self._scanned_at_m - before_m)
+        self._stored_scans = set(keys)
 
     def _yaw_to_see(
         self, here: Here, wanted: Wanted, seen: tuple[Scan, ...], heading: float | None
@@ -133,7 +134,7 @@ class Avoider:
         if heading is None:
             return None
         yaw = here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
-        return None if seen_m(seen, heading, yaw - here.yaw_ned_rad) is not None else heading
+        return None if range_at_m(seen, heading, yaw - here.yaw_ned_rad) is not None else heading
 
     # --- actions ------------------------------------------------------------------------------------
 
@@ -144,27 +145,27 @@ class Avoider:
         wanted: Wanted,
         seen: tuple[Scan, ...],
         allowed: Allowed,
-        met: InTheWay,
+        blocking: InTheWay,
         yaw: float | None,
     ) -> Adjusted:
         up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
-        required_m = met.highest_m + OVER_M
+        required_m = blocking.highest_m + OVER_M
         most_m = min(goal_up_m + CLIMB_MOST_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
-        begun = self._side is not None or self._no_way_to is not None
-        if self.way == "around" or required_m > most_m or begun:
-            if not begun:
+        started = self._side is not None or self._no_way_to is not None
+        if self.way == "around" or required_m > most_m or started:
+            if not started:
                 self._level_m = up_m
-            return self._around(now_s, here, wanted, seen, allowed, met.clearance_m)
+            return self._around(now_s, here, wanted, seen, allowed, blocking.clearance_m)
         climb = _clamp(max(required_m, min(goal_up_m, most_m)) - up_m, allowed)
         heading = _heading(here, wanted)
-        sees_m = None if heading is None else seen_m(seen, heading)
-        old = all(now_s - scan.heard_s > SEES_NOW_S for scan in seen if looks_level(scan))
+        measured_m = None if heading is None else range_at_m(seen, heading)
+        outdated = all(now_s - scan.measured_s > MEASURED_WITHIN_S for scan in seen if measures_level(scan))
         speed = 0.0
-        if sees_m is not None and not old:
-            free_m = min(met.first_m, sees_m) - CLEARANCE_M
+        if measured_m is not None and not outdated:
+            free_m = min(blocking.first_m, measured_m) - CLEARANCE_M
             speed = min(DETOUR_M_S, allowed.speed_m_s, _distance(here, wanted), braking_speed(free_m))
-        rises = math.isfinite(met.first_m)
-        text = "Obstacle ahead: climbing over it." if rises else "Above an obstacle: flying over it."
+        is_ahead = math.isfinite(blocking.first_m)
+        text = "Obstacle ahead: climbing over it." if is_ahead else "Above an obstacle: flying over it."
         return self._fly("over", text, here, wanted, heading, speed, climb, yaw)
 
     def _around(
@@ -177,15 +178,15 @@ class Avoider:
         clearance_m: float,
     ) -> Adjusted:
         high = "" if self.way == "around" else " and too high to climb over"
-        no_way = f"Obstacle ahead{high}, and no way around it that the sensors see is free."
+        no_way = f"Obstacle ahead{high}, and the sensors measure no clear way around it."
         goal = wanted.position_ned_m
-        if self._no_way_to is not None and math.dist(self._no_way_to, goal) < OTHER_GOAL_M:
+        if self._no_way_to is not None and math.dist(self._no_way_to, goal) < GOAL_MOVED_M:
             return self._stop(here, wanted, no_way)
-        beside = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
-        chosen = choose_heading(beside, here, wanted, seen, allowed, self._side, clearance_m)
+        nearby = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
+        chosen = choose_heading(nearby, here, wanted, seen, allowed, self._side, clearance_m)
         if chosen is None and self._side is not None and not self._turned_back:
             self._turned_back, self._side = True, "left" if self._side == "right" else "right"
-            chosen = choose_heading(beside, here, wanted, seen, allowed, self._side, clearance_m)
+            chosen = choose_heading(nearby, here, wanted, seen, allowed, self._side, clearance_m)
         if chosen is None:
             self._no_way_to, self._side, self._turned_back = goal, None, False
             return self._stop(here, wanted, no_way)
@@ -211,9 +212,9 @@ class Avoider:
         down_m = wanted.position_ned_m[2] - here.position_ned_m[2]
         waits = now_s - self._clear_since_s < CLEAR_FOR_S
         moves = math.hypot(*wanted.velocity_ned_m_s) > MOVES_M_S
-        if abs(down_m) < BELOW_M and not waits and (not moves or _distance(here, wanted) < BACK_WITHIN_M):
+        if abs(down_m) < BELOW_M and not waits and (not moves or _distance(here, wanted) < RETURNED_WITHIN_M):
             return Adjusted("clear", yaw_ned_rad=yaw)
-        blind = not any(looks_down(scan) for scan in seen)
+        blind = not any(measures_down(scan) for scan in seen)
         text = "The way is free: returning to the path."
         climb = _clamp(-down_m, allowed)
         if down_m > BELOW_M:
@@ -249,16 +250,20 @@ class Avoider:
         return Adjusted(state, text, Velocity((n, e, -climb_m_s), yaw), yaw)
 
     def _turn(self, here: Here, wanted: Wanted, heading: float) -> Adjusted:
-        text = "Turning: the obstacle sensor does not look into the direction of travel."
-        held = self._stop(here, wanted, text, heading)
-        return Adjusted("turning", text, held.motion, heading)
+        text = "Turning: the obstacle sensor does not measure in the direction of travel."
+        stopped = self._stop(here, wanted, text, heading)
+        return Adjusted("turning", text, stopped.motion, heading)
 
     def _stop(self, here: Here, wanted: Wanted, text: str, yaw: float | None = None) -> Adjusted:
-        """Slows down, then holds that position."""
+        """Slows down, then holds the position where the vehicle stopped."""
         yaw = _yaw(here, wanted) if yaw is None else yaw
-        if self._hold is None and math.hypot(*here.velocity_ned_m_s) < STOPPED_M_S:
-            self._hold = here.position_ned_m
-        motion = Velocity((0.0, 0.0, 0.0), yaw) if self._hold is None else Position(self._hold, yaw)
+        if self._hold_position is None and math.hypot(*here.velocity_ned_m_s) < STOPPED_M_S:
+            self._hold_position = here.position_ned_m
+        motion = (
+            Velocity((0.0, 0.0, 0.0), yaw)
+            if self._hold_position is None
+            else Position(self._hold_position, yaw)
+        )
         return Adjusted("stopped", text, motion, yaw)
 
 
@@ -286,5 +291,5 @@ def _yaw(here: Here, wanted: Wanted) -> float:
 
 
 def _clamp(climb_m_s: float, allowed: Allowed) -> float:
-    """A vertical speed within the detour's and the vehicle's own."""
+    """A climb speed within the limits of the detour and of the vehicle."""
     return max(-min(DETOUR_SINK_M_S, allowed.sink_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, allowed.climb_m_s))

@@ -1,4 +1,4 @@
-"""Which heading leads around what is in the way."""
+"""Chooses the heading that leads around an obstacle."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.avoidance.scans import Scan, seen_m
+from missions.avoidance.scans import Scan, range_at_m
 from missions.avoidance.values import Allowed, Here, Wanted
 
 Side = Literal["left", "right"]
-"""Of the obstacle, seen by the vehicle."""
+"""Side of the obstacle, as seen from the vehicle."""
 STEP_RAD = math.radians(10.0)
 STEPS = 16
-"""160° to each side: further is back."""
+"""160° to each side; larger turns lead backwards."""
 LOOK_M = 6.0
 LEAST_FREE_M = 2.0
-"""Beyond the clearance: less is no way, and `LOOK_M` is better."""
+"""Free distance beyond the clearance that a heading must have; `LOOK_M` is preferred."""
 FENCE_MARGIN_M = 2.0
 
 
@@ -31,19 +31,19 @@ def choose_heading(
     side: Side | None,
     clearance_m: float,
 ) -> tuple[float, Side | None, float] | None:
-    """The heading nearest to the goal's that is seen, free and inside the fence; None: there is none.
+    """The measured, clear heading inside the fence that is nearest to the direction of the goal; None: none.
 
     Args:
-        points: (N, 3) what reaches the vehicle's altitude.
-        here: the vehicle.
-        wanted: its goal.
-        scans: of now; a heading that no sensor looks into is no way.
+        points: (N, 3) obstacles that reach the vehicle's altitude.
+        here: the vehicle's position and motion.
+        wanted: the wanted motion.
+        scans: current ones; a heading that no sensor measures is not used.
         allowed: the fences.
-        side: the one begun with; None: the nearer of both.
-        clearance_m: to be kept.
+        side: the side that the detour started on; None: whichever is nearer.
+        clearance_m: to keep from obstacles.
 
     Returns:
-        The heading [rad], its side (None: still towards the goal), and how far it is free [m].
+        The heading [rad], its side (None: straight towards the goal), and its free distance [m].
     """
     n, e = here.position_ned_m[:2]
     goal = math.atan2(wanted.position_ned_m[1] - e, wanted.position_ned_m[0] - n)
@@ -53,7 +53,11 @@ def choose_heading(
             for name in sides:
                 heading = goal + (turn if name == "right" else -turn) * STEP_RAD
                 free_m = _free_m(points, (n, e), heading, clearance_m)
-                if free_m < least_m or seen_m(scans, heading) is None or _leaves(allowed, (n, e), heading):
+                if (
+                    free_m < least_m
+                    or range_at_m(scans, heading) is None
+                    or _leaves(allowed, (n, e), heading)
+                ):
                     continue
                 return heading, name if turn else side, free_m
     return None
@@ -62,14 +66,14 @@ def choose_heading(
 def _free_m(
     points: NDArray[np.float64], at_ne_m: tuple[float, float], heading: float, clearance_m: float
 ) -> float:
-    """How far the vehicle may fly into a heading before it must have stopped."""
+    """How far the vehicle may fly on a heading before it must stop."""
     if not len(points):
         return LOOK_M
     un, ue = math.cos(heading), math.sin(heading)
     north, east = points[:, 0] - at_ne_m[0], points[:, 1] - at_ne_m[1]
     ahead = north * un + east * ue
-    met = (ahead > 0.0) & (np.abs(east * un - north * ue) < clearance_m)
-    return min(LOOK_M, float(ahead[met].min()) - clearance_m) if met.any() else LOOK_M
+    blocking = (ahead > 0.0) & (np.abs(east * un - north * ue) < clearance_m)
+    return min(LOOK_M, float(ahead[blocking].min()) - clearance_m) if blocking.any() else LOOK_M
 
 
 def _leaves(allowed: Allowed, at_ne_m: tuple[float, float], heading: float) -> bool:

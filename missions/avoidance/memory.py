@@ -1,8 +1,8 @@
-"""Where something was measured lately: tops of columns in the local frame.
+"""Recently measured obstacles, kept as columns with a top in the local frame.
 
-A lidar sees the face of an obstacle and nothing of its depth or height. So whatever is below a measured
-point counts as solid, what is above it as free until it is measured, and a point counts for a while after the
-vehicle has risen above it or turned away.
+A lidar measures the front of an obstacle, not its depth or height. So the space below a measured point counts
+as solid, and the space above it as free until something is measured there. A point is kept for a while after
+the vehicle has climbed above it or turned away.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from missions.frames import Vector3
 
 CELL_M = 0.3
 KEPT_S = 30.0
-"""What was not measured again for so long is forgotten: it may have moved."""
+"""A point that was not measured again for this long is deleted: the obstacle may have moved."""
 MAX_COLUMNS = 4096
 NorthEast = tuple[float, float]
 
@@ -28,19 +28,19 @@ class Columns:
     """Columns as seen along one line."""
 
     along_m: NDArray[np.float64]
-    """(N,) from its begin."""
-    beside_m: NDArray[np.float64]
-    """(N,) from the line, to either side."""
-    away_m: NDArray[np.float64]
-    """(N,) from its begin in any direction."""
-    beyond_m: NDArray[np.float64]
-    """(N,) from its end in any direction."""
+    """(N,) distance along the line from its start."""
+    across_m: NDArray[np.float64]
+    """(N,) distance from the line, to either side."""
+    from_start_m: NDArray[np.float64]
+    """(N,) distance from the start of the line."""
+    from_end_m: NDArray[np.float64]
+    """(N,) distance from the end of the line."""
     top_m: NDArray[np.float64]
     """(N,) height above the local origin."""
 
 
 class ObstacleMemory:
-    """Of one vehicle; bounded."""
+    """Remembered obstacles of one vehicle; at most MAX_COLUMNS."""
 
     def __init__(self) -> None:
         self._rows: dict[tuple[int, int], int] = {}
@@ -49,12 +49,12 @@ class ObstacleMemory:
         self._next = 0
         self._keys: list[tuple[int, int] | None] = [None] * MAX_COLUMNS
 
-    def take(self, scan: Scan, at_ned_m: Vector3, lowest_m: float) -> None:
-        """Remembers what a scan met.
+    def add(self, scan: Scan, at_ned_m: Vector3, lowest_m: float) -> None:
+        """Stores what a scan measured.
 
         Args:
             scan: the measurement.
-            at_ned_m: where the vehicle was then.
+            at_ned_m: the vehicle's position at that time.
             lowest_m: heights below this do not matter [m above the local origin].
         """
         for (n, e, d), distance_m in zip(scan.directions_ned, scan.distances_m, strict=True):
@@ -62,9 +62,11 @@ class ObstacleMemory:
                 continue
             top_m = -(at_ned_m[2] + d * distance_m)
             if top_m >= lowest_m:
-                self._put(at_ned_m[0] + n * distance_m, at_ned_m[1] + e * distance_m, top_m, scan.heard_s)
+                self._store(
+                    at_ned_m[0] + n * distance_m, at_ned_m[1] + e * distance_m, top_m, scan.measured_s
+                )
 
-    def _put(self, north_m: float, east_m: float, top_m: float, now_s: float) -> None:
+    def _store(self, north_m: float, east_m: float, top_m: float, now_s: float) -> None:
         key = (math.floor(north_m / CELL_M), math.floor(east_m / CELL_M))
         row = self._rows.get(key)
         if row is None:
@@ -103,8 +105,8 @@ def along(columns: NDArray[np.float64], here: NorthEast, there: NorthEast) -> Co
     )
 
 
-def nearest_m(columns: NDArray[np.float64], place: NorthEast) -> float:
-    """Distance over the ground from a place to the nearest column; infinite where there is none."""
+def nearest_m(columns: NDArray[np.float64], position: NorthEast) -> float:
+    """Horizontal distance from a position to the nearest column; infinite if there is none."""
     if not len(columns):
         return math.inf
-    return float(np.hypot(columns[:, 0] - place[0], columns[:, 1] - place[1]).min())
+    return float(np.hypot(columns[:, 0] - position[0], columns[:, 1] - position[1]).min())

@@ -1,4 +1,4 @@
-"""What distance sensors measured around a vehicle, whatever message carried it."""
+"""Measurements of distance sensors around a vehicle, independent of the message that carried them."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from dataclasses import dataclass
 from missions.frames import Vector3, wrap_pi
 
 STEEP = 0.7
-"""A ray whose vertical share is larger (45°) measures the height above the ground or below a ceiling."""
+"""A ray steeper than this (45°) measures the height above the ground or below a ceiling."""
 NARROWEST_RAD = math.radians(15.0)
-"""A sensor that does not tell its field of view is taken to look into this half angle."""
+"""Half angle assumed for a sensor that does not report its field of view."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """One measurement of one sensor. Rays that the sensor does not know are left out."""
+    """One measurement of one sensor. Rays without a valid value are left out."""
 
-    heard_s: float
-    """When (monotonic)."""
+    measured_s: float
+    """Monotonic time of the measurement."""
     directions_ned: tuple[Vector3, ...]
-    """Unit vectors from the vehicle, as it lay then."""
+    """Unit vectors of the rays, in the attitude of that time."""
     distances_m: tuple[float | None, ...]
-    """Along each; None: nothing within the range."""
+    """Distance along each ray; None: nothing within the range."""
     range_m: float
-    """How far the sensor sees."""
+    """Maximum range of the sensor."""
     half_angle_rad: float = 0.0
-    """Of each ray; 0: the sensor does not tell."""
+    """Half angle of each ray; 0: not reported."""
 
     @property
     def plausible(self) -> bool:
-        """Whether all its numbers can be."""
+        """Whether all numbers are possible values."""
         return (
-            math.isfinite(self.heard_s)
+            math.isfinite(self.measured_s)
             and 0.0 < self.range_m <= 1e4
             and len(self.directions_ned) == len(self.distances_m)
             and all(abs(math.hypot(*each) - 1.0) < 0.1 for each in self.directions_ned)
@@ -42,32 +42,32 @@ class Scan:
 
 
 def fresh(scans: Iterable[Scan], now_s: float, within_s: float) -> tuple[Scan, ...]:
-    """Those measured no longer ago than `within_s`."""
-    return tuple(scan for scan in scans if now_s - scan.heard_s <= within_s)
+    """The scans measured no longer ago than `within_s`."""
+    return tuple(scan for scan in scans if now_s - scan.measured_s <= within_s)
 
 
-def looks_level(scan: Scan) -> bool:
-    """Whether one of its rays looks rather to a side than up or down."""
+def measures_level(scan: Scan) -> bool:
+    """Whether one of its rays is nearer to horizontal than to vertical."""
     return any(abs(direction[2]) <= STEEP for direction in scan.directions_ned)
 
 
-def looks_out(scan: Scan) -> bool:
-    """Whether one of its rays does not look at the ground below."""
+def measures_outwards(scan: Scan) -> bool:
+    """Whether one of its rays points anywhere but steeply down."""
     return any(direction[2] <= STEEP for direction in scan.directions_ned)
 
 
-def looks_down(scan: Scan) -> bool:
-    """Whether one of its rays measures what is below."""
+def measures_down(scan: Scan) -> bool:
+    """Whether one of its rays points steeply down."""
     return any(direction[2] > STEEP for direction in scan.directions_ned)
 
 
-def seen_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.0) -> float | None:
-    """How far the sensors see along a heading; None: none of them looks there.
+def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.0) -> float | None:
+    """Maximum range of the sensors along a heading; None: no sensor measures there.
 
     Args:
-        scans: of now.
+        scans: current ones.
         heading_rad: clockwise from north.
-        turned_rad: asks as if the vehicle had turned by so much since.
+        turned_rad: a turn of the vehicle to assume in addition.
     """
     best: float | None = None
     for scan in scans:

@@ -1,4 +1,4 @@
-"""What avoidance is asked, and what it answers."""
+"""Inputs and outputs of obstacle avoidance."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 
 AvoidanceWay = Literal["over", "around"]
-"""What is tried first: climb over an obstacle, or pass it at the same altitude (and never climb)."""
+"""over: climb over obstacles first; around: pass them at the same altitude, never climb."""
 AvoidanceState = Literal["clear", "turning", "over", "around", "back", "stopped"]
-"""clear: flies as wanted; turning: the nose into the direction of travel; over, around: the obstacle; back:
-past it, returning to the path; stopped: holds its place."""
+"""clear: flies the wanted motion; turning: turns the nose to the direction of travel; over, around: flies
+over or around the obstacle; back: returns to the path; stopped: holds its position."""
 
-NOWHERE_LIMITED = Region()
+UNLIMITED = Region()
 
 
 @dataclass(frozen=True, slots=True)
 class Here:
-    """The vehicle now."""
+    """Position and motion of the vehicle."""
 
     position_ned_m: Vector3
     velocity_ned_m_s: Vector3
@@ -38,28 +38,28 @@ class Wanted:
     yaw_ned_rad: float | None = None
     """None: not controlled."""
     ahead_ned_m: tuple[Vector3, ...] = ()
-    """Where a path leads within the next seconds."""
+    """Positions of the path within the next seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Allowed:
-    """What a detour must keep to."""
+    """Limits of a detour."""
 
     speed_m_s: float = math.inf
     climb_m_s: float = math.inf
     sink_m_s: float = math.inf
-    region: Region = NOWHERE_LIMITED
+    region: Region = UNLIMITED
     fence: FenceArea | None = None
-    """Of the mission that is flown."""
+    """Fence of the active mission."""
 
 
 @dataclass(frozen=True, slots=True)
 class Adjusted:
-    """What is to be flown instead."""
+    """The motion to fly instead of the wanted one."""
 
     state: AvoidanceState
     text: str = ""
-    """For people; empty while it flies as wanted."""
+    """Message for the pilot; empty while the wanted motion is flown."""
     motion: Velocity | Position | None = None
     """None: as wanted."""
     yaw_ned_rad: float | None = None

@@ -1,4 +1,4 @@
-"""How near a flown path comes to the geofence and to obstacles."""
+"""Distance of a flown path from the geofence and from obstacles."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 
 
 class FenceDistance:
-    """Distance inside the geofence: zones, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST.
+    """Distance to the geofence: its zones, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST.
 
     Args:
-        zones: of the plan or mission.
-        origin: of the local frame, which is home.
-        radius_m: GF_MAX_HOR_DIST; 0: none.
-        height_m: GF_MAX_VER_DIST; 0: none.
+        zones: fence zones of the plan or mission.
+        origin: origin of the local frame; home.
+        radius_m: GF_MAX_HOR_DIST; 0: no limit.
+        height_m: GF_MAX_VER_DIST; 0: no limit.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class FenceDistance:
         self.exists = bool(zones) or radius_m > 0.0 or height_m > 0.0
 
     def of(self, position_ned_m: Array) -> Array:
-        """(N,) metres inside for positions (N, 3); negative outside, infinite without a fence."""
+        """(N,) distance to the fence [m] for positions (N, 3); negative outside, infinite without a fence."""
         inside = np.full(len(position_ned_m), math.inf)
         north, east, down = position_ned_m.T
         if self._area is not None:
@@ -52,11 +52,11 @@ class FenceDistance:
 def obstacle_distance_m(
     obstacles: Sequence[Obstacle], position_ned_m: Array
 ) -> tuple[Array, NDArray[np.intp]]:
-    """(N,) distance to the nearest obstacle, and which it is; infinite and 0 without any.
+    """(N,) distance to the nearest obstacle, and (N,) its index; infinite and 0 without obstacles.
 
     Args:
         obstacles: upright boxes.
-        position_ned_m: (N, 3).
+        position_ned_m: positions (N, 3).
     """
     if not obstacles:
         count = len(position_ned_m)
@@ -69,9 +69,9 @@ def obstacle_distance_m(
 def _box_distance_m(box: Obstacle, position_ned_m: Array) -> Array:
     north, east = position_ned_m[:, 0] - box.north_m, position_ned_m[:, 1] - box.east_m
     c, s = math.cos(box.yaw_ned_rad), math.sin(box.yaw_ned_rad)
-    beside_x = np.maximum(np.abs(c * north + s * east) - 0.5 * box.length_m, 0.0)
-    beside_y = np.maximum(np.abs(c * east - s * north) - 0.5 * box.width_m, 0.0)
+    outside_x = np.maximum(np.abs(c * north + s * east) - 0.5 * box.length_m, 0.0)
+    outside_y = np.maximum(np.abs(c * east - s * north) - 0.5 * box.width_m, 0.0)
     height_m = -position_ned_m[:, 2]
     above = np.maximum(height_m - box.base_alt_home_m - box.height_m, 0.0)
     below = np.maximum(box.base_alt_home_m - height_m, 0.0)
-    return np.sqrt(beside_x**2 + beside_y**2 + (above + below) ** 2)
+    return np.sqrt(outside_x**2 + outside_y**2 + (above + below) ** 2)

@@ -1,8 +1,8 @@
-"""How far the flights of a Monte Carlo run lie from the nominal one, along its path.
+"""Deviation of the flights of a Monte Carlo run from the nominal flight, along the nominal path.
 
-A place of the nominal path is compared with the nearest place of a flight around the same moment of the same
-step: by place alone a path that crosses itself would be compared with the wrong pass, by time alone a flight
-in a head wind would be beside itself.
+Each point of the nominal path is compared with the nearest point of a flight within a few seconds of the same
+time in the same step. Position alone would pick the wrong pass of a path that crosses itself; time alone
+would count the delay in a head wind as a deviation.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from missions.dry_run.track import Track
 Array = NDArray[np.float64]
 MAX_STATIONS = 400
 WINDOW_S = 3.0
-"""Before and after the same moment."""
+"""Time searched before and after the same moment of the step."""
 QUANTILES = (0.05, 0.5, 0.95)
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Of one deviation, at each station (S,) [m]."""
+    """Quantiles of one deviation at each station (S,) [m]."""
 
     p5: Array
     p50: Array
     p95: Array
     greatest: Array
-    """By size."""
+    """The deviation of largest magnitude, with its sign."""
 
 
 @dataclass(frozen=True, slots=True)
 class Corridor:
-    """Along the nominal path."""
+    """Deviations along the nominal path."""
 
     t_s: Array
-    """(S,) since the start, of the nominal flight."""
+    """(S,) time of the nominal flight since its start."""
     position_ned_m: Array
-    """(S, 3) of the nominal flight."""
+    """(S, 3) position of the nominal flight."""
     horizontal: Band
-    """Distance over the ground."""
+    """Horizontal distance."""
     vertical: Band
-    """Positive: higher."""
+    """Positive: above the nominal path."""
 
     @property
     def width_m(self) -> float:
-        """The greatest horizontal deviation of all."""
+        """The largest horizontal deviation."""
         return float(self.horizontal.greatest.max(initial=0.0))
 
     def document(self) -> dict[str, object]:
@@ -67,55 +67,55 @@ class Corridor:
 
 
 def corridor(nominal: Track, flights: Sequence[Track]) -> Corridor:
-    """The corridor of the flights about the nominal one; without flights it has no width."""
+    """The corridor of the flights around the nominal flight; its width is 0 without flights."""
     count = min(MAX_STATIONS, len(nominal.t_s))
     at = np.unique(np.linspace(0, len(nominal.t_s) - 1, count).round().astype(int))
     t_s, position = nominal.t_s[at], nominal.position_ned_m[at]
-    off = [deviation(nominal, flight, t_s, position) for flight in flights]
+    deviations = [deviation(nominal, flight, t_s, position) for flight in flights]
     none = np.zeros((1, len(at)))
-    across = np.array([each[0] for each in off]) if off else none
-    above = np.array([each[1] for each in off]) if off else none
+    across = np.array([each[0] for each in deviations]) if deviations else none
+    above = np.array([each[1] for each in deviations]) if deviations else none
     return Corridor(t_s, position, _band(across), _band(above))
 
 
 def deviation(nominal: Track, flight: Track, t_s: Array, position_ned_m: Array) -> tuple[Array, Array]:
-    """How far a flight passes places of the nominal one: over the ground and upwards (S,) [m].
+    """Horizontal distance and height of a flight relative to points of the nominal flight (S,) [m].
 
     Args:
-        nominal: for its steps' times.
-        flight: the other one.
-        t_s: (S,) moments of the nominal flight.
-        position_ned_m: (S, 3) where it was.
+        nominal: the nominal flight.
+        flight: the flight to compare.
+        t_s: (S,) times of the nominal flight.
+        position_ned_m: (S, 3) nominal positions at these times.
 
     Returns:
-        NaN for what came after the flight's end.
+        NaN for times after the flight's end.
     """
-    own_s, other_s = _moments(nominal, flight)
-    wanted_s = np.interp(t_s, own_s, other_s)
+    own_s, other_s = _matching_times(nominal, flight)
+    same_moment_s = np.interp(t_s, own_s, other_s)
     step_s = float(np.median(np.diff(flight.t_s))) if len(flight.t_s) > 1 else 1.0
     half = max(1, round(WINDOW_S / step_s))
-    middle = np.searchsorted(flight.t_s, wanted_s)
+    middle = np.searchsorted(flight.t_s, same_moment_s)
     index = np.clip(middle[:, None] + np.arange(-half, half + 1), 0, len(flight.t_s) - 1)
     path = flight.position_ned_m[index]
     a, along = path[:, :-1], np.diff(path, axis=1)
     length_2 = np.maximum((along**2).sum(axis=2), 1e-12)
     to = position_ned_m[:, None, :] - a
-    part = np.clip((to * along).sum(axis=2) / length_2, 0.0, 1.0)
-    off = a + part[:, :, None] * along - position_ned_m[:, None, :]
-    nearest = (off**2).sum(axis=2).argmin(axis=1)
-    found = off[np.arange(len(off)), nearest]
+    fraction = np.clip((to * along).sum(axis=2) / length_2, 0.0, 1.0)
+    deviations = a + fraction[:, :, None] * along - position_ned_m[:, None, :]
+    nearest = (deviations**2).sum(axis=2).argmin(axis=1)
+    offset = deviations[np.arange(len(deviations)), nearest]
     late = t_s > own_s[-1] + 1e-9
-    across, above = np.hypot(found[:, 0], found[:, 1]), -found[:, 2]
+    across, above = np.hypot(offset[:, 0], offset[:, 1]), -offset[:, 2]
     across[late] = above[late] = np.nan
     return across, above
 
 
-def _moments(nominal: Track, flight: Track) -> tuple[Array, Array]:
-    """The same moments of both: where each step began, as far as both flew the same steps."""
+def _matching_times(nominal: Track, flight: Track) -> tuple[Array, Array]:
+    """Times of both flights at which the same steps began."""
     own, other = _starts(nominal), _starts(flight)
     own_s, other_s = [], []
-    for (place, at_s), (other_place, other_at_s) in zip(own, other, strict=False):
-        if place != other_place:
+    for (own_place, at_s), (other_place, other_at_s) in zip(own, other, strict=False):
+        if own_place != other_place:
             break
         own_s.append(at_s)
         other_s.append(other_at_s)
@@ -137,7 +137,7 @@ def _starts(track: Track) -> list[tuple[str, float]]:
 
 
 def _band(values: Array) -> Band:
-    """Over the flights (F, S); where no flight was, nothing is known: zero."""
+    """Quantiles over the flights (F, S); zero where there is no flight."""
     known = np.isfinite(values)
     some = known.any(axis=0)
     filled = np.where(some, values, 0.0)

@@ -1,4 +1,4 @@
-"""What a dry run has shown to be wrong: place, time, plain sentence and stable code."""
+"""Problems that a dry run found: stable code, message, step, time and position."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "not_finished": ("error", "the flight did not finish within the allowed time"),
     "battery_empty": ("error", "the battery is empty before the end"),
     "battery_reserve": ("warning", "less than the battery's reserve is left at the end"),
-    "battery_unknown": ("warning", "how fast the battery drains is not known"),
+    "battery_unknown": ("warning", "the battery's discharge rate is unknown"),
     "obstacle_near": ("warning", "the flight comes within 2 m of an obstacle"),
     "separation": ("error", "two vehicles of the mission come too near to each other"),
-    "ends_in_air": ("warning", "the flight ends in the air; the vehicle holds there"),
+    "ends_in_air": ("warning", "the flight ends in the air; the vehicle holds its position"),
 }
 """Every code: its severity, and what it means."""
 NEAR_M = 2.0
-"""`obstacle_near`."""
+"""Distance that gives `obstacle_near`."""
 
 
 @dataclass(frozen=True, slots=True)
 class DryRunFinding:
-    """One thing."""
+    """One problem."""
 
     code: str
     message: str
     """A sentence for a person."""
     step: str | None = None
-    """Where: "item 3" of a plan, "step 4.2" of an offboard mission."""
+    """"item 3" of a plan, "step 4.2" of an offboard mission."""
     t_s: float | None = None
-    """When, since the start."""
+    """Time since the start."""
     position_ned_m: tuple[float, float, float] | None = None
-    """Where the vehicle was."""
+    """Position of the vehicle."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:
-        """Whether the flight must not be flown so (error), or may surprise (warning)."""
+        """error: do not fly this plan; warning: the flight may differ from what the pilot expects."""
         return CODES[self.code][0]

@@ -20,18 +20,19 @@ from vehicle_sim.simulation import Home
 from vehicle_sim.world.world import Box, World
 
 TICK_S = 0.02
-"""Tick of the autopilots; commands are possible between two ticks."""
+"""Time step of the autopilots; commands are possible between two steps."""
 SEVERITY_WARNING = 4
 DRAIN_EXPONENT = 1.5
 """Hover power grows with mass to this power (momentum theory, `missions.vehicle.hover_power_w`)."""
 
 
 class Fleet:
-    """N vehicles.
+    """N simulated vehicles.
 
     Args:
-        aircraft: of each vehicle; all stand on the same level ground. Places count from the first one's home.
-        conditions: of each.
+        aircraft: one for each vehicle; all stand on the same level ground. Positions are relative to the home
+            of the first one.
+        conditions: one for each vehicle.
         seed: seed of noise and gusts.
         first: number of the first flight, so that a flight has the same noise in any batch.
         obstacles: obstacles around the start.
@@ -110,13 +111,13 @@ class Vehicle:
         self.node = node
         self.warnings: list[str] = []
         """Its status texts of severity warning and above."""
-        autopilot.announcer.add_listener(self._hear)
+        autopilot.announcer.add_listener(self._on_message)
 
-    def _hear(self, said: StatusText | Event) -> None:
-        if isinstance(said, StatusText) and said.severity <= SEVERITY_WARNING:
-            self.warnings.append(said.text.strip())
-        elif isinstance(said, Event) and said.id in _REFUSAL_OF:
-            self.warnings.append(f"PX4 refuses it: {_REFUSAL_OF[said.id]}")
+    def _on_message(self, message: StatusText | Event) -> None:
+        if isinstance(message, StatusText) and message.severity <= SEVERITY_WARNING:
+            self.warnings.append(message.text.strip())
+        elif isinstance(message, Event) and message.id in _REFUSAL_OF:
+            self.warnings.append(f"PX4 refuses it: {_REFUSAL_OF[message.id]}")
 
     @property
     def armed(self) -> bool:
@@ -125,21 +126,21 @@ class Vehicle:
 
     @property
     def last_warning(self) -> str:
-        """Its last warning, to end a sentence."""
+        """Its last warning, without a full stop."""
         return self.warnings[-1].rstrip(".") if self.warnings else "the vehicle reported no reason"
 
 
-def _from_home(home: HomePosition, place: HomePosition) -> Vector3:
-    if place == home:
+def _from_home(home: HomePosition, other: HomePosition) -> Vector3:
+    if other == home:
         return (0.0, 0.0, 0.0)
     origin = LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
-    north_m, east_m, _ = origin.to_ned(place.lat_deg, place.lon_deg, home.alt_amsl_m)
+    north_m, east_m, _ = origin.to_ned(other.lat_deg, other.lon_deg, home.alt_amsl_m)
     return (north_m, east_m, 0.0)
 
 
 def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:
     store = Parameters()
-    for name, value in aircraft.parameters_taken().items():
+    for name, value in aircraft.simulated_parameters().items():
         if name in store:
             store.set(name, _fitting(store, name, value))
     store.set("SIH_MASS", float(store.get("SIH_MASS")) * conditions.mass_scale)

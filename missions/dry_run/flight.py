@@ -1,4 +1,4 @@
-"""Flies a batch to its end, far faster than real time."""
+"""Flies a batch of simulated flights to their end, faster than real time."""
 
 from __future__ import annotations
 
@@ -7,58 +7,58 @@ from dataclasses import dataclass
 
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Fleet, Vehicle
-from missions.dry_run.pilot import READY_WITHIN_S, Pilot, found
+from missions.dry_run.pilot import READY_WITHIN_S, Pilot, finding_now
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.track import EVERY_TICKS, Recorder, Track
 
-Report = Callable[[float, int], None]
-"""(simulated seconds since boot, how many flights have ended), each simulated second; may raise to stop."""
-PilotOf = Callable[[Vehicle], Pilot]
+ReportProgress = Callable[[float, int], None]
+"""Called each simulated second with (simulated seconds since boot, number of ended flights); may raise to
+stop."""
+MakePilot = Callable[[Vehicle], Pilot]
 REPORT_EVERY_TICKS = 50
 
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """One flight as it went."""
+    """The outcome of one flight."""
 
     conditions: Conditions
     track: Track | None
-    """None: it never began."""
+    """None: the flight never started."""
     finished: bool
-    """The whole plan was flown."""
+    """Whether the whole plan was flown."""
     collided: bool
-    """It flew into an obstacle."""
+    """Whether the vehicle hit an obstacle."""
     landed: bool
-    """It ended on the ground, disarmed."""
+    """Whether the flight ended on the ground, disarmed."""
     findings: tuple[DryRunFinding, ...]
 
 
 def fly(
     aircraft: Aircraft,
     conditions: Sequence[Conditions],
-    pilot_of: PilotOf,
+    make_pilot: MakePilot,
     *,
     longest_s: float,
     seed: int = 0,
     first: int = 0,
     obstacles: Sequence[Obstacle] = (),
-    report: Report | None = None,
+    report: ReportProgress | None = None,
 ) -> list[Flight]:
     """All flights of a batch at once.
 
     Args:
-        aircraft: what flies.
-        conditions: of each flight.
-        pilot_of: makes who flies a vehicle.
+        aircraft: the vehicle.
+        conditions: one for each flight.
+        make_pilot: creates the pilot of a vehicle.
         longest_s: a flight that takes longer is ended.
-        seed: of noise and gusts.
-        first: number of the first flight, which its noise follows from.
-        obstacles: what stands around.
-        report: is told how far it is; what it raises ends the batch.
+        seed: seed of noise and gusts.
+        first: number of the first flight; a flight's noise depends on its number.
+        obstacles: obstacles around the start.
+        report: called with the progress; an exception from it ends the batch.
     """
-    of_each = [aircraft] * len(conditions)
-    fleet = Fleet(of_each, conditions, seed=seed, first=first, obstacles=obstacles)
-    pilots = [pilot_of(vehicle) for vehicle in fleet.vehicles]
+    fleet = Fleet([aircraft] * len(conditions), conditions, seed=seed, first=first, obstacles=obstacles)
+    pilots = [make_pilot(vehicle) for vehicle in fleet.vehicles]
     return fly_fleet(fleet, pilots, conditions, Recorder(fleet, pilots), longest_s=longest_s, report=report)
 
 
@@ -69,19 +69,19 @@ def fly_fleet(
     recorder: Recorder,
     *,
     longest_s: float,
-    report: Report | None = None,
-    look: Callable[[float], None] | None = None,
+    report: ReportProgress | None = None,
+    after_pilots: Callable[[float], None] | None = None,
 ) -> list[Flight]:
     """Flies all vehicles until the last flight has ended.
 
     Args:
         fleet: the vehicles.
-        pilots: one each.
-        conditions: of each.
-        recorder: of these vehicles.
+        pilots: one for each vehicle.
+        conditions: one for each vehicle.
+        recorder: records these vehicles.
         longest_s: a flight that takes longer is ended.
-        report: is told how far it is; what it raises ends the batch.
-        look: called after the pilots at each tick, for what they do together.
+        report: called with the progress; an exception from it ends the batch.
+        after_pilots: called after the pilots at each tick, to coordinate them.
     """
     flights: dict[int, Flight] = {}
     ticks, running = 0, list(enumerate(pilots))
@@ -90,8 +90,8 @@ def fly_fleet(
         now_s = fleet.time_s
         for _, pilot in running:
             pilot.tick(now_s)
-        if look is not None:
-            look(now_s)
+        if after_pilots is not None:
+            after_pilots(now_s)
         ticks += 1
         if ticks % EVERY_TICKS == 0:
             recorder.sample()
@@ -117,14 +117,14 @@ def _flight(
     collided = fleet.collided(row)
     if not pilot.done:
         message = f"The flight did not end within {longest_s:.0f} s."
-        findings.append(found("not_finished", message, pilot.step, longest_s, vehicle))
+        findings.append(finding_now("not_finished", message, pilot.step, longest_s, vehicle))
     track = recorder.track(row)
     if collided:
         end_s = 0.0 if track is None else float(track.t_s[-1])
         message = f"{vehicle.last_warning}."
-        findings.append(found("obstacle_hit", message, pilot.step, end_s, vehicle))
+        findings.append(finding_now("obstacle_hit", message, pilot.step, end_s, vehicle))
     elif pilot.done and track is not None and not pilot.finished:
         where = "the first item" if pilot.step is None else pilot.step.place
         message = f"The flight ends at {where}, before the end of the plan: {vehicle.last_warning}."
-        findings.append(found("mission_left", message, pilot.step, float(track.t_s[-1]), vehicle))
+        findings.append(finding_now("mission_left", message, pilot.step, float(track.t_s[-1]), vehicle))
     return Flight(conditions, track, pilot.finished, collided, not vehicle.armed, tuple(findings))

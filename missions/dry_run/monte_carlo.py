@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from missions.dry_run.corridor import Corridor, corridor
-from missions.dry_run.flight import Report, fly
+from missions.dry_run.flight import ReportProgress, fly
 from missions.dry_run.plans import Flyable
-from missions.dry_run.result import DryRun, judge, rounded
+from missions.dry_run.result import DryRun, evaluate, rounded
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.spread import Chance, Quantiles, Spread
 from missions.errors import PlanError
@@ -24,7 +24,7 @@ CHANCES = {
     "failsafe": ("failsafe",),
     "battery_reserve": ("battery_reserve", "battery_empty"),
 }
-"""Outcomes to count, each with the findings that belong to it."""
+"""Outcomes to count, each with the codes of its findings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class FlightSummary:
     fence_distance_m: float | None
     obstacle_distance_m: float | None
     findings: tuple[str, ...]
-    """Codes."""
+    """Codes of the findings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class MonteCarlo:
     """Result of all flights."""
 
     nominal: DryRun
-    """The flight in the given conditions."""
+    """The flight in the stated conditions."""
     spread: Spread
     seed: int
     flights: tuple[FlightSummary, ...]
@@ -87,22 +87,22 @@ def monte_carlo(
     flights: int = 100,
     seed: int = 0,
     obstacles: Sequence[Obstacle] = (),
-    report: Report | None = None,
+    report: ReportProgress | None = None,
 ) -> MonteCarlo:
     """Flies a plan many times.
 
     Args:
         flyable: the plan.
-        aircraft: what flies, and from where.
+        aircraft: the vehicle and its start position.
         conditions: mean conditions; None: no wind, nominal vehicle.
         spread: variation of the conditions; None: defaults of `Spread`.
         flights: number of flights in addition to the nominal one.
-        seed: of the draws, and of noise and gusts.
+        seed: seed of the conditions, of noise and of gusts.
         obstacles: obstacles around the start.
         report: called with the progress; an exception from it ends the run.
 
     Raises:
-        PlanError: PX4 does not take the plan, or there are too many flights.
+        PlanError: PX4 refuses the plan, or there are too many flights.
     """
     if not 1 <= flights <= MAX_FLIGHTS:
         reason = f"{flights} flights, 1 to {MAX_FLIGHTS} are possible"
@@ -115,11 +115,11 @@ def monte_carlo(
         obstacles=obstacles, report=report,
     )  # fmt: skip
     spent_s = time.perf_counter() - began_s
-    judged = [judge(each, flyable, aircraft, obstacles, spent_s) for each in flown]
-    nominal, others = judged[0], judged[1:]
+    evaluated = [evaluate(each, flyable, aircraft, obstacles, spent_s) for each in flown]
+    nominal, others = evaluated[0], evaluated[1:]
     summaries = tuple(_summarised(each) for each in others)
     tracks = [each.track for each in others if each.track is not None]
-    longest_s = max(each.duration_s for each in judged)
+    longest_s = max(each.duration_s for each in evaluated)
     return MonteCarlo(
         nominal, spread, seed, summaries,
         None if nominal.track is None else corridor(nominal.track, tracks),
@@ -165,5 +165,7 @@ def _summary(flight: FlightSummary) -> dict[str, Any]:
     }
 
 
-def _quantiles(found: Quantiles | None) -> dict[str, float] | None:
-    return None if found is None else {name: round(value, 4) for name, value in asdict(found).items()}
+def _quantiles(quantiles: Quantiles | None) -> dict[str, float] | None:
+    if quantiles is None:
+        return None
+    return {name: round(value, 4) for name, value in asdict(quantiles).items()}

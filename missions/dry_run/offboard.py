@@ -1,6 +1,6 @@
-"""An offboard mission in a dry run: the runner that flies real vehicles, with a simulated one to command.
+"""An offboard mission in a dry run: the mission runner of real flights commands a simulated vehicle.
 
-A person who is asked answers at once; nobody else takes the vehicle over.
+Each question of the mission is answered at once; nobody else takes control of the vehicle.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ import math
 
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Vehicle
-from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, found
+from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, finding_now
 from missions.dry_run.setpoint_input import send
 from missions.frames import Vector3
 from missions.runner.player import Player
 from missions.runner.reading import Reading, StreamPhase
 from missions.runner.requests import (
+    Notify,
     Play,
     PointGimbal,
     ReleaseGimbal,
@@ -23,7 +24,6 @@ from missions.runner.requests import (
     Steer,
     StopStream,
     TakeOff,
-    Tell,
 )
 from missions.runner.runner import CannotDo, Runner
 from missions.setpoints import Estimate
@@ -31,29 +31,30 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.payload.gimbal import Flag
 
 LOOK_EVERY_TICKS = 5
-"""The runner looks at the vehicle at 10 Hz, as in the server."""
+"""The runner runs at 10 Hz, as in the server."""
 STREAMED_BEFORE_S = 0.5
-"""Setpoints are streamed for so long before Offboard is asked for."""
+"""Setpoints are streamed for this long before Offboard mode is requested."""
 NAMES: dict[NavState, str] = {
     NavState.OFFBOARD: "offboard", NavState.HOLD: "hold", NavState.LAND: "land", NavState.RTL: "rtl",
     NavState.TAKEOFF: "takeoff",
 }  # fmt: skip
 MODES: dict[str, NavState] = {"hold": NavState.HOLD, "land": NavState.LAND, "rtl": NavState.RTL}
 LANDED = {0: None, 1: "on_ground", 2: "in_air", 3: "taking_off", 4: "landing"}
-"""MAV_LANDED_STATE in the words of a reading."""
+"""MAV_LANDED_STATE as the names that `Reading.landed` uses."""
 STILL_M_S = 0.5
-"""So slow it holds."""
-NOBODY = "the dry run"
+"""A vehicle slower than this counts as holding its position."""
+HOLDER = "the dry run"
 
 
 class OffboardPilot:
-    """Starts the runner and does what it asks for.
+    """Starts the runner and carries out its requests.
 
     Args:
-        vehicle: that it commands; its own local origin is where it stands.
-        runner: of the mission.
-        start_ned_m: where it stands in the mission's local frame.
-        alone: starts as soon as its vehicle is ready; else `begin` or `refuse` is called for it.
+        vehicle: the vehicle to command; its local origin is its start position.
+        runner: the runner of the mission.
+        start_ned_m: start position in the mission's local frame.
+        alone: the flight starts as soon as the vehicle is ready; otherwise `begin` or `refuse` must be
+        called.
     """
 
     def __init__(self, vehicle: Vehicle, runner: Runner, start_ned_m: Vector3, *, alone: bool = True) -> None:
@@ -64,14 +65,14 @@ class OffboardPilot:
         self._streaming_since_s = 0.0
         self._ticks = 0
         self._settled_s: float | None = None
-        self._told = ""
+        self._last_notification = ""
         self.started_s: float | None = None
         self.done = self.finished = False
         self.step: Step | None = None
         self.findings: list[DryRunFinding] = []
 
     def tick(self, now_s: float) -> None:
-        """Sends the setpoint of this moment; lets the runner look at 10 Hz."""
+        """Sends the current setpoint, and runs the runner at 10 Hz."""
         if self.done:
             return
         if self.started_s is None:
@@ -81,24 +82,24 @@ class OffboardPilot:
         self._send(now_s)
         self._ticks += 1
         if self._ticks % LOOK_EVERY_TICKS == 0:
-            self._look(now_s, self.started_s)
+            self._run_runner(now_s, self.started_s)
 
     def may_start(self, now_s: float) -> bool:
-        """Whether the vehicle is ready, or will not be any more."""
+        """Whether the vehicle is ready, or the time to become ready is over."""
         estimate = self._vehicle.autopilot.view.estimate
         commander = self._vehicle.autopilot.commander
         ready = estimate.valid_position and commander.report.armable(NavState.TAKEOFF)
         return ready or now_s >= READY_WITHIN_S
 
     def begin(self, now_s: float, requests: list[Request]) -> None:
-        """The runner has started; this is what it asks for first."""
+        """Carries out the first requests of the started runner."""
         self.started_s = now_s
         self.carry_out(now_s, requests)
 
     def refuse(self, error: CannotDo) -> None:
-        """The runner cannot start."""
+        """Ends the flight, because the runner cannot start."""
         message = f"The mission cannot start: {error}."
-        self.findings.append(found("start_refused", message, None, 0.0, self._vehicle))
+        self.findings.append(finding_now("start_refused", message, None, 0.0, self._vehicle))
         self.done = True
 
     def _start(self, now_s: float) -> None:
@@ -107,16 +108,16 @@ class OffboardPilot:
         except CannotDo as error:
             self.refuse(error)
 
-    def _look(self, now_s: float, started_s: float) -> None:
+    def _run_runner(self, now_s: float, started_s: float) -> None:
         runner = self.runner
         self.carry_out(now_s, runner.tick(now_s, self.reading()))
         status = runner.status(self.reading())
         if status.question is not None:
-            self.carry_out(now_s, runner.go_on(NOBODY))
+            self.carry_out(now_s, runner.go_on(HOLDER))
         if status.place is not None:
             self.step = Step(status.place, status.title or "", None)
         t_s = now_s - started_s
-        failsafe = self._failsafe.look(self.step, t_s)
+        failsafe = self._failsafe.check(self.step, t_s)
         if failsafe is not None:
             self.findings.append(failsafe)
         if not (runner.over or status.state == "suspended"):
@@ -133,19 +134,19 @@ class OffboardPilot:
             self._settled_s = now_s
         elif now_s - self._settled_s >= SETTLED_S:
             message = f"The flight ends in the air after {self.step.place if self.step else 'its start'}."
-            self.findings.append(found("ends_in_air", message, self.step, t_s, self._vehicle))
+            self.findings.append(finding_now("ends_in_air", message, self.step, t_s, self._vehicle))
             self._end(status.reason, t_s)
 
     def _end(self, reason: str | None, t_s: float) -> None:
         self.done = True
         if not self.finished and reason:
             message = f"The mission ends early: {reason.rstrip('.')}."
-            self.findings.append(found("mission_left", message, self.step, t_s, self._vehicle))
+            self.findings.append(finding_now("mission_left", message, self.step, t_s, self._vehicle))
 
     # --- what the runner knows and asks for --------------------------------------------------------
 
     def reading(self) -> Reading:
-        """What the runner is told of the vehicle now."""
+        """The vehicle's current state, as input of the runner."""
         autopilot, simulation = self._vehicle.autopilot, self._vehicle.autopilot.view.simulation
         estimate, commander, row = autopilot.view.estimate, autopilot.commander, autopilot.view.row
         valid: set[Estimate] = set()
@@ -165,12 +166,12 @@ class OffboardPilot:
             mode_text=None,
             armed=commander.armed,
             landed=LANDED[int(commander.landed_state())],
-            position_ned_m=self._place(),
+            position_ned_m=self._position_ned_m(),
             velocity_ned_m_s=estimate.velocity_ned_m_s if estimate.valid_velocity else None,
             yaw_ned_rad=estimate.yaw_ned_rad,
             estimates=frozenset(valid),
-            holder=NOBODY,
-            holder_name=NOBODY,
+            holder=HOLDER,
+            holder_name=HOLDER,
             battery_share=float(simulation.battery.remaining[row]),
             wind_speed_m_s=wind_m_s if math.isfinite(wind_m_s) else None,
             distance_m=distance_m if math.isfinite(distance_m) else None,
@@ -180,8 +181,8 @@ class OffboardPilot:
             played=None if self._player is None else self._player.played,
         )
 
-    def _place(self) -> Vector3 | None:
-        """Where the vehicle believes to be, in the mission's local frame."""
+    def _position_ned_m(self) -> Vector3 | None:
+        """The vehicle's position estimate in the mission's local frame."""
         estimate = self._vehicle.autopilot.view.estimate
         if not estimate.valid_position:
             return None
@@ -189,14 +190,14 @@ class OffboardPilot:
         return (n, e, d)
 
     def carry_out(self, now_s: float, requests: list[Request]) -> None:
-        """What the runner asks for; it is told what cannot be done."""
+        """Carries out requests of the runner, and reports to it those that fail."""
         for request in requests:
             refusal = self._carry_out(now_s, request)
             if refusal is not None:
                 self.carry_out(now_s, self.runner.failed(request, self.reading(), refusal))
 
     def _carry_out(self, now_s: float, request: Request) -> str | None:
-        """None, or why it was not done."""
+        """Why the request failed; None: it succeeded."""
         autopilot, commander = self._vehicle.autopilot, self._vehicle.autopilot.commander
         if isinstance(request, TakeOff):
             autopilot.navigator.request_takeoff(autopilot.view.estimate.alt_amsl_m + request.height_m)
@@ -220,8 +221,8 @@ class OffboardPilot:
             autopilot.gimbal.set_pitch_yaw(int(flags), request.pitch_rad, request.yaw_ned_rad)
         elif isinstance(request, ReleaseGimbal):
             autopilot.gimbal.set_pitch_yaw(int(Flag.NEUTRAL), 0.0, 0.0)
-        elif isinstance(request, Tell) and request.warning:
-            self._told = request.text
+        elif isinstance(request, Notify) and request.warning:
+            self._last_notification = request.text
         return None
 
     # --- the stream --------------------------------------------------------------------------------
@@ -236,10 +237,10 @@ class OffboardPilot:
         autopilot, commander = self._vehicle.autopilot, self._vehicle.autopilot.commander
         estimate = autopilot.view.estimate
         waiting = self._stream == "starting"
-        setpoint = player.at(now_s, self._place(), estimate.velocity_ned_m_s, waiting=waiting)
+        setpoint = player.at(now_s, self._position_ned_m(), estimate.velocity_ned_m_s, waiting=waiting)
         send(autopilot.offboard, setpoint, self._start_ned_m)
         if waiting and now_s - self._streaming_since_s >= STREAMED_BEFORE_S:
             commander.set_mode(NavState.OFFBOARD)
             if commander.active is NavState.OFFBOARD:
-                player.begin_anew(now_s)
+                player.restart_time(now_s)
                 self._stream = "flying"

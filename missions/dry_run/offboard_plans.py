@@ -43,14 +43,14 @@ class FlyableMission:
         origin: LocalOrigin | None = None,
         role: str | None = None,
     ) -> FlyableMission:
-        """One mission for one vehicle.
+        """Compiles one mission for one vehicle.
 
         Args:
             mission: the document.
-            aircraft: what flies, and from where.
-            files: those that table steps name.
-            origin: of the vehicle's local frame, which places count from; None: where it stands.
-            role: which one it flies, of a mission of several vehicles.
+            aircraft: the vehicle and its start position.
+            files: contents of the files that table steps name.
+            origin: origin of the vehicle's local frame; None: its start position.
+            role: the vehicle's role in a mission of several vehicles.
 
         Raises:
             PlanError: it is too large, or has no step that can be flown.
@@ -74,6 +74,6 @@ class FlyableMission:
         )  # fmt: skip
 
     def pilot(self, vehicle: Vehicle, *, alone: bool = True) -> OffboardPilot:
-        """The runner with this vehicle; not `alone`: others begin with it."""
+        """A pilot for this vehicle; not `alone`: the flight is started together with others."""
         runner = Runner(self.timeline, self.name, self.motion)
         return OffboardPilot(vehicle, runner, self.start_ned_m, alone=alone)

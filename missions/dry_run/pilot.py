@@ -1,4 +1,4 @@
-"""Who flies one simulated vehicle in a dry run; each kind of plan has its own."""
+"""The pilot of one simulated vehicle in a dry run; each kind of plan has its own implementation."""
 
 from __future__ import annotations
 
@@ -12,59 +12,59 @@ from vehicle_sim.autopilot.modes import MODES
 READY_WITHIN_S = 30.0
 """After boot; a vehicle that cannot be armed by then is refused."""
 SETTLED_S = 2.0
-"""So long a flight that ends in the air is flown on."""
+"""A flight that ends in the air is simulated for this much longer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step of the plan, by the name that people know."""
+    """A step of the plan, with its name in messages."""
 
     place: str
     """"item 3" of a plan, "step 4.2" of an offboard mission."""
     title: str
     row: int | None
-    """Index in the plan's items; None: of an offboard mission, or not an item."""
+    """Index in the plan's items; None: the step is not an item of a waypoint plan."""
 
 
 class Pilot(Protocol):
     """Flies one vehicle from boot to the end."""
 
     started_s: float | None
-    """Simulated time when the flight began; None: not yet."""
+    """Simulated time when the flight started; None: not yet."""
     done: bool
-    """Nothing more is to happen."""
+    """Whether the flight has ended."""
     finished: bool
-    """The whole plan was flown."""
+    """Whether the whole plan was flown."""
     step: Step | None
-    """What is being flown."""
+    """The current step."""
     findings: list[DryRunFinding]
 
     def tick(self, now_s: float) -> None:
-        """Command the vehicle; called once a tick."""
+        """Commands the vehicle; called once per tick."""
         ...
 
 
 class FailsafeWatch:
-    """Says once that the vehicle's own failsafe took over."""
+    """Reports once that a failsafe of the vehicle has acted."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self.acted = False
 
-    def look(self, step: Step | None, t_s: float) -> DryRunFinding | None:
-        """The finding, the first time."""
+    def check(self, step: Step | None, t_s: float) -> DryRunFinding | None:
+        """The finding when a failsafe acts for the first time; otherwise None."""
         commander = self._vehicle.autopilot.commander
         if self.acted or not (commander.armed and commander.in_failsafe):
             return None
         self.acted = True
         mode = MODES[commander.active].name
         message = f"A failsafe of the vehicle switches to {mode}: {self._vehicle.last_warning}."
-        return found("failsafe", message, step, t_s, self._vehicle)
+        return finding_now("failsafe", message, step, t_s, self._vehicle)
 
 
-def found(code: str, message: str, step: Step | None, t_s: float, vehicle: Vehicle) -> DryRunFinding:
-    """A finding about where the vehicle is now."""
+def finding_now(code: str, message: str, step: Step | None, t_s: float, vehicle: Vehicle) -> DryRunFinding:
+    """A finding at the vehicle's current position."""
     view = vehicle.autopilot.view
     north, east, down = view.simulation.truth.position_ned_m[view.row].tolist()
-    place = None if step is None else step.place
-    return DryRunFinding(code, message, place, round(t_s, 2), (north, east, down))
+    step_name = None if step is None else step.place
+    return DryRunFinding(code, message, step_name, round(t_s, 2), (north, east, down))

@@ -1,4 +1,4 @@
-"""What can be flown in a dry run: a plan, ready for a simulated vehicle."""
+"""A plan that is ready to be flown by a simulated vehicle."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from missions.values import FenceZone
 from missions.vehicle import VehicleModel
 
 LONGEST_S = 3600.0
-"""Of any flight."""
+"""Time limit of any flight."""
 SLOWER = 2.0
 MARGIN_S = 90.0
-"""A flight may take so many times its estimate, and so much more, before it is ended."""
+"""A flight is ended after SLOWER times its estimated duration plus MARGIN_S."""
 BOOT_S = 5.0
 
 
 def longest_s(expected_s: float) -> float:
-    """When a flight that is expected to take so long is ended."""
+    """Time limit of a flight with this estimated duration."""
     return min(LONGEST_S, SLOWER * expected_s + MARGIN_S)
 
 
 class Flyable(Protocol):
-    """Anything that pilots can be made for."""
+    """A plan of any kind, with a pilot that flies it."""
 
     @property
     def fence(self) -> tuple[FenceZone, ...]:
-        """The geofence that comes with it."""
+        """The plan's geofence."""
         ...
 
     @property
     def expected_s(self) -> float:
-        """How long the flight takes by estimate, with the boot before it."""
+        """Estimated duration of boot and flight."""
         ...
 
     @property
@@ -46,7 +46,7 @@ class Flyable(Protocol):
         ...
 
     def pilot(self, vehicle: Vehicle) -> Pilot:
-        """Who flies it with this vehicle."""
+        """A pilot that flies the plan with this vehicle."""
         ...
 
 
@@ -61,10 +61,10 @@ class FlyablePlan:
 
     @classmethod
     def of(cls, plan: Plan, aircraft: Aircraft) -> FlyablePlan:
-        """One plan for one vehicle.
+        """Prepares one plan for one vehicle.
 
         Raises:
-            PlanError: PX4 does not take it.
+            PlanError: PX4 refuses it.
         """
         vehicle = VehicleModel.from_parameters(aircraft.parameters)
         with_home = plan.model_copy(update={"planned_home": aircraft.home})
@@ -72,5 +72,5 @@ class FlyablePlan:
         return cls(plan.fence, BOOT_S + expected_s, longest_s(expected_s), Upload.of(plan))
 
     def pilot(self, vehicle: Vehicle) -> WaypointPilot:
-        """Uploads it and starts it."""
+        """A pilot that uploads the plan and starts it."""
         return WaypointPilot(vehicle, self.upload)

@@ -1,4 +1,4 @@
-"""The result of one dry run: a plan flown once in simulation, with steps and findings; plain values."""
+"""The result of one dry run: a plan flown once in simulation, with steps and findings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
 from missions.dry_run.findings import NEAR_M, DryRunFinding
-from missions.dry_run.flight import Flight, Report, fly
+from missions.dry_run.flight import Flight, ReportProgress, fly
 from missions.dry_run.plans import Flyable
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.track import Track
@@ -53,7 +53,7 @@ class DryRun:
     length_m: float
     battery_start_share: float
     battery_end_share: float | None
-    """None: how fast the battery drains is not known."""
+    """None: the battery's discharge rate is unknown."""
     fence_distance_m: float | None
     obstacle_distance_m: float | None
     steps: tuple[StepTime, ...]
@@ -66,7 +66,7 @@ class DryRun:
     """Simulation speed relative to real time."""
 
     def document(self, max_samples: int = MAX_SAMPLES) -> dict[str, Any]:
-        """As JSON values, with a path reduced to so many samples."""
+        """As JSON values, with a path of at most `max_samples` samples."""
         home = self.aircraft.home
         return {
             "origin": {"lat_deg": home.lat_deg, "lon_deg": home.lon_deg, "alt_amsl_m": home.alt_amsl_m},
@@ -95,13 +95,13 @@ def dry_run(
     *,
     seed: int = 0,
     obstacles: Sequence[Obstacle] = (),
-    report: Report | None = None,
+    report: ReportProgress | None = None,
 ) -> DryRun:
     """Flies a plan once.
 
     Args:
         flyable: the plan.
-        aircraft: what flies, and from where.
+        aircraft: the vehicle and its start position.
         conditions: wind, mass and battery; None: no wind, nominal vehicle.
         seed: seed of noise and gusts.
         obstacles: obstacles around the start.
@@ -117,10 +117,10 @@ def dry_run(
         report=report,
     )[0]  # fmt: skip
     spent_s = time.perf_counter() - began_s
-    return judge(flight, flyable, aircraft, obstacles, spent_s)
+    return evaluate(flight, flyable, aircraft, obstacles, spent_s)
 
 
-def judge(
+def evaluate(
     flight: Flight, flyable: Flyable, aircraft: Aircraft, obstacles: Sequence[Obstacle], spent_s: float
 ) -> DryRun:
     """Evaluates one flight."""
@@ -168,14 +168,14 @@ def _least(distances: Array) -> float | None:
 
 
 def _last_armed(track: Track) -> int:
-    """Charge before disarming: a simulated vehicle's battery is full again when it is disarmed."""
+    """Index of the last sample before disarming; a simulated battery is full again after it."""
     rises = np.flatnonzero(np.diff(track.battery_share) > 0.0)
     return int(rises[0]) if len(rises) else len(track.battery_share) - 1
 
 
 def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
-    """Begin and end of each flown step; a repeated step is listed each time."""
-    found: list[StepTime] = []
+    """Start and end of each flown step; a repeated step is listed each time."""
+    steps: list[StepTime] = []
     changes = np.flatnonzero(np.diff(track.step)) + 1
     bounds = [0, *changes.tolist(), len(track.step)]
     for first, end in itertools.pairwise(bounds):
@@ -184,14 +184,14 @@ def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
             continue
         step = track.steps[index]
         last = min(end, len(track.t_s) - 1)
-        found.append(
+        steps.append(
             StepTime(
                 step.place, step.title, step.row, round(float(track.t_s[first]), 2),
                 round(float(track.t_s[last]), 2), rounded(_least(fence_m[first:end]), 2),
                 rounded(_least(obstacle_m[first:end]), 2),
             )
         )  # fmt: skip
-    return found
+    return steps
 
 
 def _at(track: Track, sample: int) -> tuple[str | None, float, tuple[float, float, float]]:
@@ -204,7 +204,7 @@ def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
     """One finding for each time the flight leaves the fence."""
     outside = fence_m < 0.0
     entries = np.flatnonzero(outside & ~np.concatenate([[False], outside[:-1]]))
-    found: list[DryRunFinding] = []
+    findings: list[DryRunFinding] = []
     for first in entries.tolist():
         after = np.flatnonzero(~outside[first:])
         end = first + int(after[0]) if len(after) else len(outside)
@@ -213,8 +213,8 @@ def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
         message = (
             f"The flight leaves the geofence at {step or 'its start'}, by up to {-fence_m[worst]:.1f} m."
         )
-        found.append(DryRunFinding("fence_touched", message, step, t_s, place))
-    return found
+        findings.append(DryRunFinding("fence_touched", message, step, t_s, place))
+    return findings
 
 
 def _near(
@@ -231,7 +231,7 @@ def _near(
 
 def _battery(track: Track, aircraft: Aircraft, end_share: float | None) -> list[DryRunFinding]:
     if end_share is None:
-        message = "How fast the vehicle's battery drains is not known: give its endurance in hover."
+        message = "The vehicle's battery discharge rate is unknown: enter its hover endurance."
         return [DryRunFinding("battery_unknown", message)]
     empty = np.flatnonzero(track.battery_share <= EMPTY_SHARE)
     if len(empty):

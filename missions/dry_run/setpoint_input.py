@@ -1,4 +1,4 @@
-"""A setpoint as the simulated vehicle's offboard receiver takes it."""
+"""Sends a setpoint to the offboard receiver of a simulated vehicle."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from missions.setpoints import (
 from vehicle_sim.autopilot.offboard import LOCAL_NED, YAW_BIT, YAW_RATE_BIT, Offboard
 
 IGNORE_YAW_RATE, IGNORE_RATES, IGNORE_ATTITUDE = 4, 7, 128
-"""Of SET_ATTITUDE_TARGET's mask; without the first the third rate is the yaw rate."""
+"""Bits of SET_ATTITUDE_TARGET's type_mask. With IGNORE_YAW_RATE cleared, the third rate is the yaw rate."""
 
 
 def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> None:
-    """Hands it over at once.
+    """Sends a setpoint.
 
     Args:
-        offboard: of the vehicle, whose local frame begins where it stands.
+        offboard: the vehicle's offboard receiver; its local origin is the vehicle's start position.
         setpoint: in the mission's local frame.
-        start_ned_m: where the vehicle stands in the mission's local frame.
+        start_ned_m: the vehicle's start position in the mission's local frame.
 
     Raises:
-        ValueError: a kind that missions do not have.
+        ValueError: a kind of setpoint that missions do not send.
     """
     if isinstance(setpoint, Attitude):
         rate = setpoint.yaw_rate_ned_rad_s
@@ -46,7 +46,7 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
         raise ValueError(f"a mission sends no {setpoint.type}")
     position, velocity, acceleration = NOTHING, NOTHING, NOTHING
     if isinstance(setpoint, Position | Trajectory):
-        n, e, d = (_less(at, start) for at, start in zip(setpoint.position_ned_m, start_ned_m, strict=True))
+        n, e, d = (_minus(at, start) for at, start in zip(setpoint.position_ned_m, start_ned_m, strict=True))
         position = (n, e, d)
     if isinstance(setpoint, Velocity | Trajectory):
         velocity = setpoint.velocity_ned_m_s
@@ -61,7 +61,7 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
     )  # fmt: skip
 
 
-def _less(value: float | None, by: float) -> float | None:
+def _minus(value: float | None, by: float) -> float | None:
     return None if value is None else value - by
 
 

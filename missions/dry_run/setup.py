@@ -1,4 +1,4 @@
-"""What a dry run is given: the vehicle, the weather, what stands around; and how these may vary."""
+"""Inputs of a dry run: vehicle, wind and other conditions, obstacles."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.values import HomePosition
 
-TAKEN = (
+USED = (
     "BAT_*_THR", "COM_DISARM_LAND", "COM_FLT_TIME_MAX", "COM_LOW_BAT_ACT", "COM_OBL_RC_ACT", "COM_OF_LOSS_T",
     "COM_SPOOLUP_TIME", "COM_TAKEOFF_ACT", "COM_WIND_*", "GF_*", "LNDMC_*", "MIS_*", "MNT_*", "MPC_*",
     "NAV_ACC_RAD", "NAV_MC_ALT_RAD", "RTL_*",
 )  # fmt: skip
-"""Parameters of a real vehicle that decide how a flight goes, whatever the airframe."""
-AIRFRAME_BOUND = ("MPC_THR_HOVER", "MPC_THR_MIN", "MPC_THR_MAX", "MPC_USE_HTE")
-"""Of these, what was tuned on the real airframe and does not fit the simulated one."""
-TAKEN_OF_SIMULATED = (*TAKEN, "CA_ROTOR*", "EKF2_*", "IMU_*", "MC_*", "SIH_*", "SIM_BAT_*")
-"""Of a vehicle that is simulated itself."""
+"""Parameters of a real vehicle that affect the flight and do not depend on the airframe."""
+AIRFRAME_SPECIFIC = ("MPC_THR_HOVER", "MPC_THR_MIN", "MPC_THR_MAX", "MPC_USE_HTE")
+"""Exceptions from USED: tuned for the real airframe, wrong for the simulated one."""
+USED_OF_SIMULATED = (*USED, "CA_ROTOR*", "EKF2_*", "IMU_*", "MC_*", "SIH_*", "SIM_BAT_*")
+"""Parameters used if the vehicle itself is simulated."""
 WIND_MAX_M_S = 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class Aircraft:
-    """The vehicle that flies, as far as known."""
+    """The vehicle to simulate."""
 
     home: HomePosition
-    """Where it stands; the local origin of all results."""
+    """Start position; the local origin of all results."""
     yaw_ned_rad: float = 0.0
     parameters: Mapping[str, float] = field(default_factory=dict[str, float])
-    """PX4's names; those that fit the simulated vehicle are taken over (`parameters_taken`)."""
+    """By PX4 name; `simulated_parameters` selects those that the simulated vehicle uses."""
     battery_share: float = 1.0
     """At the start, 0 to 1."""
     endurance_s: float | None = None
-    """Hovering from full to empty; None: as the simulated battery's parameters say, where it has them."""
+    """Hover time from full to empty; None: from SIM_BAT_DRAIN, if the vehicle has it."""
     battery_reserve: float = 0.2
-    """Share of the battery that is to be left after the flight."""
+    """Share of the battery that must be left after the flight."""
 
     @property
     def origin(self) -> LocalOrigin:
-        """Of the local frame."""
+        """Origin of the local frame."""
         return LocalOrigin(self.home.lat_deg, self.home.lon_deg, self.home.alt_amsl_m)
 
     @property
@@ -53,41 +53,41 @@ class Aircraft:
 
     @property
     def battery_is_known(self) -> bool:
-        """Whether anything says how fast the battery drains."""
+        """Whether the battery's discharge rate is known."""
         return self.endurance_s is not None or "SIM_BAT_DRAIN" in self.parameters
 
-    def parameters_taken(self) -> dict[str, float]:
-        """Those that the simulated vehicle flies with."""
-        patterns = TAKEN_OF_SIMULATED if self.is_simulated else TAKEN
+    def simulated_parameters(self) -> dict[str, float]:
+        """The parameters that the simulated vehicle uses."""
+        patterns = USED_OF_SIMULATED if self.is_simulated else USED
         return {
             name: value
             for name, value in self.parameters.items()
             if math.isfinite(value)
             and any(fnmatchcase(name, pattern) for pattern in patterns)
-            and (self.is_simulated or name not in AIRFRAME_BOUND)
+            and (self.is_simulated or name not in AIRFRAME_SPECIFIC)
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What one flight meets."""
+    """Conditions of one flight."""
 
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
-    """Where the air moves to."""
+    """Velocity of the air."""
     gusts_m_s: float = 0.0
-    """One sigma of each horizontal axis."""
+    """Standard deviation on each horizontal axis."""
     mass_scale: float = 1.0
-    """Of the vehicle's mass."""
+    """Factor of the vehicle's mass."""
     battery_scale: float = 1.0
-    """Of the battery's capacity."""
+    """Factor of the battery's capacity."""
     sensor_noise: float = 1.0
-    """Times the noise of PX4's own simulation."""
+    """Factor of the sensor noise of PX4's own simulation."""
 
     def __post_init__(self) -> None:
-        """Refuses what cannot be flown.
+        """Checks the bounds of each value.
 
         Raises:
-            PlanError: names the value and its bounds.
+            PlanError: a value is out of bounds; names it and its bounds.
         """
         bounds = {
             "wind_ned_m_s": (math.hypot(*self.wind_ned_m_s), 0.0, WIND_MAX_M_S),
@@ -104,12 +104,12 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """An upright box; north and east of home, heights above home."""
+    """An upright box; position relative to home, heights above home."""
 
     name: str
     north_m: float
     east_m: float
-    """Of its centre."""
+    """North and east of the centre."""
     length_m: float
     """Along its own x axis: north where yaw is 0."""
     width_m: float

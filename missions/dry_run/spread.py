@@ -1,4 +1,4 @@
-"""How conditions vary from flight to flight: stated distributions, drawn by seed and number of the flight."""
+"""Random variation of the conditions from flight to flight, reproducible by seed and flight number."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from missions.dry_run.setup import Conditions
 from missions.errors import PlanError
 
 WITHIN_SIGMA = 3.0
-"""Draws beyond are cut: nobody plans for a wind that never blows."""
+"""Random values are limited to this many standard deviations, so that no impossible wind is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """One sigma of each normal distribution about the stated conditions; 0: as stated."""
+    """Standard deviations of normal distributions around the stated conditions; 0: no variation."""
 
     wind_m_s: float = 1.5
-    """Of the steady wind, on each horizontal axis."""
+    """Steady wind, on each horizontal axis."""
     gusts: float = 0.3
-    """Of the gusts, as a part of the stated gusts."""
+    """Gusts, as a fraction of the stated gusts."""
     mass: float = 0.03
-    """Of the mass, as a part of it."""
+    """Mass, as a fraction of it."""
     battery: float = 0.05
-    """Of the battery's capacity, as a part of it."""
+    """Battery capacity, as a fraction of it."""
     sensor_noise: float = 0.2
-    """Of the sensors' noise, as a part of it."""
+    """Sensor noise, as a fraction of it."""
 
     def __post_init__(self) -> None:
-        """Refuses what is no sigma.
+        """Checks the bounds of each value.
 
         Raises:
-            PlanError: names the value and its bounds.
+            PlanError: a value is out of bounds; names it and its bounds.
         """
         for each in fields(self):
             value, most = getattr(self, each.name), 10.0 if each.name == "wind_m_s" else 0.5
@@ -42,7 +42,7 @@ class Spread:
                 raise PlanError(f"spread, {each.name}", reason, "Give a value between these.")
 
     def draw(self, stated: Conditions, seed: int, flight: int) -> Conditions:
-        """The conditions of one flight: the same for the same seed and number."""
+        """The conditions of one flight; the same for the same seed and flight number."""
         random = np.random.default_rng([seed, flight, 1])
         z = np.clip(random.standard_normal(6), -WITHIN_SIGMA, WITHIN_SIGMA).tolist()
         north, east, down = stated.wind_ned_m_s
@@ -57,16 +57,16 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """How often something happened, and what that says of the next flight."""
+    """How often an outcome happened, and the upper limit of its probability."""
 
     count: int
     share: float
     upper: float
-    """At most so likely, with 97.5 % confidence (Wilson's interval)."""
+    """Upper limit of the probability, with 97.5 % confidence (Wilson's interval)."""
 
     @classmethod
     def of(cls, count: int, flights: int) -> Chance:
-        """Of so many flights."""
+        """From the number of flights with this outcome and of all flights."""
         z, p = 1.959964, count / flights
         middle = p + z * z / (2 * flights)
         half = z * math.sqrt(p * (1 - p) / flights + z * z / (4 * flights * flights))
@@ -75,7 +75,7 @@ class Chance:
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """Of many flights."""
+    """Quantiles of one value over many flights."""
 
     p5: float
     p50: float
@@ -85,7 +85,7 @@ class Quantiles:
 
     @classmethod
     def of(cls, values: list[float]) -> Quantiles | None:
-        """None: there are none."""
+        """The quantiles of a list; None for an empty list."""
         if not values:
             return None
         p5, p50, p95 = np.quantile(values, (0.05, 0.5, 0.95)).tolist()

@@ -1,4 +1,4 @@
-"""A dry run from JSON values to JSON values, as a process of its own carries it out."""
+"""A dry run with JSON values as input and output, to be run in a worker process."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ def _origin(request: Mapping[str, Any]) -> LocalOrigin | None:
 
 
 def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
-    """Flies once, or many times where `flights` says how often.
+    """Flies a plan once, or `flights` times more with varied conditions.
 
     Args:
         request: `kind` (waypoint_plan, offboard_mission), `plan` (JSON text), `origin` (of the vehicle's
-            local frame; null: where it stands), `aircraft`, `conditions`, `obstacles`, `seed`, `flights` and
-            `spread` (null: once). Of a mission of several vehicles: `roles`, with `aircraft` and `origin` of
-            each, instead of these two (absent or null: one vehicle).
-        progress: is told what is happening, and how much is done.
+        local frame; null: its start position), `aircraft`, `conditions`, `obstacles`, `seed`, `flights` and
+            `spread` (null: one flight). For a mission of several vehicles: `roles`, with `aircraft` and
+                `origin` of each role, instead of these two (absent or null: one vehicle).
+            progress: called with a message and the fraction that is done.
 
     Returns:
-        `nominal`, `monte_carlo` (null: once) and `together` (null: one vehicle).
+        `nominal`, `monte_carlo` (null: one flight) and `together` (null: one vehicle).
 
     Raises:
         PlanError: the plan cannot be flown.
@@ -84,7 +84,7 @@ def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 def _together(
     request: Mapping[str, Any], conditions: Conditions, obstacles: Sequence[Obstacle], progress: Progress
 ) -> dict[str, Any]:
-    """Of the first role `nominal` has the path, and of all the findings."""
+    """Flies all roles; `nominal` has the path of the first role and the findings of all."""
     mission = mission_reader.read(request["plan"])
     roles = request["roles"]
     aircraft = {role: _aircraft(given) for role, given in roles.items()}
@@ -104,13 +104,13 @@ def _together(
 
 
 def findings_of(roles: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Of all roles; one that several roles have at no step of theirs stands once, with their names."""
-    found: dict[tuple[str, str | None, str], tuple[dict[str, Any], list[str]]] = {}
+    """The findings of all roles; equal findings of several roles become one, with the role names."""
+    merged: dict[tuple[str, str | None, str], tuple[dict[str, Any], list[str]]] = {}
     for role, run in roles.items():
         for each in run["findings"]:
-            same = (each["code"], each["step"], each["text"])
-            found.setdefault(same, (dict(each), []))[1].append(role)
-    for each, of in found.values():
+            key = (each["code"], each["step"], each["text"])
+            merged.setdefault(key, (dict(each), []))[1].append(role)
+    for each, role_names in merged.values():
         if each["step"] is None:
-            each["text"] = f"{' and '.join(of)}: {each['text']}"
-    return [each for each, _ in found.values()]
+            each["text"] = f"{' and '.join(role_names)}: {each['text']}"
+    return [each for each, _ in merged.values()]

@@ -1,6 +1,6 @@
-"""A mission of several vehicles flown in simulation: all roles in one batch, from where their vehicles stand.
+"""Simulates a mission of several vehicles: all roles in one batch, each from its vehicle's position.
 
-Nothing stops two vehicles that come too near, as the guard does in flight: the finding says where it would.
+The separation guard that holds vehicles in flight does not act here; a finding says where it would act.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Fleet
-from missions.dry_run.flight import Report, fly_fleet
+from missions.dry_run.flight import ReportProgress, fly_fleet
 from missions.dry_run.offboard import LOOK_EVERY_TICKS, OffboardPilot
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.plans import longest_s
-from missions.dry_run.result import MAX_SAMPLES, DryRun, finding_document, judge
+from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate, finding_document
 from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.track import EVERY_S, Recorder, Track
 from missions.errors import PlanError
@@ -35,24 +35,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Closest:
-    """Where two vehicles came nearest to each other."""
+    """The smallest distance between two vehicles."""
 
     roles: tuple[str, str]
     distance_m: float
     """Between their centres."""
     t_s: float
-    """Since the common start."""
+    """Time since the common start."""
 
 
 @dataclass(frozen=True, slots=True)
 class DryRunTogether:
-    """Result of one dry run of all roles. Places count from the home of the first role's vehicle."""
+    """Result of one dry run of all roles. Positions are relative to the home of the first role's vehicle."""
 
     roles: dict[str, DryRun]
     closest: tuple[Closest, ...]
-    """Of each two roles that both flew."""
+    """One for each pair of roles that both flew."""
     findings: tuple[DryRunFinding, ...]
-    """About their separation; all others are with their roles."""
+    """Findings about separation; all others are in `roles`."""
 
     def document(self) -> dict[str, Any]:
         """As JSON values."""
@@ -71,21 +71,21 @@ class DryRunTogether:
 
 
 class PilotsTogether:
-    """Begins all roles at one moment, and lets them leave their meetings together.
+    """Starts all roles at the same time, and lets them leave their meeting points together.
 
     Args:
-        pilots: by role; none of them starts alone.
+        pilots: by role; made with `alone=False`.
     """
 
     def __init__(self, pilots: Mapping[str, OffboardPilot]) -> None:
         self._pilots = pilots
         self._together = Together({role: pilot.runner for role, pilot in pilots.items()})
-        self._begun = False
+        self._started = False
         self._ticks = 0
 
-    def look(self, now_s: float) -> None:
+    def tick(self, now_s: float) -> None:
         """Called after all pilots at each tick."""
-        if not self._begun:
+        if not self._started:
             self._begin(now_s)
             return
         self._ticks += 1
@@ -96,14 +96,14 @@ class PilotsTogether:
     def _begin(self, now_s: float) -> None:
         if not all(pilot.may_start(now_s) for pilot in self._pilots.values()):
             return
-        self._begun = True
+        self._started = True
         try:
-            begun = self._together.start(now_s, self._readings())
+            first_requests = self._together.start(now_s, self._readings())
         except CannotDo as error:
             for pilot in self._pilots.values():
                 pilot.refuse(error)
             return
-        for role, requests in begun.items():
+        for role, requests in first_requests.items():
             self._pilots[role].begin(now_s, requests)
 
     def _readings(self) -> dict[str, Any]:
@@ -118,26 +118,26 @@ def dry_run_together(
     origins: Mapping[str, LocalOrigin] | None = None,
     seed: int = 0,
     obstacles: Sequence[Obstacle] = (),
-    report: Report | None = None,
+    report: ReportProgress | None = None,
 ) -> DryRunTogether:
     """Flies all roles of a mission once, together.
 
     Args:
-        mission: with roles.
-        aircraft: by role, each where it stands.
-        conditions: of all; None: no wind, nominal vehicles.
-        origins: by role, of its vehicle's local frame; where one is missing, where it stands.
-        seed: of noise and gusts.
-        obstacles: around the first role's home.
-        report: is told how far it is; what it raises ends the dry run.
+        mission: a mission with roles.
+        aircraft: by role: the vehicle and its start position.
+        conditions: for all vehicles; None: no wind, nominal vehicles.
+        origins: by role: the origin of the vehicle's local frame; missing: its start position.
+        seed: seed of noise and gusts.
+        obstacles: obstacles around the first role's home.
+        report: called with the progress; an exception from it ends the dry run.
 
     Raises:
-        PlanError: A role has no vehicle, or cannot be compiled.
+        PlanError: A role has no vehicle, or the mission cannot be compiled.
     """
     missing = [role for role in mission.roles if role not in aircraft]
     if missing or not mission.roles:
         name = missing[0] if missing else ""
-        raise PlanError("vehicles", f"role {name!r} has no vehicle", "Name a vehicle for each role.")
+        raise PlanError("vehicles", f"role {name!r} has no vehicle", "Assign a vehicle to each role.")
     conditions, origins = conditions or Conditions(), origins or {}
     roles = list(mission.roles)
     flyable = {
@@ -153,26 +153,29 @@ def dry_run_together(
     }
     recorder = Recorder(fleet, list(pilots.values()), detailed=len(roles))
     flights = fly_fleet(
-        fleet, list(pilots.values()), of_each, recorder, report=report, look=PilotsTogether(pilots).look,
+        fleet, list(pilots.values()), of_each, recorder, report=report,
+        after_pilots=PilotsTogether(pilots).tick,
         longest_s=longest_s(sum(each.expected_s for each in flyable.values())),
     )  # fmt: skip
     spent_s = time.perf_counter() - began_s
     home = aircraft[roles[0]].home
-    judged = {
-        role: judge(flight, flyable[role], replace(aircraft[role], home=home), obstacles, spent_s)
+    evaluated = {
+        role: evaluate(flight, flyable[role], replace(aircraft[role], home=home), obstacles, spent_s)
         for role, flight in zip(roles, flights, strict=True)
     }
-    tracks = {role: run.track for role, run in judged.items() if run.track is not None}
+    tracks = {role: run.track for role, run in evaluated.items() if run.track is not None}
     separation = list(_separation(tracks, mission.separation_m))
     return DryRunTogether(
-        judged, tuple(each for each, _ in separation), tuple(found for _, found in separation if found)
+        evaluated,
+        tuple(each for each, _ in separation),
+        tuple(finding for _, finding in separation if finding),
     )
 
 
 def _separation(
     tracks: Mapping[str, Track], minimum_m: float
 ) -> Iterator[tuple[Closest, DryRunFinding | None]]:
-    """Of each two roles; as long as both fly."""
+    """The smallest distance of each pair of roles while both fly, with a finding if it is too small."""
     least_m = minimum_m + planned_margin_m()
     for one, other in itertools.combinations(tracks, 2):
         count = min(len(tracks[one].t_s), len(tracks[other].t_s))
@@ -185,8 +188,10 @@ def _separation(
         yield closest, _too_near(tracks, (one, other), kept_m, int(near[0]), least_m) if len(near) else None
 
 
-def _velocity(places: Array) -> Array:
-    return np.gradient(places, EVERY_S, axis=0) if len(places) > 1 else np.zeros_like(places)
+def _velocity(position_ned_m: Array) -> Array:
+    if len(position_ned_m) < 2:
+        return np.zeros_like(position_ned_m)
+    return np.gradient(position_ned_m, EVERY_S, axis=0)
 
 
 def _too_near(

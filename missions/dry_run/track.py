@@ -1,4 +1,4 @@
-"""What is recorded of the flights of a batch: places, and of single ones all that a picture of them needs."""
+"""Recordings of the flights of a batch: positions of all, and the full motion of some."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from missions.dry_run.pilot import Pilot, Step
 
 Array = NDArray[np.float64]
 EVERY_TICKS = 5
-"""10 Hz."""
+"""Sampled at 10 Hz."""
 EVERY_S = EVERY_TICKS * TICK_S
 
 
@@ -22,35 +22,35 @@ class Track:
     """One flight, from its start to its end; N samples."""
 
     t_s: Array
-    """(N,) since the start."""
+    """(N,) time since the start."""
     position_ned_m: Array
-    """(N, 3) from home."""
+    """(N, 3) relative to home."""
     battery_share: Array
-    """(N,)."""
+    """(N,) 0 to 1."""
     step: NDArray[np.int64]
-    """(N,) index in `steps`; -1: none."""
+    """(N,) index in `steps`; -1: no step."""
     steps: tuple[Step, ...]
-    """Those that were flown, in the order of their first sample."""
+    """The flown steps, in the order of their first sample."""
     velocity_ned_m_s: Array | None = None
-    """(N, 3); these three only of the flights that are recorded in detail."""
+    """(N, 3); velocity, attitude and gimbal are None unless the flight is recorded in detail."""
     q_ned_frd: Array | None = None
     """(N, 4)."""
     gimbal_rad: Array | None = None
-    """(N, 2) pitch (up is positive), and yaw from north."""
+    """(N, 2) pitch (up is positive) and yaw relative to north."""
 
     @property
     def length_m(self) -> float:
-        """Along the path."""
+        """Length of the path."""
         return float(np.linalg.norm(np.diff(self.position_ned_m, axis=0), axis=1).sum())
 
 
 class Recorder:
-    """Of one batch.
+    """Records one batch.
 
     Args:
-        fleet: whose vehicles.
-        pilots: one each.
-        detailed: of so many of the first ones velocity, attitude and gimbal are recorded as well.
+        fleet: the vehicles.
+        pilots: one for each vehicle.
+        detailed: number of vehicles, from the first, whose velocity, attitude and gimbal are recorded too.
     """
 
     def __init__(self, fleet: Fleet, pilots: Sequence[Pilot], detailed: int = 1) -> None:
@@ -68,7 +68,7 @@ class Recorder:
         self._last = np.full(count, -1)
 
     def sample(self) -> None:
-        """Now."""
+        """Adds one sample of all vehicles."""
         simulation, count = self._fleet.sim.simulation, len(self._pilots)
         truth, at = simulation.truth, len(self._times)
         self._times.append(self._fleet.time_s)
@@ -92,7 +92,7 @@ class Recorder:
         self._steps.append(steps)
 
     def track(self, row: int) -> Track | None:
-        """The flight of one vehicle; None: it never began."""
+        """The flight of one vehicle; None: it never started."""
         first, last = int(self._first[row]), int(self._last[row])
         if first < 0:
             return None

@@ -1,4 +1,4 @@
-"""A waypoint plan in a dry run: uploaded as it would be, then flown by the simulated PX4's Mission mode."""
+"""A waypoint plan in a dry run: uploaded, then flown by the simulated PX4 in Mission mode."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Vehicle
-from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, found
+from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, finding_now
 from missions.errors import PlanError
 from missions.formats.mavlink_items import WireItem, fence_items, mission_items, rally_items
 from missions.items import LoiterUnlimited
@@ -18,13 +18,13 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.plans import FENCE, MISSION, RALLY
 from vehicle_sim.mavlink.services.mission_items import ACCEPTED, CAPACITY, result_of
 
-JUDGED_AFTER_S = 3.0
-"""After boot the vehicle has judged a mission, once it has a home."""
+CHECKED_AFTER_S = 3.0
+"""Time since boot after which the vehicle has checked its mission, if it has a home."""
 ARRIVED_M = 1.5
 STILL_M_S = 0.4
-"""So near and so slow it stays at an item that never ends."""
+"""Within this distance and below this speed the vehicle has arrived at an item that never ends."""
 Fields = Mapping[str, Any]
-"""Of MISSION_ITEM_INT."""
+"""Fields of MISSION_ITEM_INT."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -32,15 +32,15 @@ class Upload:
     """The items of a plan as the vehicle stores them."""
 
     parts: tuple[tuple[int, tuple[Fields, ...]], ...]
-    """Kind (mission, fence, rally) and its items."""
+    """Mission type (mission, fence, rally) and its items."""
     steps: tuple[Step, ...]
-    """For each mission item."""
+    """One step for each mission item."""
     endless: frozenset[int]
     """Mission items that never end by themselves."""
 
     @classmethod
     def of(cls, plan: Plan) -> Upload:
-        """Of one plan.
+        """The items of one plan.
 
         Raises:
             PlanError: PX4 refuses an item, or has no room for so many.
@@ -68,14 +68,14 @@ def _stored(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ..
     if len(items) > CAPACITY[kind]:
         reason = f"it has {len(items)} {name}s, PX4 has room for {CAPACITY[kind]}"
         raise PlanError("the plan", reason, "Remove some.")
-    found: list[Fields] = []
+    stored: list[Fields] = []
     for item in items:
         fields = dataclasses.asdict(item)
         if result_of(kind, fields, as_int=True) != ACCEPTED:
             reason = f"PX4 does not accept command {item.command} in frame {item.frame} there"
             raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or give it another altitude.")
-        found.append(fields)
-    return tuple(found)
+        stored.append(fields)
+    return tuple(stored)
 
 
 class WaypointPilot:
@@ -94,7 +94,7 @@ class WaypointPilot:
             vehicle.autopilot.plans.store(kind, items)
 
     def tick(self, now_s: float) -> None:
-        """Start when the vehicle is ready; then see how far it is."""
+        """Starts the mission when the vehicle is ready, then watches its progress."""
         if self.done:
             return
         if self.started_s is None:
@@ -106,15 +106,17 @@ class WaypointPilot:
         autopilot = self._vehicle.autopilot
         commander = autopilot.commander
         ready = commander.checks.has_mission and commander.report.armable(NavState.MISSION)
-        judged = now_s > JUDGED_AFTER_S and autopilot.home.valid and not commander.checks.has_mission
-        if not ready and not judged and now_s < READY_WITHIN_S:
+        mission_rejected = (
+            now_s > CHECKED_AFTER_S and autopilot.home.valid and not commander.checks.has_mission
+        )
+        if not ready and not mission_rejected and now_s < READY_WITHIN_S:
             return
         if ready and commander.start_mission(0.0):
             self.started_s = now_s
             self.step = self._upload.steps[0]
             return
         message = f"The vehicle does not start the mission: {self._vehicle.last_warning}."
-        self.findings.append(found("start_refused", message, None, 0.0, self._vehicle))
+        self.findings.append(finding_now("start_refused", message, None, 0.0, self._vehicle))
         self.done = True
 
     def _watch(self, now_s: float, t_s: float) -> None:
@@ -122,7 +124,7 @@ class WaypointPilot:
         mission = self._vehicle.autopilot.navigator.mission
         if not self._failsafe.acted and commander.active in (NavState.MISSION, NavState.RTL):
             self.step = self._upload.steps[mission.current]
-        finding = self._failsafe.look(self.step, t_s)
+        finding = self._failsafe.check(self.step, t_s)
         if finding is not None:
             self.findings.append(finding)
         if not commander.armed:
@@ -133,11 +135,12 @@ class WaypointPilot:
             self._settled_s = now_s
         if self._settled_s is not None and now_s - self._settled_s >= SETTLED_S:
             self.done = self.finished = True
-            message = f"The mission ends in the air after {self.step.place if self.step else 'it'}."
-            self.findings.append(found("ends_in_air", message, self.step, t_s, self._vehicle))
+            message = f"The mission ends in the air after {self.step.place if self.step else 'its start'}."
+            self.findings.append(finding_now("ends_in_air", message, self.step, t_s, self._vehicle))
 
     def _returned(self) -> bool:
-        """A return item lands in a mode of its own; the mission is over then, though PX4 does not say so."""
+        """Whether the last item was a return: PX4 lands in Return mode and never reports the mission as
+        finished."""
         mission = self._vehicle.autopilot.navigator.mission
         return mission.current == mission.count - 1
 

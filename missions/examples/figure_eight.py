@@ -3,4 +3,4 @@
 from missions.examples.flown_document import main
 
 if __name__ == "__main__":
-    main("Fly two rounds of a figure-eight at 5 m/s, and land.", "figure_eight.yaml")
+    main("Fly a figure-eight twice at 5 m/s, and land.", "figure_eight.yaml")

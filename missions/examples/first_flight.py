@@ -1,8 +1,8 @@
-"""Take off by offboard setpoints, 5 m up facing east, and land.
+"""Climb to 5 m facing east with offboard setpoints, and land.
 
-`python -m missions.examples.first_flight`. The position is sent ten times a second, each valid for half a
-second: if this program dies, the server holds the vehicle at its position, then switches it to PX4's Hold
-mode.
+`python -m missions.examples.first_flight`. The program sends the position setpoint ten times a second, each
+valid for half a second. If the program dies, the server holds the vehicle at its position, then switches it
+to PX4's Hold mode.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ARRIVED_M = 0.25
 
 
 async def fly(server: str, vehicle: str | None) -> None:
-    """The flight, from ready to disarmed."""
+    """Flies from ready to disarmed."""
     async with Gcs(server, client="first_flight") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
         async with drone.offboard(position_ned_m=UP_5_M, yaw_ned_rad=EAST_RAD, valid_for_s=0.5) as offboard:

@@ -1,4 +1,4 @@
-"""What the examples of offboard missions share: flies the document beside them, and says how it goes."""
+"""Shared by the examples of offboard missions: flies a document of this folder and prints the progress."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ OVER = ("done", "aborted", "stopped", "suspended")
 
 
 async def fly(server: str, vehicle: str | None, document: str, *, yes: bool) -> None:
-    """From ready to disarmed.
+    """Flies from ready to disarmed.
 
     Args:
         server: address of the ground station.
-        vehicle: its id; None: the first one heard.
-        document: the file's name.
-        yes: answers each question of the mission by itself.
+        vehicle: id of the vehicle; None: the first connected one.
+        document: name of the file.
+        yes: answer each question of the mission with yes.
 
     Raises:
-        SystemExit: the mission has not come to its end.
+        SystemExit: the mission ended early.
     """
     async with Gcs(server, client=Path(document).stem) as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
@@ -38,7 +38,7 @@ async def fly(server: str, vehicle: str | None, document: str, *, yes: bool) -> 
 
 
 async def follow(drone: Vehicle, *, yes: bool) -> dict[str, Any]:
-    """Prints each new step, asks what the mission asks, and returns its state at its end."""
+    """Prints each new step, asks the mission's questions on the terminal, and returns its final state."""
     shown = None
     while True:
         state = await drone.offboard_mission.state()
@@ -58,6 +58,6 @@ async def follow(drone: Vehicle, *, yes: bool) -> dict[str, Any]:
 
 
 def main(description: str, document: str) -> None:
-    """What `python -m` of an example does."""
-    arguments = parse(description, yes="answer each question of the mission by itself")
+    """Entry point of an example."""
+    arguments = parse(description, yes="answer each question of the mission with yes")
     asyncio.run(fly(arguments.server, arguments.vehicle, document, yes=arguments.yes))

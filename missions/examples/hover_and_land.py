@@ -1,6 +1,6 @@
-"""Stream a second, arm, hold one metre up until second 21, land.
+"""Arm, hold at 1 m until 21 s after the start, land; with the synchronous client.
 
-`python -m missions.examples.hover_and_land`; written without an event loop.
+`python -m missions.examples.hover_and_land`
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ LAND_AFTER_S = 21.0
 
 
 def fly(server: str, vehicle: str | None) -> None:
-    """The flight, from ready to disarmed."""
+    """Flies from ready to disarmed."""
     with SyncGcs(server, client="hover_and_land") as gcs:
         drone = gcs.wait_for_vehicle(vehicle, ready=True)
         start_s = time.monotonic()
@@ -30,5 +30,5 @@ def fly(server: str, vehicle: str | None) -> None:
 
 
 if __name__ == "__main__":
-    arguments = parse("Hold one metre up until second 21, then land.")
+    arguments = parse("Hold at 1 m until 21 s after the start, then land.")
     fly(arguments.server, arguments.vehicle)

@@ -1,6 +1,7 @@
 """Survey a field north of the home with a camera, flown by PX4: `python -m missions.examples.survey`.
 
-The server makes lines and pictures of the area, camera and overlaps; the plan is uploaded, verified, started.
+The server computes the survey lines from the area, camera and overlaps. Then the plan is uploaded and
+started.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from missions.examples.arguments import parse
 
 METRES_PER_DEGREE = 111_195.0
 WIDTH_M, DEPTH_M, HEIGHT_M = 60.0, 40.0, 25.0
-AWAY_M = 10.0
+NORTH_OF_HOME_M = 10.0
 CAMERA = {
     "sensor_width_mm": 13.2,
     "sensor_height_mm": 8.8,
@@ -22,14 +23,14 @@ CAMERA = {
     "image_width_px": 5472,
     "image_height_px": 3648,
 }
-FLOWN_WITHIN_S = 600.0
+TIMEOUT_S = 600.0
 
 
 async def fly(server: str, vehicle: str | None) -> None:
-    """The flight, from ready to disarmed."""
+    """Flies from ready to disarmed."""
     async with Gcs(server, client="survey") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
-        plan = await planned(gcs, drone)
+        plan = await make_plan(gcs, drone)
         await drone.mission.upload(plan)
         print(f"Uploaded and verified: {len(plan['items'])} items.")
         await drone.mission.start()
@@ -37,27 +38,27 @@ async def fly(server: str, vehicle: str | None) -> None:
     print("Landed and disarmed.")
 
 
-async def planned(gcs: Gcs, drone: Vehicle) -> dict[str, Any]:
-    """A take-off, the lines over the field, and a landing at home."""
+async def make_plan(gcs: Gcs, drone: Vehicle) -> dict[str, Any]:
+    """A plan with a take-off, the survey lines over the field, and a landing at home."""
     home = await drone.topic("home")
     assert home is not None, "a vehicle that is ready has a home"
     lat, lon = home["lat_deg"], home["lon_deg"]
     altitude = {"value_m": HEIGHT_M, "reference": "home"}
-    north = [lat + metres / METRES_PER_DEGREE for metres in (AWAY_M, AWAY_M + DEPTH_M)]
+    north = [lat + metres / METRES_PER_DEGREE for metres in (NORTH_OF_HOME_M, NORTH_OF_HOME_M + DEPTH_M)]
     half_deg = WIDTH_M / 2 / (METRES_PER_DEGREE * math.cos(math.radians(lat)))
     corners = [(north[0], -half_deg), (north[0], half_deg), (north[1], half_deg), (north[1], -half_deg)]
-    made = await gcs.plans().pattern(
+    pattern = await gcs.plans().pattern(
         "survey",
         outer=[{"lat_deg": corner, "lon_deg": lon + east} for corner, east in corners],
         coverage={"camera": CAMERA, "distance_m": HEIGHT_M},
         altitude=altitude,
     )
-    figures = made["figures"]
+    figures = pattern["figures"]
     print(f"{figures['photos']} pictures on {figures['lines_length_m']:.0f} m.")
     here = {"lat_deg": lat, "lon_deg": lon}
     up = {"kind": "takeoff", **here, "altitude": altitude}
     down = {"kind": "land", **here, "altitude": {"value_m": 0.0, "reference": "home"}}
-    return {**made["plan"], "items": [up, *made["plan"]["items"], down]}
+    return {**pattern["plan"], "items": [up, *pattern["plan"]["items"], down]}
 
 
 async def follow(drone: Vehicle) -> None:
@@ -72,7 +73,7 @@ async def follow(drone: Vehicle) -> None:
             print(f"Item {shown + 1} of {mission['count']}")
         return not vehicle["status"]["armed"]
 
-    await drone.until(landed, timeout_s=FLOWN_WITHIN_S, what="the end of the survey")
+    await drone.until(landed, timeout_s=TIMEOUT_S, what="the end of the survey")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""A tower from all sides with the gimbal on it: `python -m missions.examples.tower_inspection`.
+"""Inspect a tower from all sides, gimbal pointed at it: `python -m missions.examples.tower_inspection`.
 
-Start the station with a camera on the simulated vehicle: `make run ARGS="--sim-args=--camera"`.
+Start the ground station with a camera on the simulated vehicle: `make run ARGS="--sim-args=--camera"`.
 """
 
 from missions.examples.flown_document import main

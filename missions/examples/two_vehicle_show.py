@@ -1,6 +1,6 @@
 """Two vehicles that fly one mission together: `python -m missions.examples.two_vehicle_show`.
 
-The first and the last vehicle of the ground station fly it; they stand at least 7 m apart (`gcs --sim 4`).
+The first and the last vehicle of the ground station fly it; they must be at least 7 m apart (`gcs --sim 4`).
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ DOCUMENT = "two_vehicle_show.yaml"
 
 
 async def fly(server: str) -> None:
-    """From ready to disarmed.
+    """Flies from ready to disarmed.
 
     Raises:
-        SystemExit: one of the two has not come to the mission's end.
+        SystemExit: the mission of one of the two ended early.
     """
     async with Gcs(server, client="two_vehicle_show") as gcs:
         await gcs.wait_for_vehicle(ready=True)
-        heard = await gcs.vehicles()
-        lead, left = heard[0], heard[-1]
+        vehicles = await gcs.vehicles()
+        lead, left = vehicles[0], vehicles[-1]
         if lead.id == left.id:
-            raise SystemExit("Two vehicles are needed, and only one is heard.")
+            raise SystemExit("Two vehicles are needed, and only one is connected.")
         for vehicle in (lead, left):
             await gcs.wait_for_vehicle(vehicle.id, ready=True)
         text = (Path(__file__).parent / DOCUMENT).read_bytes()
@@ -36,11 +36,11 @@ async def fly(server: str) -> None:
             print(
                 f"Vehicle {each['vehicle']} is the {each['mission']['role']} of {each['mission']['name']!r}."
             )
-        await asyncio.gather(*(_to_its_end(vehicle) for vehicle in (lead, left)))
+        await asyncio.gather(*(_until_end(vehicle) for vehicle in (lead, left)))
     print("Landed and disarmed.")
 
 
-async def _to_its_end(vehicle: Vehicle) -> None:
+async def _until_end(vehicle: Vehicle) -> None:
     ended = await follow(vehicle, yes=False)
     if ended["state"] != "done":
         raise SystemExit(f"The mission of vehicle {vehicle.id} is {ended['state']}: {ended['reason']}")

@@ -19,9 +19,9 @@ from missions.plan import Plan
 
 FormatName = Literal["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz", "yaml"]
 FORMATS: tuple[FormatName, ...] = get_args(FormatName)
-"""`json` is our own document; the others are the usual endings of files."""
+"""`json` is this project's own document; the others are file name extensions."""
 MISSION_FORMATS: tuple[FormatName, ...] = ("json", "yaml")
-"""Those that hold an offboard mission; `yaml` holds nothing else."""
+"""Formats of offboard missions; `yaml` is for offboard missions only."""
 
 _READERS: dict[FormatName, Callable[[bytes, ImportOptions], Imported]] = {
     "json": lambda data, _: _own(data),
@@ -47,10 +47,10 @@ _GEOJSON_TYPES = ("Feature", "FeatureCollection", "GeometryCollection", "Point",
 
 
 def recognise(data: bytes, filename: str = "") -> FormatName:
-    """The format of a file: by its content, and where that does not tell, by its name.
+    """The format of a file, from its content, otherwise from its name.
 
     Raises:
-        PlanError: neither tells.
+        PlanError: the format is unknown.
     """
     begin = data.lstrip(b"\xef\xbb\xbf \t\r\n")[:64]
     if begin.startswith(b"PK"):
@@ -82,7 +82,7 @@ def _json_format(data: bytes) -> FormatName:
         return "geojson"
     raise PlanError(
         "the file",
-        "it is JSON, but neither a plan (of QGroundControl or our own) nor GeoJSON",
+        "it is JSON, but neither a plan (of QGroundControl or of this program) nor GeoJSON",
         "Choose another file.",
     )
 
@@ -91,7 +91,7 @@ def read(name: FormatName, data: bytes, options: ImportOptions | None = None) ->
     """The plan of a file in this format.
 
     Raises:
-        PlanError: it cannot be read; says where and why.
+        PlanError: it cannot be read; names the part and the reason.
     """
     return _READERS[name](data, options or ImportOptions())
 
@@ -100,12 +100,12 @@ def write(name: FormatName, document: Document) -> Written:
     """The plan or mission as a file in this format.
 
     Raises:
-        PlanError: the format cannot hold it.
+        PlanError: the format cannot store it.
     """
     if not isinstance(document, OffboardMission):
         return _WRITERS[name](document)
     if name not in MISSION_FORMATS:
-        reason = f"{name} holds waypoint plans, and this is an offboard mission"
+        reason = f"{name} is for waypoint plans, and this is an offboard mission"
         raise PlanError("the format", reason, "Write it as yaml or json.")
     return Written(mission_writer.write_yaml(document) if name == "yaml" else write_mission(document))
 
@@ -123,5 +123,5 @@ def _mission(data: bytes) -> Imported:
 
 
 def _no_mission() -> Written:
-    reason = "yaml holds offboard missions, and this is a waypoint plan"
-    raise PlanError("the format", reason, "Write it as json, or make an offboard mission of it first.")
+    reason = "yaml is for offboard missions, and this is a waypoint plan"
+    raise PlanError("the format", reason, "Write it as json, or convert it to an offboard mission first.")

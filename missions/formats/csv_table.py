@@ -1,7 +1,8 @@
-"""Plans as a table: CSV with one item a row, its columns named as the item's fields.
+"""Plans as a CSV table: one item per row, columns named after the item's fields.
 
-`kind` may be left out (waypoint); `altitude_m` and `altitude_reference` are the altitude; an empty cell is
-the field's default, "none" is no value. Comma, semicolon or tab separate; the first row names the columns.
+`kind` is optional (default: waypoint). `altitude_m` and `altitude_reference` are the altitude. An empty cell
+means the field's default, "none" means no value. The separator is a comma, semicolon or tab. The first row
+names the columns.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from missions.bounded_json import decode_lines
 from missions.errors import PlanError, field_path
-from missions.formats.results import Imported, ImportOptions, Written, lost
+from missions.formats.results import Imported, ImportOptions, Written, loss_notes
 from missions.items import CommandItem
 from missions.plan import MAX_ITEMS, TYPED_ITEMS, Plan, SimpleItem
 
@@ -36,7 +37,7 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
     """The items of a table.
 
     Raises:
-        PlanError: It is too large, or a value is wrong; says line and column.
+        PlanError: It is too large, or a value is wrong; names line and column.
     """
     text = decode_lines(data)
     csv.field_size_limit(10_000)
@@ -78,7 +79,7 @@ def _names(names: list[str]) -> list[str]:
 def _item(line: int, names: list[str], cells: list[str], options: ImportOptions) -> SimpleItem:
     if len(cells) > len(names):
         raise PlanError(
-            f"line {line}", f"{len(cells)} cells, but {len(names)} columns", "Remove what is too much."
+            f"line {line}", f"{len(cells)} cells, but {len(names)} columns", "Remove the extra cells."
         )
     fields: dict[str, Any] = {"kind": "waypoint"}
     altitude: dict[str, Any] = {}
@@ -133,7 +134,7 @@ def _no_constant(text: str) -> float:
 
 
 def write(plan: Plan) -> Written:
-    """The plan's items as a table with those columns that are needed; complex items as their items."""
+    """The plan's items as a table with the columns in use; a complex item is written as its mission items."""
     rows: list[dict[str, str]] = []
     for _, item in plan.simple_items():
         fields = item.model_dump(mode="json", exclude={"original"})
@@ -154,7 +155,7 @@ def write(plan: Plan) -> Written:
     table = csv.DictWriter(out, columns, restval="", lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
-    return Written(out.getvalue().encode(), lost(plan, "A table"))
+    return Written(out.getvalue().encode(), loss_notes(plan, "A table"))
 
 
 def _plain(value: Any) -> Any:

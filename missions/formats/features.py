@@ -1,8 +1,8 @@
-"""A plan as geographic features: what GeoJSON and KML have in common.
+"""A plan as geographic features, shared by GeoJSON and KML.
 
-Each placed item, fence zone, rally point and home is a feature with a geometry, each other item one
-without. The properties are the item's fields, so that our own files come back whole. A feature of
-another program has no `role`: its points and lines become waypoints, its areas are handed over as areas.
+Each item with a position, fence zone, rally point and home is a feature with a geometry; any other item is a
+feature without one. The properties contain the item's fields, so a file written here is read back complete. A
+feature of another program has no `role`: its points and lines become waypoints, its areas become `Area`s.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from missions.errors import PlanError, from_validation
-from missions.formats.results import Area, Imported, ImportOptions, Written, count, lost
+from missions.formats.results import Area, Imported, ImportOptions, Written, count, loss_notes
 from missions.items import PlacedItem, Waypoint
 from missions.plan import MAX_FENCE_ZONES, MAX_ITEMS, MAX_RALLY_POINTS, Plan, SimpleItem
 from missions.values import Altitude, FenceZone, HomePosition, Point, RallyPoint
@@ -38,41 +38,43 @@ class Feature:
     properties: dict[str, Any] = field(default_factory=dict[str, Any])
     name: str = ""
     altitude: Altitude | None = None
-    """What the coordinates' altitude means, where the format says it."""
+    """Altitude reference of the coordinates, if the format states it."""
 
 
 def of_plan(plan: Plan) -> list[Feature]:
     """The features of a plan."""
-    found: list[Feature] = []
+    features: list[Feature] = []
     if plan.planned_home is not None:
         home = plan.planned_home
-        found.append(_point_feature("home", home, {"alt_amsl_m": home.alt_amsl_m}, home.alt_amsl_m, "Home"))
+        features.append(
+            _point_feature("home", home, {"alt_amsl_m": home.alt_amsl_m}, home.alt_amsl_m, "Home")
+        )
     home_amsl_m = plan.planned_home.alt_amsl_m if plan.planned_home else None
     for number, (_, item) in enumerate(plan.simple_items(), start=1):
         properties = _fields(item)
         name = f"{number} {item.kind.replace('_', ' ')}"
         if isinstance(item, PlacedItem):
-            found.append(_point_feature("item", item, properties, item.altitude.amsl_m(home_amsl_m), name))
+            features.append(_point_feature("item", item, properties, item.altitude.amsl_m(home_amsl_m), name))
         else:
-            found.append(Feature("none", properties={"role": "item", **properties}, name=name))
+            features.append(Feature("none", properties={"role": "item", **properties}, name=name))
     for zone in plan.fence:
         side = "inclusion" if zone.inclusion else "exclusion"
         if zone.shape == "circle":
             properties = {"shape": "circle", "inclusion": zone.inclusion, "radius_m": zone.radius_m}
-            found.append(_point_feature("fence", zone.center, properties, None, f"Geofence {side}"))
+            features.append(_point_feature("fence", zone.center, properties, None, f"Geofence {side}"))
         else:
             ring = tuple((point.lon_deg, point.lat_deg, None) for point in zone.polygon)
             properties = {"role": "fence", "shape": "polygon", "inclusion": zone.inclusion}
-            found.append(Feature("area", (ring,), properties, f"Geofence {side}"))
+            features.append(Feature("area", (ring,), properties, f"Geofence {side}"))
     for number, rally in enumerate(plan.rally_points, start=1):
         amsl_m = rally.altitude.amsl_m(home_amsl_m)
-        found.append(_point_feature("rally", rally, _fields(rally), amsl_m, f"Rally point {number}"))
-    return found
+        features.append(_point_feature("rally", rally, _fields(rally), amsl_m, f"Rally point {number}"))
+    return features
 
 
 def written(data: bytes, plan: Plan, name: str) -> Written:
-    """The file, with notes about what it cannot hold."""
-    return Written(data, lost(plan, name, fence=True, rally=True, home=True))
+    """The file, with notes about data that it cannot store."""
+    return Written(data, loss_notes(plan, name, fence=True, rally=True, home=True))
 
 
 def _fields(model: BaseModel) -> dict[str, Any]:
@@ -81,11 +83,11 @@ def _fields(model: BaseModel) -> dict[str, Any]:
 
 
 def _point_feature(
-    role: str, place: Any, properties: dict[str, Any], amsl_m: float | None, name: str
+    role: str, point: Any, properties: dict[str, Any], amsl_m: float | None, name: str
 ) -> Feature:
     altitude = None if amsl_m is None else Altitude(value_m=amsl_m, reference="amsl")
     return Feature(
-        "point", (((place.lon_deg, place.lat_deg, amsl_m),),), {"role": role, **properties}, name, altitude
+        "point", (((point.lon_deg, point.lat_deg, amsl_m),),), {"role": role, **properties}, name, altitude
     )
 
 
@@ -93,7 +95,7 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
     """The plan of a file's features.
 
     Raises:
-        PlanError: A value is wrong, a point has no altitude, or there are too many; says which feature.
+        PlanError: A value is wrong, a point has no altitude, or there are too many; names the feature.
     """
     items: list[SimpleItem] = []
     fence: list[FenceZone] = []
@@ -115,13 +117,13 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
                 case _:
                     _foreign(feature, options, items, areas)
         except ValidationError as error:
-            found = from_validation(error)
-            raise PlanError(f"{place}, {found.place}", found.reason, found.fix) from None
+            invalid = from_validation(error)
+            raise PlanError(f"{place}, {invalid.place}", invalid.reason, invalid.fix) from None
         except PlanError as error:
             raise PlanError(f"{place}, {error.place}", error.reason, error.fix) from None
         _check_counts(items, fence, rally)
     plan = Plan(items=tuple(items), fence=tuple(fence), rally_points=tuple(rally), planned_home=home)
-    note = (f"{what} has {count(len(areas), 'area')}: choose what each is for.",) if areas else ()
+    note = (f"{what} has {count(len(areas), 'area')}: choose a use for each.",) if areas else ()
     return Imported(plan, tuple(areas), note)
 
 

@@ -1,7 +1,8 @@
 """Plans as GeoJSON (RFC 7946): positions are longitude, latitude, altitude.
 
-The standard counts altitudes above the WGS84 ellipsoid, most programs write something else; so the altitude
-in a position is for show in our files (above mean sea level), and never believed in foreign ones.
+The standard defines altitudes above the WGS84 ellipsoid, but most programs write something else. So the
+altitude in a position is for display only in files written here (AMSL), and ignored in files of other
+programs.
 """
 
 from __future__ import annotations
@@ -25,11 +26,10 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
     """The plan of a GeoJSON file.
 
     Raises:
-        PlanError: It is too large, no GeoJSON, a value is wrong, or a point has no altitude.
+        PlanError: It is too large or not GeoJSON, a value is wrong, or a point has no altitude.
     """
     document = an_object(bounded_json.load(data), "the file")
-    found = list(_features(document))
-    return features.to_plan(found, options or ImportOptions(), "The GeoJSON file")
+    return features.to_plan(list(_features(document)), options or ImportOptions(), "The GeoJSON file")
 
 
 def _features(document: dict[str, Any]) -> Iterator[Feature]:
@@ -89,7 +89,7 @@ def _ring(raw: Any, place: str) -> tuple[Coordinate, ...]:
 
 
 def open_ring(ring: tuple[Coordinate, ...]) -> tuple[Coordinate, ...]:
-    """A ring without its last corner, where that is its first again."""
+    """A ring without its last corner, if that repeats the first."""
     return ring[:-1] if len(ring) > 1 and ring[0][:2] == ring[-1][:2] else ring
 
 
@@ -103,7 +103,7 @@ def _position(raw: Any, place: str) -> Coordinate:
 
 def write(plan: Plan) -> Written:
     """The plan as a GeoJSON FeatureCollection."""
-    found = [
+    written = [
         {
             "type": "Feature",
             "geometry": _to_json(feature),
@@ -111,7 +111,7 @@ def write(plan: Plan) -> Written:
         }
         for feature in features.of_plan(plan)
     ]
-    text = json.dumps({"type": "FeatureCollection", "features": found}, allow_nan=False, indent=1)
+    text = json.dumps({"type": "FeatureCollection", "features": written}, allow_nan=False, indent=1)
     return features.written(text.encode(), plan, "A GeoJSON file")
 
 

@@ -1,7 +1,7 @@
-"""Plans as KML and KMZ (OGC 12-007r2): for maps and Google Earth, and back.
+"""Plans as KML and KMZ (OGC 12-007r2), written and read.
 
-Foreign files are bounded before they are parsed; entities and document types are refused (defusedxml), a KMZ
-is unpacked only as far as its one KML document, and that no further than the bound of all files.
+The size of a file is checked before it is parsed. Entities and document types are refused (defusedxml). Of a
+KMZ only the first KML document is unpacked, up to the maximum file size.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ NAMESPACE = "http://www.opengis.net/kml/2.2"
 _DATA = "offboard-gcs"
 _REFERENCE = {"absolute": "amsl", "relativeToGround": "terrain"}
 MAX_ZIP_ENTRIES = 1000
-_PIECE = 64 * 1024
+_CHUNK_BYTES = 64 * 1024
 
 
 def read(data: bytes, options: ImportOptions | None = None) -> Imported:
     """The plan of a KML or KMZ file.
 
-    An altitude counts as its `altitudeMode` says: absolute above mean sea level, relativeToGround above
-    terrain; one that is clamped to the ground is none.
+    `altitudeMode` sets the altitude reference: absolute is AMSL, relativeToGround is above terrain. Altitudes
+    clamped to the ground are ignored.
 
     Raises:
-        PlanError: It is too large, no KML, has entities, a value is wrong, or a point has no altitude.
+        PlanError: It is too large or not KML, has entities, a value is wrong, or a point has no altitude.
     """
     text = decode(_unpacked(data) if data[:2] == b"PK" else data)
     root = _parse(text)
-    found = [feature for placemark in _all(root, "Placemark") for feature in _placemark(placemark)]
-    return features.to_plan(found, options or ImportOptions(), "The KML file")
+    placed = [feature for placemark in _all(root, "Placemark") for feature in _placemark(placemark)]
+    return features.to_plan(placed, options or ImportOptions(), "The KML file")
 
 
 def _unpacked(data: bytes) -> bytes:
@@ -64,20 +64,20 @@ def _unpacked(data: bytes) -> bytes:
             if not names:
                 raise PlanError("the KMZ file", "it has no KML document", "Choose another file.")
             with archive.open(names[0]) as file:
-                pieces: list[bytes] = []
-                while piece := file.read(_PIECE):
-                    pieces.append(piece)
-                    if len(pieces) * _PIECE > MAX_FILE_BYTES + _PIECE:
+                chunks: list[bytes] = []
+                while chunk := file.read(_CHUNK_BYTES):
+                    chunks.append(chunk)
+                    if len(chunks) * _CHUNK_BYTES > MAX_FILE_BYTES + _CHUNK_BYTES:
                         limit_mib = MAX_FILE_BYTES // 2**20
                         reason = f"its KML document is larger than {limit_mib} MiB"
                         raise PlanError("the KMZ file", reason, "Split the plan into smaller ones.")
-                return b"".join(pieces)
+                return b"".join(chunks)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
         raise PlanError("the KMZ file", f"it cannot be unpacked ({error})", "Export it again.") from None
 
 
-class _Bounded:
-    """Builds the tree, and stops where it gets deeper or larger than any plan."""
+class _BoundedTreeBuilder:
+    """Builds the element tree, up to a maximum depth and size."""
 
     def __init__(self) -> None:
         self.root: Element | None = None
@@ -88,7 +88,7 @@ class _Bounded:
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         self._count += 1 + len(attributes)
         if len(self._open) >= MAX_DEPTH or self._count > MAX_VALUES:
-            raise PlanError("the KML file", "more elements or deeper ones than any plan has", "Split it.")
+            raise PlanError("the KML file", "too many elements, or nested too deeply", "Split it.")
         element = Element(tag, attributes) if not self._open else SubElement(self._open[-1], tag, attributes)
         self.root = self.root if self.root is not None else element
         self._open.append(element)
@@ -111,8 +111,8 @@ class _Bounded:
 
 def _parse(text: str) -> Element:
     if text.count("<") + text.count("=") > 2 * MAX_VALUES:
-        raise PlanError("the KML file", "more elements than any plan has", "Split it.")
-    parser = XMLParser(target=_Bounded(), forbid_dtd=True)
+        raise PlanError("the KML file", "it has too many elements", "Split it.")
+    parser = XMLParser(target=_BoundedTreeBuilder(), forbid_dtd=True)
     try:
         parser.feed(text)
         return parser.close()
@@ -141,18 +141,18 @@ def _text(element: Element, name: str) -> str:
 def _placemark(placemark: Element) -> Iterator[Feature]:
     name = _text(placemark, "name")[:100]
     properties = _properties(placemark)
-    some = False
+    has_geometry = False
     for geometry in placemark.iter():
         match _name(geometry):
             case "Point" | "LineString":
-                some = True
+                has_geometry = True
                 kind = "point" if _name(geometry) == "Point" else "line"
                 ring = _coordinates(geometry, name)
                 if kind == "point" and len(ring) != 1:
-                    raise PlanError(f"placemark {name!r}", "its point has no place", "Correct it.")
+                    raise PlanError(f"placemark {name!r}", "its point has no position", "Correct it.")
                 yield Feature(kind, (ring,), properties, name, _altitude(geometry))
             case "Polygon":
-                some = True
+                has_geometry = True
                 outer = [_coordinates(each, name) for each in _all(geometry, "outerBoundaryIs")]
                 holes = [_coordinates(each, name) for each in _all(geometry, "innerBoundaryIs")]
                 if len(outer) != 1:
@@ -160,7 +160,7 @@ def _placemark(placemark: Element) -> Iterator[Feature]:
                 yield Feature("area", tuple(open_ring(ring) for ring in (*outer, *holes)), properties, name)
             case _:
                 pass
-    if not some and properties:
+    if not has_geometry and properties:
         yield Feature("none", properties=properties, name=name)
 
 
@@ -172,8 +172,8 @@ def _altitude(geometry: Element) -> Altitude | None:
 def _properties(placemark: Element) -> dict[str, Any]:
     for data in _all(placemark, "Data"):
         if data.get("name") == _DATA:
-            found = load_json(_text(data, "value"))
-            return found if isinstance(found, dict) else {}
+            properties = load_json(_text(data, "value"))
+            return properties if isinstance(properties, dict) else {}
     return {}
 
 
@@ -211,7 +211,7 @@ def write(plan: Plan) -> Written:
 
 
 def write_kmz(plan: Plan) -> Written:
-    """The same as `write`, compressed, as a KMZ file."""
+    """The plan as a KMZ file, which is compressed KML."""
     result = write(plan)
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -1,6 +1,6 @@
-"""A plan as the items of the MAVLink mission protocol, and back: plain values, no messages.
+"""Converts a plan to and from the items of the MAVLink mission protocol.
 
-A `WireItem` holds what MISSION_ITEM_INT carries: parameters as 32-bit floats, x and y as integers
+A `WireItem` has the fields of MISSION_ITEM_INT: parameters as 32-bit floats, x and y as integers
 (1e-7 degrees in global frames, 1e-4 m in local ones, unscaled where the frame is "mission"), z in metres.
 https://mavlink.io/en/services/mission.html
 """
@@ -36,21 +36,21 @@ REFERENCE_OF_FRAME: dict[int, Reference] = {
     MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: "terrain",
 }
 FILE_FRAME: dict[Reference, int] = {"amsl": 0, "home": 3, "terrain": 10}
-"""What files write; the frames without _INT."""
+"""Frames in files: those without _INT."""
 WIRE_FRAME: dict[Reference, int] = {"amsl": 5, "home": 6, "terrain": 11}
 RALLY_FRAME: dict[Reference, int] = FILE_FRAME
-"""PX4's return refuses the _INT frames in rally points ("RTL: unsupported MAV_FRAME")."""
+"""PX4's Return mode refuses _INT frames in rally points ("RTL: unsupported MAV_FRAME")."""
 LOCAL_FRAMES = frozenset({1, 4, 7, 8, 9, 12, 20, 21})
 
 CLASS_OF_COMMAND: dict[int, type[Item]] = {each.COMMAND: each for each in TYPED_ITEMS}
 
 Params = tuple[float | None, ...]
-"""MAVLink's seven parameters; degrees in 5 and 6 where the frame is global; None is NaN."""
+"""MAVLink's seven parameters; in global frames 5 and 6 are degrees; None means NaN."""
 
 
 @dataclass(frozen=True, slots=True)
 class WireItem:
-    """The values of one MISSION_ITEM_INT; NaN as in MAVLink."""
+    """The fields of one MISSION_ITEM_INT, NaN included."""
 
     seq: int
     frame: int
@@ -69,13 +69,13 @@ class WireItem:
 # --- items ↔ seven parameters ------------------------------------------------------------------------
 
 
-def reference_of(item: SimpleItem) -> Altitude | None:
-    """The altitude of an item that has one."""
+def altitude_of(item: SimpleItem) -> Altitude | None:
+    """The altitude of an item; None if it has no position."""
     return item.altitude if isinstance(item, PlacedItem) else None
 
 
 def params_of(item: SimpleItem) -> Params:
-    """The seven parameters; a terrain altitude as its height above ground."""
+    """The seven parameters of an item; parameter 7 of a terrain altitude is the height above ground."""
     if isinstance(item, CommandItem):
         return item.params
     values: list[float | None] = [_slot_value(item, slot) for slot in item.SLOTS]
@@ -93,9 +93,10 @@ def _slot_value(item: Item, slot: Slot) -> float | None:
 def item_of(
     command: int, frame: int, params: Params, *, autocontinue: bool = True, original: str | None = None
 ) -> SimpleItem:
-    """The item that seven parameters mean; what is not an item of PX4's is a `CommandItem`.
+    """The item of seven parameters; a command that PX4 does not know becomes a `CommandItem`.
 
-    The frame of an item without a place is not looked at: files of other autopilots write any.
+    The frame of an item without a position is ignored, because files of other autopilots contain any value
+    there.
 
     Raises:
         PlanError: A value is out of range; `place` names the parameter's field only.
@@ -124,21 +125,21 @@ def item_of(
 
 
 def _fields(cls: type[Item], frame: int, params: Params) -> dict[str, Any] | None:
-    """Fields of a typed item; None where this is not such an item (no place, another frame)."""
+    """Fields of a typed item; None if the values do not fit it (no position, unsupported frame)."""
     fields: dict[str, Any] = {}
-    spare: list[tuple[int, float | None]] = []
-    placed = issubclass(cls, PlacedItem)
+    unusual: list[tuple[int, float | None]] = []
+    has_position = issubclass(cls, PlacedItem)
     for number, (slot, value) in enumerate(zip(cls.SLOTS, params, strict=False), start=1):
         if not isinstance(slot, str):
             if value != slot:
-                spare.append((number, value))
+                unusual.append((number, value))
         elif cls.model_fields[slot].annotation is int:
             if value is None or not float(value).is_integer():
                 return None
             fields[slot] = int(value)
         else:
             fields[slot] = value
-    if placed:
+    if has_position:
         reference = REFERENCE_OF_FRAME.get(frame)
         if reference is None or None in params[4:7]:
             return None
@@ -147,12 +148,12 @@ def _fields(cls: type[Item], frame: int, params: Params) -> dict[str, Any] | Non
             fields["altitude"] = Altitude.model_validate({"value_m": params[6], "reference": reference})
         except ValidationError as error:
             raise from_validation(error, ("altitude",)) from None
-    fields["spare_params"] = tuple(spare)
+    fields["spare_params"] = tuple(unusual)
     return fields
 
 
 def frame_of(item: SimpleItem, frames: dict[Reference, int]) -> int:
-    """The item's MAV_FRAME, out of a table by reference."""
+    """The item's MAV_FRAME; `frames` gives it for each altitude reference."""
     if isinstance(item, CommandItem):
         return item.frame
     return frames[item.altitude.reference] if isinstance(item, PlacedItem) else MAV_FRAME_MISSION
@@ -162,10 +163,10 @@ def frame_of(item: SimpleItem, frames: dict[Reference, int]) -> int:
 
 
 def mission_items(plan: Plan) -> tuple[WireItem, ...]:
-    """The mission as it is uploaded. Terrain altitudes go as their `resolved_amsl_m` where they have one.
+    """The mission items to upload. A terrain altitude is sent as its `resolved_amsl_m` if it has one.
 
     Raises:
-        PlanError: A value does not fit the message; names the item.
+        PlanError: A value does not fit into the message; names the item.
     """
     found: list[WireItem] = []
     for seq, (row, item) in enumerate(plan.simple_items()):
@@ -178,7 +179,7 @@ def mission_items(plan: Plan) -> tuple[WireItem, ...]:
 
 def _to_wire(item: SimpleItem, seq: int) -> WireItem:
     frame, params = frame_of(item, WIRE_FRAME), params_of(item)
-    altitude = reference_of(item)
+    altitude = altitude_of(item)
     if altitude is not None and altitude.resolved_amsl_m is not None:
         frame, params = MAV_FRAME_GLOBAL_INT, (*params[:6], altitude.resolved_amsl_m)
     command = item.command if isinstance(item, CommandItem) else item.COMMAND
@@ -198,21 +199,20 @@ def _float32(value: float | None, number: int) -> float:
 def _integer(value: float | None, frame: int, number: int) -> int:
     scale = 1e7 if frame in REFERENCE_OF_FRAME else 1e4 if frame in LOCAL_FRAMES else 1.0
     if value is None and frame in REFERENCE_OF_FRAME:
-        raise PlanError(f"parameter {number}", "the place is not given", "Set latitude and longitude.")
+        raise PlanError(f"parameter {number}", "the position is missing", "Set latitude and longitude.")
     if value is None:
         return 0
     scaled = value * scale
     if scale == 1.0 and not float(value).is_integer():
-        raise PlanError(
-            f"parameter {number}", f"{value} is not a whole number", "The protocol needs one here."
-        )
+        raise PlanError(f"parameter {number}", f"{value} is not a whole number", "Write a whole number.")
     if abs(scaled) > 2**31 - 1:
         raise PlanError(f"parameter {number}", f"{value} is too large for the message", "Correct this value.")
     return round(scaled)
 
 
 def items_from_wire(items: Sequence[WireItem]) -> tuple[SimpleItem, ...]:
-    """The mission that a vehicle holds. What no item can hold (a latitude of 95°) stays a `CommandItem`."""
+    """The items of a vehicle's mission. An item with impossible values (a latitude of 95°) is a
+    `CommandItem`."""
     return tuple(_from_wire(item) for item in items)
 
 
@@ -239,7 +239,7 @@ def _bounded(value: float) -> float | None:
 
 
 def fence_items(plan: Plan) -> tuple[WireItem, ...]:
-    """The geofence as it is uploaded: a polygon is one item for each corner."""
+    """The geofence items to upload; a polygon is one item for each corner."""
     found: list[WireItem] = []
     for zone in plan.fence:
         corners: tuple[Point, ...] = (zone.center,) if isinstance(zone, FenceCircle) else zone.polygon
@@ -261,7 +261,7 @@ def fence_command(zone: FenceCircle | FencePolygon) -> int:
 
 
 def rally_items(plan: Plan) -> tuple[WireItem, ...]:
-    """The rally points as they are uploaded."""
+    """The rally items to upload."""
     found: list[WireItem] = []
     for seq, rally in enumerate(plan.rally_points):
         amsl_m = rally.altitude.resolved_amsl_m
@@ -272,60 +272,64 @@ def rally_items(plan: Plan) -> tuple[WireItem, ...]:
 
 
 def _point(
-    seq: int, command: int, frame: int, place: Point | RallyPoint, param1: float, z: float = 0.0
+    seq: int, command: int, frame: int, point: Point | RallyPoint, param1: float, z: float = 0.0
 ) -> WireItem:
-    x, y = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
+    x, y = round(point.lat_deg * 1e7), round(point.lon_deg * 1e7)
     return WireItem(seq, frame, command, param1, 0.0, 0.0, 0.0, x, y, z, current=seq == 0)
 
 
 def fence_from_wire(items: Sequence[WireItem]) -> tuple[FenceZone, ...]:
-    """The geofence that a vehicle holds.
+    """The geofence zones of a vehicle's fence items.
 
     Raises:
         PlanError: An item is not a geofence command, or a polygon's corners are missing; names the item.
     """
     zones: list[FenceZone] = []
-    position = 0
-    while position < len(items):
-        item = items[position]
+    index = 0
+    while index < len(items):
+        item = items[index]
         inclusion = item.command in (
             MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
             MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
         )
         try:
             if item.command in (MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION):
-                zones.append(FenceCircle(inclusion=inclusion, center=_place(item), radius_m=item.param1))
-                position += 1
+                zones.append(FenceCircle(inclusion=inclusion, center=_position(item), radius_m=item.param1))
+                index += 1
                 continue
-            corners = _corners(items, position)
+            corners = _corners(items, index)
             zones.append(FencePolygon(inclusion=inclusion, polygon=corners))
-            position += len(corners)
+            index += len(corners)
         except ValidationError as error:
             raise from_validation(error, ("fence", len(zones))) from None
     return tuple(zones)
 
 
 def _corners(items: Sequence[WireItem], first: int) -> tuple[Point, ...]:
-    head, place = items[first], f"fence item {first + 1}"
-    if head.command not in (
+    start, place = items[first], f"fence item {first + 1}"
+    if start.command not in (
         MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
         MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     ):
-        raise PlanError(place, f"command {head.command} is not a geofence command", "Upload the fence again.")
-    count = int(head.param1) if math.isfinite(head.param1) and 3 <= head.param1 <= len(items) else 0
-    part = items[first : first + count]
-    if not count or len(part) < count or any(each.command != head.command for each in part):
         raise PlanError(
-            place, f"its polygon does not have the {head.param1:g} corners it says", "Upload the fence again."
+            place, f"command {start.command} is not a geofence command", "Upload the fence again."
         )
-    return tuple(_place(each) for each in part)
+    count = int(start.param1) if math.isfinite(start.param1) and 3 <= start.param1 <= len(items) else 0
+    corners = items[first : first + count]
+    if not count or len(corners) < count or any(each.command != start.command for each in corners):
+        raise PlanError(
+            place,
+            f"its polygon does not have {start.param1:g} corners as stated",
+            "Upload the fence again.",
+        )
+    return tuple(_position(each) for each in corners)
 
 
 def rally_from_wire(items: Sequence[WireItem]) -> tuple[RallyPoint, ...]:
-    """The rally points that a vehicle holds.
+    """The rally points of a vehicle's rally items.
 
     Raises:
-        PlanError: An item is not a rally point, or has a value that cannot be; names it.
+        PlanError: An item is not a rally point, or has an impossible value; names it.
     """
     found: list[RallyPoint] = []
     for number, item in enumerate(items, start=1):
@@ -334,12 +338,12 @@ def rally_from_wire(items: Sequence[WireItem]) -> tuple[RallyPoint, ...]:
             reason = f"command {item.command} in frame {item.frame} is not a rally point"
             raise PlanError(f"rally item {number}", reason, "Upload the rally points again.")
         try:
-            place, altitude = _place(item), Altitude(value_m=item.z, reference=reference)
+            point, altitude = _position(item), Altitude(value_m=item.z, reference=reference)
         except ValidationError as error:
             raise from_validation(error, ("rally_points", number - 1)) from None
-        found.append(RallyPoint(lat_deg=place.lat_deg, lon_deg=place.lon_deg, altitude=altitude))
+        found.append(RallyPoint(lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude))
     return tuple(found)
 
 
-def _place(item: WireItem) -> Point:
+def _position(item: WireItem) -> Point:
     return Point(lat_deg=item.x / 1e7, lon_deg=item.y / 1e7)

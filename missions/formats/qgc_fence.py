@@ -52,8 +52,8 @@ def _circle(n: int, raw: Any) -> FenceCircle:
 
 
 def _at(place: str, error: ValidationError) -> PlanError:
-    found = from_validation(error)
-    return PlanError(f"{place}, {found.place}", found.reason, found.fix)
+    invalid = from_validation(error)
+    return PlanError(f"{place}, {invalid.place}", invalid.reason, invalid.fix)
 
 
 def _inclusion(part: dict[str, Any], place: str) -> bool:
@@ -75,14 +75,14 @@ def _point(raw: Any, place: str) -> Point:
 
 
 def write_fence(document: dict[str, Any], zones: Sequence[FenceZone]) -> None:
-    """Put the zones into a document; an unchanged one as it was."""
+    """Puts the zones into a document; an unchanged zone is written exactly as it was read."""
     if not zones and "geoFence" not in document:
         return
     fence = document.setdefault("geoFence", {"version": 2})
     for key, shape in (("circles", "circle"), ("polygons", "polygon")):
-        found = [_write_zone(zone) for zone in zones if zone.shape == shape]
-        if found or key in fence:
-            fence[key] = found
+        written = [_write_zone(zone) for zone in zones if zone.shape == shape]
+        if written or key in fence:
+            fence[key] = written
 
 
 def _write_zone(zone: FenceZone) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def read_rally(n: int, raw: Any) -> RallyPoint:
 
 
 def write_rally(document: dict[str, Any], plan: Plan) -> None:
-    """Put the rally points into a document; an unchanged one as it was."""
+    """Puts the rally points into a document; an unchanged point is written exactly as it was read."""
     if not plan.rally_points and "rallyPoints" not in document:
         return
     part = document.setdefault("rallyPoints", {"version": 2})
@@ -133,6 +133,6 @@ def _above_home_m(rally: RallyPoint, n: int, home: HomePosition | None) -> float
         return rally.altitude.value_m
     amsl_m = rally.altitude.amsl_m(None)
     if home is None or amsl_m is None:
-        reason = "a .plan file holds altitudes of rally points above home only"
+        reason = "in a .plan file altitudes of rally points are above home only"
         raise PlanError(f"rally point {n + 1}, field altitude", reason, "Set its altitude above home.")
     return amsl_m - home.alt_amsl_m

@@ -21,10 +21,10 @@ _MAV_FRAME_GLOBAL = 0
 
 
 def an_object(raw: Any, place: str) -> dict[str, Any]:
-    """The value, where it is a JSON object.
+    """Returns the value if it is a JSON object.
 
     Raises:
-        PlanError: It is not.
+        PlanError: It is not an object.
     """
     if not isinstance(raw, dict):
         raise PlanError(place, "it is missing or not an object", "Export the plan again.")
@@ -32,10 +32,10 @@ def an_object(raw: Any, place: str) -> dict[str, Any]:
 
 
 def a_list(raw: Any, place: str) -> list[Any]:
-    """The value, where it is a JSON list.
+    """Returns the value if it is a JSON list.
 
     Raises:
-        PlanError: It is not.
+        PlanError: It is not a list.
     """
     if not isinstance(raw, list):
         raise PlanError(place, "it is missing or not a list", "Export the plan again.")
@@ -43,19 +43,19 @@ def a_list(raw: Any, place: str) -> list[Any]:
 
 
 def part_list(parent: dict[str, Any], key: str, name: str) -> list[Any]:
-    """A list inside an object; empty where there is none.
+    """A list inside an object; empty if the key is missing.
 
     Raises:
-        PlanError: It is no list.
+        PlanError: It is not a list.
     """
     return a_list(parent.get(key, []), f"field {name}.{key}")
 
 
 def number(raw: Any, place: str) -> float:
-    """The value, where it is a finite number.
+    """Returns the value if it is a finite number.
 
     Raises:
-        PlanError: It is not.
+        PlanError: It is not a finite number.
     """
     if isinstance(raw, bool) or not isinstance(raw, int | float):
         raise PlanError(place, "it is missing or not a number", "Write a number.")
@@ -72,10 +72,10 @@ def _integer(part: dict[str, Any], key: str, place: str) -> int:
 
 
 def read_simple(part: dict[str, Any], place: str) -> SimpleItem:
-    """A SimpleItem; the target of a jump stays the file's doJumpId.
+    """Reads a SimpleItem; the target of a jump is still the file's doJumpId.
 
     Raises:
-        PlanError: A value is wrong; `place` is put before the field's name.
+        PlanError: A value is wrong; the message starts with `place`.
     """
     command, frame = _integer(part, "command", place), _integer(part, "frame", place)
     raws = a_list(part.get("params"), f"{place}, field params")
@@ -109,25 +109,25 @@ def _above_terrain(height: Any, amsl_m: float, place: str) -> Altitude:
         value_m = number(height, f"{place}, field Altitude")
         return Altitude(value_m=value_m, reference="terrain", resolved_amsl_m=amsl_m)
     except ValidationError as error:
-        found = from_validation(error)
-        raise PlanError(f"{place}, field Altitude", found.reason, found.fix) from None
+        invalid = from_validation(error)
+        raise PlanError(f"{place}, field Altitude", invalid.reason, invalid.fix) from None
 
 
 def jump_id(part: dict[str, Any], index: int) -> int:
-    """The doJumpId of an item; QGroundControl numbers from 1."""
-    found = part.get("doJumpId")
-    return found if isinstance(found, int) and not isinstance(found, bool) else index + 1
+    """The doJumpId of an item; if it has none, its number counted from 1."""
+    value = part.get("doJumpId")
+    return value if isinstance(value, int) and not isinstance(value, bool) else index + 1
 
 
-def own_jump_id(item: SimpleItem) -> int | None:
-    """The doJumpId that an item's file had for it."""
+def original_jump_id(item: SimpleItem) -> int | None:
+    """The doJumpId of an item in the file that it was read from."""
     if item.original is None:
         return None
-    found = an_object(bounded_json.load(item.original), "field original").get("doJumpId")
-    return found if isinstance(found, int) and not isinstance(found, bool) else None
+    value = an_object(bounded_json.load(item.original), "field original").get("doJumpId")
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
-def simple_object(item: SimpleItem, own_id: int) -> dict[str, Any]:
+def simple_object(item: SimpleItem, item_jump_id: int) -> dict[str, Any]:
     """A SimpleItem as QGroundControl writes it."""
     params = [_tidy(value) for value in params_of(item)]
     frame = frame_of(item, FILE_FRAME)
@@ -147,7 +147,7 @@ def simple_object(item: SimpleItem, own_id: int) -> dict[str, Any]:
         **altitude,
         "autoContinue": item.autocontinue,
         "command": command,
-        "doJumpId": own_id,
+        "doJumpId": item_jump_id,
         "frame": frame,
         "params": params,
         "type": "SimpleItem",
@@ -155,5 +155,5 @@ def simple_object(item: SimpleItem, own_id: int) -> dict[str, Any]:
 
 
 def _tidy(value: float | None) -> float | int | None:
-    """Whole numbers without a decimal point."""
+    """Converts whole numbers to int, so that they are written without a decimal point."""
     return int(value) if value is not None and float(value).is_integer() else value

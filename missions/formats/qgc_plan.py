@@ -1,7 +1,7 @@
-"""QGroundControl's .plan files, read and written back without loss.
+"""Reads and writes QGroundControl's .plan files without loss.
 
-What is not modelled stays with the part it belongs to (`original`) and is written back in its place, in its
-order. A part that was changed here keeps its unknown keys. The format:
+Each part of a plan keeps its JSON (`original`), so that fields not modelled here are written back in the same
+order. A changed part keeps its unknown keys. The format:
 https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html
 """
 
@@ -32,7 +32,7 @@ def read(data: bytes | str) -> Imported:
     """The plan of a .plan file.
 
     Raises:
-        PlanError: It is too large, no JSON, no plan, or a value is wrong; says item, field and fix.
+        PlanError: It is too large, not JSON or not a plan, or a value is wrong; names item, field and fix.
     """
     document = an_object(bounded_json.load(data), "the file")
     if document.get("fileType") != "Plan":
@@ -63,10 +63,10 @@ def read(data: bytes | str) -> Imported:
 
 
 def write(plan: Plan) -> Written:
-    """The plan as a .plan file for PX4 multicopters; a plan that `read` gave and nobody changed as it was.
+    """The plan as a .plan file for PX4 multicopters; an unchanged plan is written exactly as it was read.
 
     Raises:
-        PlanError: A rally point's altitude cannot be said above home.
+        PlanError: A rally point's altitude cannot be converted to an altitude above home.
     """
     document = _checked(plan.original) if plan.original else _empty()
     mission = document["mission"]
@@ -93,7 +93,7 @@ def write(plan: Plan) -> Written:
 
 def _check_version(part: dict[str, Any], name: str, version: int) -> None:
     if part.get("version") != version:
-        reason = f"version {str(part.get('version'))[:20]} is not known, {version} is"
+        reason = f"version {str(part.get('version'))[:20]} is not supported, only {version}"
         raise PlanError(f"field {name}.version", reason, "Save the file with a current QGroundControl.")
 
 
@@ -115,7 +115,7 @@ def _empty() -> dict[str, Any]:
 
 
 def _checked(original: str) -> dict[str, Any]:
-    """The kept document; a person may have changed it in our own JSON."""
+    """The original document, checked again because the plan's JSON may have been edited."""
     document = an_object(bounded_json.load(original), "field original")
     for key in ("mission", *(key for key in ("geoFence", "rallyPoints") if key in document)):
         an_object(document.get(key), f"field original, field {key}")
@@ -124,7 +124,7 @@ def _checked(original: str) -> dict[str, Any]:
 
 
 def _template(document: dict[str, Any]) -> dict[str, Any]:
-    """The document without what the items and zones themselves keep."""
+    """The document without items and zones, which keep their own JSON."""
     kept = dict(document)
     kept["mission"] = {**document["mission"], "items": []}
     if "geoFence" in document:
@@ -151,7 +151,7 @@ def _home(mission: dict[str, Any]) -> HomePosition | None:
 
 
 def _speed(mission: dict[str, Any], key: str) -> float | None:
-    """A planned speed in m/s; QGroundControl writes 0 or null where there is none."""
+    """A planned speed in m/s; QGroundControl writes 0 or null if there is none."""
     raw = mission.get(key)
     if raw is None:
         return None
@@ -177,19 +177,19 @@ def _read_items(raws: list[Any]) -> tuple[tuple[PlanItem, ...], tuple[str, ...]]
         ids += [qgc_item.jump_id(raw, len(ids) + k) for k, raw in enumerate(inner)]
         if not inner:
             name = f"Item {n} ({item.complex_type})"
-            notes.append(f"{name} holds no mission items: it is kept, but cannot be flown.")
+            notes.append(f"{name} contains no mission items: it is kept, but cannot be flown.")
     index_of = {each_id: index for index, each_id in reversed(list(enumerate(ids)))}
     return tuple(_with_targets(item, index_of) for item in items), tuple(notes)
 
 
 def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[str, Any]]]:
-    """A pattern and the items inside it, where the file has them."""
+    """A pattern, and the mission items that the file has for it."""
     name = part.get("complexItemType", part.get("type"))
     inner: list[dict[str, Any]] = []
-    holder = part.get("TransectStyleComplexItem")
-    if isinstance(holder, dict) and "Items" in holder:
+    transects = part.get("TransectStyleComplexItem")
+    if isinstance(transects, dict) and "Items" in transects:
         place = f"item {n}, field TransectStyleComplexItem.Items"
-        inner = [an_object(raw, f"{place}[{k}]") for k, raw in enumerate(a_list(holder["Items"], place))]
+        inner = [an_object(raw, f"{place}[{k}]") for k, raw in enumerate(a_list(transects["Items"], place))]
     items = tuple(qgc_item.read_simple(each, f"item {n}, part {k}") for k, each in enumerate(inner, start=1))
     original = bounded_json.dump(_without_items(part))
     try:
@@ -199,14 +199,14 @@ def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[
 
 
 def _without_items(part: dict[str, Any]) -> dict[str, Any]:
-    holder = part.get("TransectStyleComplexItem")
-    if not isinstance(holder, dict) or "Items" not in holder:
+    transects = part.get("TransectStyleComplexItem")
+    if not isinstance(transects, dict) or "Items" not in transects:
         return part
-    return {**part, "TransectStyleComplexItem": {**holder, "Items": []}}
+    return {**part, "TransectStyleComplexItem": {**transects, "Items": []}}
 
 
 def _with_targets(item: PlanItem, index_of: dict[int, int]) -> PlanItem:
-    """A jump names another item by its doJumpId in the file, by its index in the document."""
+    """Converts the target of a jump from the file's doJumpId to the index in the plan."""
     if isinstance(item, ComplexItem):
         return item.model_copy(update={"items": tuple(_with_targets(each, index_of) for each in item.items)})
     if not isinstance(item, Jump):
@@ -224,55 +224,57 @@ def _write_items(plan: Plan) -> list[Any]:
     simple = [item for _, item in plan.simple_items()]
     ids = _jump_ids(simple)
     index_of = {each: index for index, each in enumerate(ids)}
-    position = 0
+    first = 0
     written: list[Any] = []
     for item in plan.items:
         count = len(item.items) if isinstance(item, ComplexItem) else 1
-        parts = [_write_simple(simple[k], ids[k], ids, index_of) for k in range(position, position + count)]
-        position += count
+        parts = [_write_simple(simple[k], ids[k], ids, index_of) for k in range(first, first + count)]
+        first += count
         if not isinstance(item, ComplexItem):
             written += parts
             continue
         raw = an_object(bounded_json.load(item.original), "the complex item")
-        holder = raw.get("TransectStyleComplexItem")
-        if isinstance(holder, dict) and "Items" in holder:
-            holder["Items"] = parts
+        transects = raw.get("TransectStyleComplexItem")
+        if isinstance(transects, dict) and "Items" in transects:
+            transects["Items"] = parts
         written.append(raw)
     return written
 
 
 def _jump_ids(items: Sequence[SimpleItem]) -> list[int]:
-    """A doJumpId for each item: the file's own where it has one that is unique, else a new one."""
-    own: list[int | None] = []
+    """A doJumpId for each item: the one from its file if it is unique, otherwise a new one."""
+    originals: list[int | None] = []
     taken: set[int] = set()
     for item in items:
-        found = qgc_item.own_jump_id(item)
-        own.append(None if found in taken else found)
-        if found is not None:
-            taken.add(found)
+        original = qgc_item.original_jump_id(item)
+        originals.append(None if original in taken else original)
+        if original is not None:
+            taken.add(original)
     last = 0
     ids: list[int] = []
-    for found in own:
-        if found is None:
+    for original in originals:
+        if original is None:
             last += 1
             while last in taken:
                 last += 1
             taken.add(last)
-        ids.append(last if found is None else found)
+        ids.append(last if original is None else original)
     return ids
 
 
-def _write_simple(item: SimpleItem, own_id: int, ids: list[int], index_of: dict[int, int]) -> dict[str, Any]:
-    fresh = qgc_item.simple_object(item, own_id)
+def _write_simple(
+    item: SimpleItem, item_jump_id: int, ids: list[int], index_of: dict[int, int]
+) -> dict[str, Any]:
+    fresh = qgc_item.simple_object(item, item_jump_id)
     if isinstance(item, Jump):
         target = item.target_index
         fresh["params"][0] = ids[target] if target < len(ids) else max(ids) + 1
     if item.original is None:
         return fresh
     raw = an_object(bounded_json.load(item.original), "the item")
-    before = _with_targets(qgc_item.read_simple(raw, "the item"), index_of)
-    if before != item:
+    as_read = _with_targets(qgc_item.read_simple(raw, "the item"), index_of)
+    if as_read != item:
         return {**raw, **fresh}
     if "doJumpId" in raw:
-        raw["doJumpId"] = own_id
+        raw["doJumpId"] = item_jump_id
     return raw

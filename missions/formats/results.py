@@ -1,4 +1,4 @@
-"""Results of reading and writing a format: the plan or the bytes, and notes about what did not fit."""
+"""Results of reading and writing a format: the plan or the bytes, and notes about loss_notes data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from missions.values import Altitude, Point
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """An area of a foreign file: for a survey or a fence, as a person decides."""
+    """An area in a file of another program; the user decides whether it becomes a survey or a fence."""
 
     name: str
     outer: tuple[Point, ...]
@@ -20,7 +20,7 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """A plan that was read; `notes` are sentences for a person about what was understood and what was not."""
+    """A plan that was read; `notes` tell the user how the file was interpreted."""
 
     plan: Document
     areas: tuple[Area, ...] = ()
@@ -29,7 +29,7 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A file that was written; `notes` are sentences for a person about what the format cannot hold."""
+    """A file that was written; `notes` tell the user what the format cannot store."""
 
     data: bytes
     notes: tuple[str, ...] = ()
@@ -37,10 +37,9 @@ class Written:
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What a file may leave open.
+    """Values for data that a file does not contain.
 
-    `altitude` is for points without one (and replaces none that is given). Without it such a file is refused:
-    an altitude is never made up.
+    `altitude` is used for points without an altitude. If it is None, a file with such points is refused.
     """
 
     altitude: Altitude | None = None
@@ -51,10 +50,10 @@ def count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def lost(
+def loss_notes(
     plan: Plan, format_name: str, *, fence: bool = False, rally: bool = False, home: bool = False
 ) -> tuple[str, ...]:
-    """Sentences about the parts of this plan that a format cannot hold; the flags say what it holds."""
+    """Notes about the parts of a plan that a format cannot store; the flags name what it can store."""
     parts: list[str] = []
     if plan.fence and not fence:
         parts.append(f"the geofence ({count(len(plan.fence), 'zone')})")
@@ -64,4 +63,4 @@ def lost(
         parts.append("the planned speeds")
     if plan.planned_home and not home:
         parts.append("the planned home position")
-    return (f"{format_name} cannot hold everything. Left out: {', '.join(parts)}.",) if parts else ()
+    return (f"{format_name} cannot store everything. Left out: {', '.join(parts)}.",) if parts else ()

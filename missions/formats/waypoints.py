@@ -1,7 +1,7 @@
 """The .waypoints text format "QGC WPL 110" of MAVProxy, Mission Planner and older QGroundControl.
 
-One item a line: index, current, frame, command, four parameters, x, y, z, autocontinue. The first line is the
-home position; jumps name the index of their item. https://mavlink.io/en/file_formats/
+One item per line: index, current, frame, command, four parameters, x, y, z, autocontinue. The first line is
+the home position; the target of a jump is the index of an item. https://mavlink.io/en/file_formats/
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from missions.bounded_json import decode_lines
 from missions.errors import PlanError, from_validation
 from missions.formats.mavlink_items import FILE_FRAME, frame_of, item_of, params_of
-from missions.formats.results import Imported, Written, lost
+from missions.formats.results import Imported, Written, loss_notes
 from missions.items import CommandItem, Jump, PlacedItem
 from missions.plan import MAX_ITEMS, Plan, SimpleItem
 from missions.values import HomePosition
@@ -26,11 +26,11 @@ _WAYPOINT, _GLOBAL = 16, 0
 def read(data: bytes | str) -> Imported:
     """The plan of a .waypoints file.
 
-    The first line is home where it is a waypoint above mean sea level without parameters, as all programs
-    write it; otherwise it is the first item.
+    The first line is home if it is a waypoint above mean sea level without parameters, as all programs write
+    it. Otherwise it is the first item.
 
     Raises:
-        PlanError: It is too large or no such file, or a value is wrong; says line and column.
+        PlanError: It is too large or not such a file, or a value is wrong; names line and column.
     """
     lines = decode_lines(data).splitlines()
     if not lines or lines[0].strip() != HEADER:
@@ -77,8 +77,8 @@ def _home(row: list[float | None], line: int) -> HomePosition:
     try:
         return HomePosition(lat_deg=row[8], lon_deg=row[9], alt_amsl_m=row[10])  # type: ignore[arg-type]
     except ValidationError as error:
-        found = from_validation(error)
-        raise PlanError(f"line {line}, {found.place}", found.reason, found.fix) from None
+        invalid = from_validation(error)
+        raise PlanError(f"line {line}, {invalid.place}", invalid.reason, invalid.fix) from None
 
 
 def _item(line: int, row: list[float | None], first: int) -> SimpleItem:
@@ -90,12 +90,14 @@ def _item(line: int, row: list[float | None], first: int) -> SimpleItem:
     if not isinstance(item, Jump):
         return item
     if item.target_index < first:
-        raise PlanError(f"line {line}, column param1", "it jumps to the home position", "Name an item.")
+        raise PlanError(
+            f"line {line}, column param1", "it jumps to the home position", "Enter an item's index."
+        )
     return item.model_copy(update={"target_index": item.target_index - first})
 
 
 def write(plan: Plan) -> Written:
-    """The plan's items as a .waypoints file; complex items as the items inside them.
+    """The plan's items as a .waypoints file; a complex item is written as its mission items.
 
     Raises:
         PlanError: The plan has no home position, which is the file's first line.
@@ -116,9 +118,9 @@ def write(plan: Plan) -> Written:
         resolved |= isinstance(item, PlacedItem) and item.altitude.resolved_amsl_m is not None
         command = item.command if isinstance(item, CommandItem) else item.COMMAND
         lines.append(_line(index, frame_of(item, FILE_FRAME), command, params, item.autocontinue))
-    notes = lost(plan, "A .waypoints file", home=True)
+    notes = loss_notes(plan, "A .waypoints file", home=True)
     if resolved:
-        notes += ("Terrain altitudes are above ground in this file, and PX4 refuses them so.",)
+        notes += ("Terrain altitudes are heights above ground in this file; PX4 refuses them.",)
     return Written(("\n".join(lines) + "\n").encode(), notes)
 
 

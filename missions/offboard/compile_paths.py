@@ -1,4 +1,4 @@
-"""Compiles steps along a path to segments: the way to its start, the turn, the path itself, its pictures."""
+"""Compiles path steps to segments: the approach to the start, the turn, the path and its pictures."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ from missions.trajectory.points import SAME_POINT_M, PassPoint
 from missions.trajectory.solve import Heading, along, through
 
 TURN_RAD = math.radians(1.0)
-"""Smaller differences of heading need no turn of their own."""
+"""Smaller heading changes need no separate turn."""
 MAX_PHOTOS = 10_000
-"""Of one segment."""
+"""Most pictures of one segment."""
 
 
 def hold(state: State, step: Hold) -> None:
-    """Turn where a yaw is given, then stay."""
+    """Turns if a yaw is given, then holds the position."""
     if step.yaw_ned_rad is not None:
         turn_to(state, step.yaw_ned_rad)
     stay(state, step.duration_s)
 
 
 def stay(state: State, duration_s: float, events: tuple[Event, ...] = (), title: str | None = None) -> None:
-    """A hold at the present place."""
+    """Holds the current position."""
     state.add(
         HoldSegment(
             state.place, title or state.title, duration_s, state.position_ned_m, state.yaw_ned_rad,
@@ -65,13 +65,13 @@ def stay(state: State, duration_s: float, events: tuple[Event, ...] = (), title:
 
 
 def photo(state: State, step: Photo) -> None:
-    """Pictures while holding."""
+    """Takes pictures while holding the position."""
     events = tuple(Event(k * step.interval_s, "photo") for k in range(step.count))
     stay(state, (step.count - 1) * step.interval_s, events)
 
 
 def turn_to(state: State, yaw_ned_rad: float) -> None:
-    """Turn on the spot, where the heading differs."""
+    """Turns on the spot if the heading differs."""
     if abs(wrap_pi(yaw_ned_rad - state.yaw_ned_rad)) < TURN_RAD:
         return
     here = state.position_ned_m
@@ -80,7 +80,7 @@ def turn_to(state: State, yaw_ned_rad: float) -> None:
 
 
 def add_curve(state: State, curve: TimedCurve, title: str, photo_every_m: float | None = None) -> None:
-    """A curve from where the vehicle is."""
+    """Adds a curve that starts at the current position."""
     end = curve.at(curve.duration_s)
     n, e, d = (float(axis or 0.0) for axis in end.position_ned_m)
     yaw_rad = state.yaw_ned_rad if end.yaw_ned_rad is None else end.yaw_ned_rad
@@ -94,43 +94,43 @@ def add_curve(state: State, curve: TimedCurve, title: str, photo_every_m: float 
 
 
 def _photos(curve: TimedCurve, every_m: float) -> tuple[Event, ...]:
-    """A picture at the beginning and after each distance flown."""
+    """A picture at the beginning and after each distance setpoint."""
     if curve.length_m / every_m > MAX_PHOTOS:
         reason = f"{curve.length_m / every_m:.0f} pictures, the maximum is {MAX_PHOTOS}"
         raise PlanError("field photo_every_m", reason, "Give a longer distance.")
     times = np.linspace(0.0, curve.duration_s, 20 * (10 + int(curve.duration_s)))
-    places = curve.many(times).position_ned_m
-    flown_m = np.concatenate(([0.0], np.cumsum(np.sqrt((np.diff(places, axis=0) ** 2).sum(axis=1)))))
-    wanted_m = np.arange(0.0, flown_m[-1], every_m)
-    return tuple(Event(t, "photo") for t in np.interp(wanted_m, flown_m, times).tolist())
+    positions_ned_m = curve.sample(times).position_ned_m
+    flown_m = np.concatenate(([0.0], np.cumsum(np.sqrt((np.diff(positions_ned_m, axis=0) ** 2).sum(axis=1)))))
+    picture_at_m = np.arange(0.0, flown_m[-1], every_m)
+    return tuple(Event(t, "photo") for t in np.interp(picture_at_m, flown_m, times).tolist())
 
 
 def fly(state: State, step: Fly) -> None:
-    """Through points; at a point with a wait the path ends and goes on."""
+    """Flies through points; a point with a hold time ends one path and starts the next."""
     limits = state.limits_for(step)
-    places = [state.locate(point) for point in step.points]
-    named = any(point.yaw_ned_rad is not None for point in step.points)
+    positions = [state.locate(point) for point in step.points]
+    has_yaw = any(point.yaw_ned_rad is not None for point in step.points)
     first = 0
     for index, point in enumerate(step.points):
         if point.hold_s > 0.0 or index == len(step.points) - 1:
-            part = list(zip(step.points[first : index + 1], places[first : index + 1], strict=True))
-            _fly_part(state, step, part, limits, named=named)
+            part = list(zip(step.points[first : index + 1], positions[first : index + 1], strict=True))
+            _fly_part(state, step, part, limits, has_yaw=has_yaw)
             first = index + 1
             if point.hold_s > 0.0:
                 stay(state, point.hold_s, title="Hold")
 
 
 def _fly_part(
-    state: State, step: Fly, part: list[tuple[FlyPoint, Vector3]], limits: MotionLimits, *, named: bool
+    state: State, step: Fly, part: list[tuple[FlyPoint, Vector3]], limits: MotionLimits, *, has_yaw: bool
 ) -> None:
-    here = PassPoint(state.position_ned_m, state.yaw_ned_rad if named else None)
+    here = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
     points = [here]
-    for point, place in part:
-        points.append(PassPoint(place, point.yaw_ned_rad, point.stop, point.corner_m))
+    for point, position in part:
+        points.append(PassPoint(position, point.yaw_ned_rad, point.stop, point.corner_m))
     state.work.count(points=len(points))
-    heading = None if named else heading_of(state, step)
+    heading = None if has_yaw else heading_of(state, step)
     curve = through(points, limits, exact=step.curve == "smooth", heading=heading)
-    _turned(state, curve, step)
+    _add_turn_and_curve(state, curve, step)
 
 
 def heading_of(state: State, step: PathStep) -> Heading:
@@ -142,8 +142,8 @@ def heading_of(state: State, step: PathStep) -> Heading:
     return step.yaw_ned_rad
 
 
-def _turned(state: State, curve: TimedCurve, step: PathStep) -> None:
-    """The curve, after a turn to the heading it begins with."""
+def _add_turn_and_curve(state: State, curve: TimedCurve, step: PathStep) -> None:
+    """Adds a turn to the curve's first heading, then the curve."""
     start = curve.at(0.0)
     if start.yaw_ned_rad is not None:
         turn_to(state, start.yaw_ned_rad)
@@ -152,7 +152,7 @@ def _turned(state: State, curve: TimedCurve, step: PathStep) -> None:
 
 
 def shape(state: State, step: Orbit | FigureEight) -> None:
-    """A segment to the start of the shape, then along it."""
+    """Adds a segment to the start of the shape, then the shape."""
     limits = state.limits_for(step)
     center = state.locate(step.center)
     if isinstance(step, FigureEight):
@@ -187,7 +187,7 @@ def _vector(position: tuple[float | None, float | None, float | None]) -> Vector
 
 
 def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: MotionLimits) -> None:
-    """Straight to where a path begins, turning on the way."""
+    """Flies straight to the start of a path, and turns on the way."""
     turns = yaw_ned_rad is not None
     if math.dist(begin, state.position_ned_m) >= SAME_POINT_M:
         here = PassPoint(state.position_ned_m, state.yaw_ned_rad if turns else None)
@@ -197,7 +197,7 @@ def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: M
 
 
 def table(state: State, step: Table) -> None:
-    """A segment to the start of the table, then the table at its own times."""
+    """Adds a segment to the start of the table, then the table with its own times."""
     data = state.work.table(step.file)
     offset = state.work.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
     path = tables.read(data, offset, state.yaw_ned_rad)
@@ -208,8 +208,8 @@ def table(state: State, step: Table) -> None:
     _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, replace(motion, speed_m_s=cruise_m_s))
     end = path.at(path.duration_s)
     times = np.linspace(0.0, path.duration_s, 2000)
-    places, _ = path.many(times)
-    length_m = float(np.sqrt((np.diff(places, axis=0) ** 2).sum(axis=1)).sum())
+    positions_ned_m, _ = path.sample(times)
+    length_m = float(np.sqrt((np.diff(positions_ned_m, axis=0) ** 2).sum(axis=1)).sum())
     yaw_rad = state.yaw_ned_rad if end.yaw_ned_rad is None else end.yaw_ned_rad
     state.add(
         TableSegment(
@@ -220,12 +220,12 @@ def table(state: State, step: Table) -> None:
 
 
 def velocity(state: State, step: VelocityStep) -> None:
-    """A straight line at a velocity, as long as its time allows, from rest to rest."""
+    """Flies a straight line at a velocity for a time, from rest to rest."""
     if step.yaw_ned_rad is not None:
         turn_to(state, step.yaw_ned_rad)
     state.report(
         "position_not_held", "The velocity step does not hold a position: wind moves the vehicle.",
-        "Use a fly step where the place matters.",
+        "Use a fly step if the position matters.",
     )  # fmt: skip
     north, east, down = step.velocity_ned_m_s
     across, speed = math.hypot(north, east), math.hypot(north, east, down)
@@ -243,7 +243,7 @@ def velocity(state: State, step: VelocityStep) -> None:
         )
         ramp_s = float(ramps.durations(np.array(speed), np.array(acceleration), np.array(motion.jerk_m_s3)))
         if step.duration_s < 2.0 * ramp_s:
-            message = f"In {step.duration_s:g} s the velocity is not reached: it takes {2.0 * ramp_s:.1f} s."
+            message = f"The velocity is not reached in {step.duration_s:g} s; it takes {2.0 * ramp_s:.1f} s."
             state.report("duration_too_short", message, "Give more time, or a lower velocity.")
             return
         scale = step.duration_s - ramp_s
@@ -266,7 +266,7 @@ def velocity(state: State, step: VelocityStep) -> None:
 
 
 def attitude(state: State, step: AttitudeStep) -> None:
-    """An attitude for a time; its end position is not known, so the plan continues from the same position."""
+    """Flies an attitude for a time; the plan continues from the same position, since the end is unknown."""
     yaw_rad = state.yaw_ned_rad if step.yaw_ned_rad is None else step.yaw_ned_rad
     turn_to(state, yaw_rad)
     tilt_rad = math.acos(math.cos(step.roll_rad) * math.cos(step.pitch_rad))
@@ -280,10 +280,10 @@ def attitude(state: State, step: AttitudeStep) -> None:
         "position_not_held", "The attitude step holds neither position nor height.",
         "Keep it short, and high above the ground.",
     )  # fmt: skip
-    flown = Attitude(q_from_euler(step.roll_rad, step.pitch_rad, yaw_rad), step.thrust)
+    setpoint = Attitude(q_from_euler(step.roll_rad, step.pitch_rad, yaw_rad), step.thrust)
     state.add(
         AttitudeSegment(
             state.place, state.title, step.duration_s, state.position_ned_m, yaw_rad, gimbal=state.gimbal,
-            attitude=flown,
+            attitude=setpoint,
         )
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Compiles a mission document to its timeline. Pure; a step that cannot be flown becomes a finding."""
+"""Compiles a mission document to its timeline. A step that cannot be flown becomes a finding. No I/O."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from missions.offboard.steps import (
 from missions.offboard.timeline import FlightActions, Timeline
 
 COMMON_START = "start"
-"""The meeting before a role's first step."""
+"""Name of the meeting before the first step of each role."""
 START_WITHIN_S = 60.0
 MAX_DECISIONS = 12
 """Most branches in a row: each doubles the number of paths through the mission."""
@@ -49,7 +49,7 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """A list of steps that is being carried out, and what comes after it."""
+    """A list of steps being compiled, and the list to continue with."""
 
     steps: tuple[MissionStep, ...]
     prefix: str
@@ -70,14 +70,15 @@ def compile_mission(
 
     Args:
         mission: the document.
-        vehicle: what the vehicle can do; None: PX4's defaults.
-        start: where the vehicle is; None: on the ground at the local origin, which is the document's home.
-        files: the files that table steps name.
-        first_step: index of the first step to fly, for the rest of a mission; gimbal tracks before it count.
-        role: of a mission for several vehicles: whose timeline; it begins with a meeting of all.
+        vehicle: limits of the vehicle; None: PX4's defaults.
+        start: state of the vehicle at the start; None: on the ground at the local origin, the document's
+        home. files: contents of the files that table steps name.
+        first_step: index of the first step to fly, to continue a mission; earlier gimbal tracks still apply.
+        role: the role to compile, in a mission for several vehicles; its timeline starts with a meeting of
+        all.
 
     Raises:
-        PlanError: The mission is larger than what can be compiled, or has no such role.
+        PlanError: The mission is too large, or has no such role.
     """
     steps = _steps_of(mission, role)
     vehicle = vehicle or MissionVehicle()
@@ -88,11 +89,11 @@ def compile_mission(
     if role is not None:
         state.place, state.title = f"{role}, start", "Common start"
         _meet(state, Meet(meeting=COMMON_START, timeout_s=START_WITHIN_S))
-    timeline = _way(state, _Frame(steps, "step " if role is None else f"{role}, step ", first_step), 0)
-    found = (*work.findings, *mission_checks.check(timeline, work))
+    timeline = _continue(state, _Frame(steps, "step " if role is None else f"{role}, step ", first_step), 0)
+    findings = (*work.findings, *mission_checks.check(timeline, work))
     energy_wh = mission_checks.energy_wh(timeline, work)
     fence = None if start.origin is None else fence_area(mission.fence, start.origin)
-    return replace(timeline, findings=tuple(dict.fromkeys(found)), energy_wh=energy_wh, fence=fence)
+    return replace(timeline, findings=tuple(dict.fromkeys(findings)), energy_wh=energy_wh, fence=fence)
 
 
 def _steps_of(mission: OffboardMission, role: str | None) -> tuple[MissionStep, ...]:
@@ -102,13 +103,13 @@ def _steps_of(mission: OffboardMission, role: str | None) -> tuple[MissionStep, 
             f"it is for {len(mission.roles)} vehicles (roles: {', '.join(mission.roles)}), not for one",
             "Start it with a vehicle for each role.",
         )
-    if role not in mission.flown:
-        raise PlanError("the mission", f"there is no role {role!r}", "Name one of its roles.")
-    return mission.flown[role]
+    if role not in mission.steps_by_role:
+        raise PlanError("the mission", f"there is no role {role!r}", "Choose one of its roles.")
+    return mission.steps_by_role[role]
 
 
 def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
-    """Skips steps that have been flown; of their effects only the gimbal's track lasts."""
+    """Skips steps that have been flown; only their gimbal tracks still apply."""
     for index, step in enumerate(steps, 1):
         if isinstance(step, Gimbal):
             state.place, state.title = f"step {index}", "Gimbal"
@@ -116,7 +117,7 @@ def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
 
 
 def _with_home(mission: OffboardMission, start: Start) -> Start:
-    """The start, with the planned home where the vehicle's is not known."""
+    """The start, with the planned home if the vehicle's home is unknown."""
     home = mission.home
     if home is None or start.origin is not None:
         return start
@@ -124,10 +125,10 @@ def _with_home(mission: OffboardMission, start: Start) -> Start:
     return replace(start, origin=origin, home_alt_amsl_m=home.alt_amsl_m)
 
 
-def _way(state: State, frame: _Frame | None, decisions: int) -> Timeline:
-    """From one step to the end, or to a branch and both ways from there."""
-    while (found := _next(frame)) is not None:
-        step, state.place, frame = found
+def _continue(state: State, frame: _Frame | None, decisions: int) -> Timeline:
+    """The timeline from one step to the end, or to a branch with both continuations."""
+    while (following := _next(frame)) is not None:
+        step, state.place, frame = following
         state.title = step.name or step.step.replace("_", " ").capitalize()
         state.work.count(steps=1)
         state.visit = state.work.steps
@@ -146,7 +147,9 @@ def _way(state: State, frame: _Frame | None, decisions: int) -> Timeline:
     if state.in_air:
         state.place = "the end"
         state.report(
-            "landing_missing", "The mission ends in the air; the vehicle holds there.", "Add a landing."
+            "landing_missing",
+            "The mission ends in the air; the vehicle holds its position.",
+            "Add a landing.",
         )
     return _timeline(state)
 
@@ -165,12 +168,14 @@ def _branch(state: State, step: Branch, frame: _Frame | None, decisions: int) ->
     c = step.condition
     _check_condition(state, c, "the mission continues with `otherwise`")
     decision = Decision(state.place, c.value, c.above, c.below, c.for_s)
-    ways: list[Timeline] = []
-    for word, steps in (("then", step.then), ("otherwise", step.otherwise)):
-        fork = state.fork()
-        ways.append(_way(fork, _Frame(steps, f"{decision.place} {word} ", after=frame), decisions + 1))
-        state.needs |= fork.needs
-    return replace(_timeline(state), decision=decision, then=ways[0], otherwise=ways[1])
+    continuations: list[Timeline] = []
+    for keyword, steps in (("then", step.then), ("otherwise", step.otherwise)):
+        branch_state = state.fork()
+        continuations.append(
+            _continue(branch_state, _Frame(steps, f"{decision.place} {keyword} ", after=frame), decisions + 1)
+        )
+        state.needs |= branch_state.needs
+    return replace(_timeline(state), decision=decision, then=continuations[0], otherwise=continuations[1])
 
 
 def _timeline(state: State) -> Timeline:
@@ -188,22 +193,22 @@ def _timeline(state: State) -> Timeline:
 
 
 def _carry_out(state: State, step: Any) -> None:
-    """Compiles one step; a step that cannot be flown becomes a finding and is left out."""
+    """Compiles one step; a step that cannot be flown becomes a finding and is omitted."""
     flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait | Meet)
     if flies and not state.in_air:
         state.report(
             "takeoff_missing", f"{state.title}: the vehicle is on the ground.", "Add a take-off before it."
         )
         state.in_air = True
-    own = step.avoidance if isinstance(step, PathStep) else None
-    state.avoidance = state.work.mission.avoidance if own is None else own
-    made = len(state.segments)
-    before = (state.position_ned_m, state.yaw_ned_rad)
+    of_step = step.avoidance if isinstance(step, PathStep) else None
+    state.avoidance = state.work.mission.avoidance if of_step is None else of_step
+    segments_before = len(state.segments)
+    pose_before = (state.position_ned_m, state.yaw_ned_rad)
     try:
-        _MAKERS[type(step)](state, step)
+        _COMPILERS[type(step)](state, step)
     except Unplaceable as error:
         names = {"global_position": "global position", "home": "altitude of home"}
-        message = f"The place of this step needs the {names[error.missing]}, which is not known."
+        message = f"The position of this step requires the {names[error.missing]}, which is unknown."
         state.report(
             "estimate_missing", message, "Give the mission a home, or wait for the vehicle's position."
         )
@@ -213,8 +218,8 @@ def _carry_out(state: State, step: Any) -> None:
         state.report("step_invalid", f"{error.place}: {error.reason}.", error.fix)
     else:
         return
-    del state.segments[made:]
-    state.position_ned_m, state.yaw_ned_rad = before
+    del state.segments[segments_before:]
+    state.position_ned_m, state.yaw_ned_rad = pose_before
 
 
 def _take_off(state: State, step: TakeOff) -> None:
@@ -256,7 +261,7 @@ def _meet(state: State, step: Meet) -> None:
 
 
 def _check_condition(state: State, condition: Condition, otherwise: str) -> None:
-    """Whether it can become true."""
+    """Reports a condition that can never become true."""
     name, above, below = condition.value, condition.above, condition.below
     if (below is not None and below <= 0.0) or (
         name == "battery_share" and above is not None and above >= 1.0
@@ -267,7 +272,7 @@ def _check_condition(state: State, condition: Condition, otherwise: str) -> None
     reported = state.work.vehicle.reported
     if reported is not None and name not in reported:
         message = f"The vehicle does not report {name}, so the condition stays false: {otherwise}."
-        state.report("condition_unreported", message, "Choose another value, or switch its sensor on.")
+        state.report("condition_unreported", message, "Choose another value, or enable its sensor.")
 
 
 def _wait(
@@ -307,7 +312,7 @@ def _gimbal(state: State, step: Gimbal) -> None:
     compile_paths.stay(state, 0.0, (Event(0.0, "gimbal"),))
 
 
-_MAKERS: dict[type, Callable[[State, Any], None]] = {
+_COMPILERS: dict[type, Callable[[State, Any], None]] = {
     TakeOff: _take_off,
     Land: _land,
     Wait: _wait_step,

@@ -1,4 +1,4 @@
-"""The document of an offboard mission, its JSON Schema, and the checks between its parts."""
+"""The document of an offboard mission, its JSON Schema, and checks across its parts."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from missions.values import FenceZone, HomePosition, Model
 MAX_CALL_DEPTH = 8
 MAX_ROLES = 10
 MINIMUM_SEPARATION_M = 5.0
-"""As groups have it."""
+"""Same default as for groups of vehicles."""
 Steps = Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]
 TableText = Annotated[str, Field(max_length=1_000_000)]
 
 
 class Actions(Model):
-    """What the runner does when something goes wrong; the vehicle's own failsafes stay above it."""
+    """Actions of the mission runner on errors; the vehicle's own failsafes take precedence."""
 
     failure: Action = "hold"
     """A step cannot be flown."""
     low_battery: Action = "return"
     link_loss: Action = "hold"
-    """The server loses the link to the vehicle and finds it again."""
+    """The server lost the link to the vehicle and has it again."""
     control_lost: Action = "hold"
-    """Control of the vehicle has expired: the browser or program that had it has disconnected."""
+    """Control of the vehicle has expired, because its browser or program has disconnected."""
 
 
 class Bounds(Model):
@@ -45,37 +45,38 @@ class Bounds(Model):
 
 
 class Role(Model):
-    """What one of several vehicles flies."""
+    """The part of one vehicle in a mission of several vehicles."""
 
     start_ned_m: Ned | None = None
-    """Where its vehicle is planned to stand, from `home`; for planning without vehicles."""
+    """Planned start position relative to `home`; for planning without vehicles."""
     steps: Steps
 
 
 class OffboardMission(Model):
-    """A mission that the server flies by offboard setpoints: `steps` of one vehicle or `roles` of several."""
+    """A mission that the server flies with offboard setpoints: `steps` for one vehicle or `roles` for
+    several."""
 
     format: Literal["offboard-gcs-mission"] = "offboard-gcs-mission"
     version: Literal[1] = 1
     name: Name
     description: Annotated[str, Field(max_length=5000)] = ""
     home: HomePosition | None = None
-    """Where it is planned to start, for planning without a vehicle."""
+    """Planned start position; for planning without a vehicle."""
     limits: Bounds = Bounds()
     actions: Actions = Actions()
     avoidance: bool = False
-    """Lead the vehicle past obstacles that its sensors measure, on all steps that do not say otherwise."""
+    """Avoid obstacles that the vehicle's sensors measure; a step may override it."""
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=100)] = ()
     steps: Annotated[tuple[MissionStep, ...], Field(max_length=MAX_STEPS)] = ()
-    """What one vehicle flies; empty with `roles`."""
+    """Steps of one vehicle; empty with `roles`."""
     roles: dict[Name, Role] = Field(max_length=MAX_ROLES, default_factory=dict[str, Role])
-    """What several vehicles fly together, by the role's name; everything else here is common to all."""
+    """Steps of several vehicles, by role name; all other fields apply to all vehicles."""
     minimum_separation_m: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] | None = None
-    """Of any two of the vehicles, braking distance included; None: 5 m."""
+    """Minimum distance between any two vehicles, including their braking distance; None: 5 m."""
     missions: Annotated[dict[Name, Steps], Field(max_length=100, default_factory=dict)]
-    """Lists of steps that `call` names."""
+    """Named lists of steps for `call`."""
     tables: dict[Name, TableText] = Field(max_length=20, default_factory=dict[str, str])
-    """Trajectories that `table` steps name, as the text of their CSV files."""
+    """Trajectories for `table` steps: name and CSV text."""
 
     @model_validator(mode="after")
     def _steps_or_roles(self) -> OffboardMission:
@@ -88,8 +89,8 @@ class OffboardMission(Model):
         return self
 
     @property
-    def flown(self) -> dict[str | None, tuple[MissionStep, ...]]:
-        """The steps by role; of a mission without roles by None."""
+    def steps_by_role(self) -> dict[str | None, tuple[MissionStep, ...]]:
+        """The steps by role; a mission without roles has the single key None."""
         return {name: role.steps for name, role in self.roles.items()} or {None: self.steps}
 
     @property
@@ -100,8 +101,7 @@ class OffboardMission(Model):
 
 def schema() -> dict[str, Any]:
     """The JSON Schema of the document."""
-    found = OffboardMission.model_json_schema()
-    return found | {"oneOf": [{"required": ["steps"]}, {"required": ["roles"]}]}
+    return OffboardMission.model_json_schema() | {"oneOf": [{"required": ["steps"]}, {"required": ["roles"]}]}
 
 
 def write(mission: OffboardMission) -> bytes:
@@ -111,20 +111,20 @@ def write(mission: OffboardMission) -> bytes:
 
 
 def check_calls(mission: OffboardMission) -> None:
-    """Refuses calls of unknown missions, circular calls and calls nested too deeply.
+    """Checks all calls.
 
     Raises:
-        PlanError: There is one; names the call.
+        PlanError: A call of an unknown mission, a circular call, or calls nested too deeply.
     """
     depths: dict[str, int] = {}
     for name in mission.missions:
         _depth(mission, name, depths, ())
-    for role, steps in mission.flown.items():
+    for role, steps in mission.steps_by_role.items():
         for name in _calls(steps):
-            _known(mission, "the steps" if role is None else f"role {role!r}", name)
+            _check_exists(mission, "the steps" if role is None else f"role {role!r}", name)
 
 
-def _known(mission: OffboardMission, place: str, name: str) -> None:
+def _check_exists(mission: OffboardMission, place: str, name: str) -> None:
     if name not in mission.missions:
         fix = "Add it below `missions`, or correct the name."
         raise PlanError(f"{place}, call of {name!r}", "there is no such mission", fix)
@@ -138,12 +138,12 @@ def _depth(mission: OffboardMission, name: str, depths: dict[str, int], above: t
     if name not in depths:
         deepest = 0
         for called in dict.fromkeys(_calls(mission.missions[name])):
-            _known(mission, f"mission {name!r}", called)
+            _check_exists(mission, f"mission {name!r}", called)
             deepest = max(deepest, _depth(mission, called, depths, (*above, name)))
         depths[name] = deepest + 1
     if depths[name] > MAX_CALL_DEPTH:
         reason = f"its calls are nested deeper than {MAX_CALL_DEPTH}"
-        raise PlanError(f"mission {name!r}", reason, "Write some of the steps out.")
+        raise PlanError(f"mission {name!r}", reason, "Replace some calls with their steps.")
     return depths[name]
 
 

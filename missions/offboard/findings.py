@@ -1,4 +1,4 @@
-"""Findings about an offboard mission: step, sentence, stable code, and a fix if there is one."""
+"""Findings about an offboard mission: stable code, message, step, and a fix if there is one."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Literal
 CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "takeoff_missing": ("error", "a step flies, but the vehicle has not taken off"),
     "takeoff_in_air": ("error", "a take-off while the vehicle is flying"),
-    "landing_missing": ("warning", "the mission ends in the air; the vehicle holds there"),
+    "landing_missing": ("warning", "the mission ends in the air; the vehicle holds its position"),
     "estimate_missing": (
         "error",
-        "a place needs the global position or the altitude of home, which is not known",
+        "a position requires the global position or the altitude of home, which is unknown",
     ),
     "step_invalid": ("error", "a step that cannot be flown"),
-    "speed_too_high": ("warning", "a speed above the vehicle's limit; the limit is flown"),
+    "speed_too_high": ("warning", "a speed above the vehicle's limit; the limit is used"),
     "speed_exceeded": ("error", "a table or velocity faster than the vehicle's limits"),
     "acceleration_exceeded": ("error", "a table with more acceleration than the vehicle's limits"),
     "tilt_exceeded": ("error", "an attitude with more tilt than the vehicle's limit"),
     "duration_too_short": ("error", "a velocity that is not reached in its time"),
     "position_not_held": ("warning", "nothing holds the position during this step"),
-    "altitude_too_high": ("warning", "above the operator's limit of altitude"),
+    "altitude_too_high": ("warning", "above the operator's altitude limit"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
     "altitude_below_home": ("warning", "at or below the height of home or of the start"),
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
@@ -34,7 +34,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "separation": ("error", "the planned paths of two vehicles come too close"),
     "separation_unknown": (
         "warning",
-        "the positions of the vehicles are not known, so their separation cannot be checked",
+        "the positions of the vehicles are unknown, so their separation cannot be checked",
     ),
     "length_exceeded": ("warning", "longer than the operator's limit"),
     "endurance_exceeded": ("warning", "more energy than the battery provides"),
@@ -44,7 +44,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
 
 @dataclass(frozen=True, slots=True)
 class MissionFinding:
-    """One thing that is wrong."""
+    """One problem of a mission."""
 
     code: str
     message: str
@@ -55,5 +55,5 @@ class MissionFinding:
 
     @property
     def severity(self) -> Literal["error", "warning"]:
-        """Whether it is unsafe or impossible (error), or may surprise (warning)."""
+        """error: unsafe or impossible; warning: the flight may differ from what the pilot expects."""
         return CODES[self.code][0]

@@ -12,7 +12,8 @@ from missions.setpoints import Position, Setpoint, Trajectory, Velocity, complet
 
 @dataclass(frozen=True, slots=True)
 class GimbalTrack:
-    """Fixed to the nose, towards a place, along the path, or sweeping; angles in radians, up is positive."""
+    """Gimbal direction: fixed relative to the nose, at a position, along the path, or sweeping. Up is
+    positive."""
 
     kind: Literal["fixed", "look_at", "along_path", "sweep"]
     pitch_rad: float = 0.0
@@ -23,16 +24,16 @@ class GimbalTrack:
     sweep_yaw_rad: float = 0.0
     period_s: float = 10.0
 
-    def at(self, t_s: float, setpoint: Setpoint, kept_yaw_ned_rad: float) -> tuple[float, float]:
+    def at(self, t_s: float, setpoint: Setpoint, default_yaw_ned_rad: float) -> tuple[float, float]:
         """Pitch, and yaw from north, at a time of the segment [rad].
 
         Args:
-            t_s: since the segment began.
+            t_s: time since the start of the segment.
             setpoint: the vehicle's setpoint at that time.
-            kept_yaw_ned_rad: its heading if the setpoint has none.
+            default_yaw_ned_rad: the heading if the setpoint has none.
         """
-        named = getattr(setpoint, "yaw_ned_rad", None)
-        nose_rad = kept_yaw_ned_rad if named is None else float(named)
+        setpoint_yaw_rad = getattr(setpoint, "yaw_ned_rad", None)
+        nose_rad = default_yaw_ned_rad if setpoint_yaw_rad is None else float(setpoint_yaw_rad)
         if self.kind == "look_at":
             return self._towards(setpoint, nose_rad)
         if self.kind == "along_path":

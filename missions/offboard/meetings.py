@@ -1,4 +1,5 @@
-"""Meetings of the roles of a mission: each role comes to the same ones, so that none waits in vain."""
+"""Checks that all roles of a mission have the same meetings, so that no role waits for one that never
+comes."""
 
 from __future__ import annotations
 
@@ -10,28 +11,28 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Branch, Call, Meet, MissionStep, Repeat
 
 MAX_MEETINGS = 1000
-"""Of one role, repeats counted each time."""
+"""Most meetings of one role; repeats count each time."""
 
 
 def check_meetings(mission: OffboardMission) -> None:
-    """Refuses meetings that some role does not come to.
+    """Checks that all roles have the same meetings.
 
     Args:
-        mission: its calls have been checked.
+        mission: a mission whose calls have been checked.
 
     Raises:
-        PlanError: There is one; names role and meeting.
+        PlanError: A role lacks a meeting; names both.
     """
     meetings = _Meetings(mission)
     meetings.refuse_in_branches()
-    found = {role: meetings.of(role, steps) for role, steps in mission.flown.items()}
+    meetings_of = {role: meetings.of(role, steps) for role, steps in mission.steps_by_role.items()}
     if not mission.roles:
-        if found[None]:
-            raise PlanError("the steps", "a `meet` without roles: no other vehicle comes", "Remove it.")
+        if meetings_of[None]:
+            raise PlanError("the steps", "a `meet`, but the mission has no roles", "Remove it.")
         return
-    (first, wanted), *others = found.items()
+    (first, expected), *others = meetings_of.items()
     for role, names in others:
-        for number, (one, two) in enumerate(itertools.zip_longest(wanted, names), 1):
+        for number, (one, two) in enumerate(itertools.zip_longest(expected, names), 1):
             if one != two:
                 raise PlanError(
                     f"role {role!r}, meeting {number}",
@@ -45,59 +46,60 @@ def _quoted(meeting: str | None) -> str:
 
 
 class _Meetings:
-    """The meetings of a mission's lists of steps."""
+    """Collects the meetings of a mission's lists of steps."""
 
     def __init__(self, mission: OffboardMission) -> None:
         self._mission = mission
-        self._known: dict[str, bool] = {}
-        """Whether a list that `call` names has any: each list is looked through once."""
+        self._mission_has: dict[str, bool] = {}
+        """Whether a mission that `call` names has meetings; a cache."""
 
     def of(self, role: str | None, steps: Iterable[MissionStep]) -> list[str]:
-        """Their names, in the order in which they are flown.
+        """The names of a role's meetings, in flight order.
 
         Raises:
             PlanError: There are too many.
         """
-        found = list(itertools.islice(self._flown(steps), MAX_MEETINGS + 1))
-        if len(found) > MAX_MEETINGS:
+        names = list(itertools.islice(self._names(steps), MAX_MEETINGS + 1))
+        if len(names) > MAX_MEETINGS:
             raise PlanError(f"role {role!r}", f"more than {MAX_MEETINGS} meetings", "Repeat them less often.")
-        return found
+        return names
 
     def refuse_in_branches(self) -> None:
-        """Raises PlanError: the other roles cannot know whether this one comes."""
+        """Raises PlanError for a meeting inside a branch, which the other roles cannot foresee."""
         lists = {
-            "the steps" if role is None else f"role {role!r}": s for role, s in self._mission.flown.items()
+            "the steps" if role is None else f"role {role!r}": s
+            for role, s in self._mission.steps_by_role.items()
         }
         lists |= {f"mission {name!r}": steps for name, steps in self._mission.missions.items()}
         for place, steps in lists.items():
             for branch in _branches(steps):
-                if self._any((*branch.then, *branch.otherwise)):
+                if self._has_meeting((*branch.then, *branch.otherwise)):
                     reason = "a `meet` inside a branch: the other roles cannot know whether this one comes"
                     raise PlanError(place, reason, "Put it before or after the branch.")
 
-    def _flown(self, steps: Iterable[MissionStep]) -> Iterator[str]:
+    def _names(self, steps: Iterable[MissionStep]) -> Iterator[str]:
         for step in steps:
             if isinstance(step, Meet):
                 yield step.meeting
-            elif isinstance(step, Call) and self._called(step.mission):
-                yield from self._flown(self._mission.missions[step.mission])
-            elif isinstance(step, Repeat) and self._any(step.steps):
+            elif isinstance(step, Call) and self._mission_has_meeting(step.mission):
+                yield from self._names(self._mission.missions[step.mission])
+            elif isinstance(step, Repeat) and self._has_meeting(step.steps):
                 for _ in range(step.times):
-                    yield from self._flown(step.steps)
+                    yield from self._names(step.steps)
 
-    def _any(self, steps: Iterable[MissionStep]) -> bool:
+    def _has_meeting(self, steps: Iterable[MissionStep]) -> bool:
         return any(
             isinstance(step, Meet)
-            or (isinstance(step, Call) and self._called(step.mission))
-            or (isinstance(step, Repeat) and self._any(step.steps))
-            or (isinstance(step, Branch) and self._any((*step.then, *step.otherwise)))
+            or (isinstance(step, Call) and self._mission_has_meeting(step.mission))
+            or (isinstance(step, Repeat) and self._has_meeting(step.steps))
+            or (isinstance(step, Branch) and self._has_meeting((*step.then, *step.otherwise)))
             for step in steps
         )
 
-    def _called(self, name: str) -> bool:
-        if name not in self._known:
-            self._known[name] = self._any(self._mission.missions[name])
-        return self._known[name]
+    def _mission_has_meeting(self, name: str) -> bool:
+        if name not in self._mission_has:
+            self._mission_has[name] = self._has_meeting(self._mission.missions[name])
+        return self._mission_has[name]
 
 
 def _branches(steps: Iterable[MissionStep]) -> Iterator[Branch]:

@@ -19,40 +19,40 @@ from missions.trajectory.limits import MotionLimits
 Array = NDArray[np.float64]
 SPACING_S = 0.25
 MAX_SAMPLES = 4000
-"""Of one segment."""
+"""Most samples of one segment."""
 GROUND_M = 0.3
-"""Lower than this above the start counts as on the ground."""
+"""A height below this counts as on the ground."""
 TOLERANCE = 1.01
-"""Tables are judged with one per cent of leeway."""
+"""Tables may exceed a limit by one per cent."""
 
 
 def check(timeline: Timeline, work: Work) -> tuple[MissionFinding, ...]:
-    """All findings about all ways of a timeline."""
+    """All findings about all branches of a timeline."""
     area = None
-    found: list[MissionFinding] = []
+    findings: list[MissionFinding] = []
     if work.mission.fence:
         if work.start.origin is None:
-            message = "The geofence needs a global position of the local origin, which is not known."
-            found.append(MissionFinding("fence_unknown", message, None, "Give the mission a home."))
+            message = "The geofence requires the global position of the local origin, which is unknown."
+            findings.append(MissionFinding("fence_unknown", message, None, "Give the mission a home."))
         else:
             area = allowed_area(work.mission.fence, work.start.origin)
             shapely.prepare(area)
-    for way in samples.ways(timeline, work.start.position_ned_m):
-        before = way.before_ned_m
-        for segment in way.timeline.segments:
+    for part in samples.parts(timeline, work.start.position_ned_m):
+        start_ned_m = part.start_ned_m
+        for segment in part.timeline.segments:
             count = int(min(MAX_SAMPLES, 2 + segment.duration_s / SPACING_S))
-            path = samples.path_along(segment, before, np.linspace(0.0, segment.duration_s, count))
-            found += _where(segment, path, work)
+            path = samples.path_along(segment, start_ned_m, np.linspace(0.0, segment.duration_s, count))
+            findings += _positions(segment, path, work)
             if area is not None:
-                found += _fence(segment, path, area)
+                findings += _fence(segment, path, area)
             if isinstance(segment, TableSegment):
-                found += _table(segment, work.motion)
-            before = segment.end_ned_m
-    found += _totals(timeline, work)
-    return tuple(found)
+                findings += _table(segment, work.motion)
+            start_ned_m = segment.end_ned_m
+    findings += _totals(timeline, work)
+    return tuple(findings)
 
 
-def _where(segment: Segment, path: Array, work: Work) -> Iterator[MissionFinding]:
+def _positions(segment: Segment, path: Array, work: Work) -> Iterator[MissionFinding]:
     limits, start = work.vehicle.limits, work.start
     home_down_m = start.reference_ned_m[2]
     if start.origin is not None and start.home_alt_amsl_m is not None:
@@ -65,20 +65,20 @@ def _where(segment: Segment, path: Array, work: Work) -> Iterator[MissionFinding
         yield MissionFinding("altitude_too_high", message, segment.place, "Lower it.")
     if 0.0 < fence_m < highest_m:
         message = (
-            f"{segment.title} climbs to {highest_m:.0f} m above home; the fence ends at {fence_m:.0f} m."
+            f"{segment.title} climbs to {highest_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
         )
         yield MissionFinding("altitude_fence", message, segment.place, "Lower it.")
     if isinstance(segment, CurveSegment | TableSegment | VelocitySegment) and height_m.min() < GROUND_M:
         message = f"{segment.title} descends to {height_m.min():.1f} m above home."
         yield MissionFinding(
-            "altitude_below_home", message, segment.place, "Raise it; down is negative above."
+            "altitude_below_home", message, segment.place, "Raise it; down is negative above the origin."
         )
     radius_m = limits.vehicle.fence_radius_m
     north, east = path[:, 0] - start.reference_ned_m[0], path[:, 1] - start.reference_ned_m[1]
     away_m = float(np.hypot(north, east).max())
     if 0.0 < radius_m < away_m:
         message = (
-            f"{segment.title} is up to {away_m:.0f} m from the start; the fence ends at {radius_m:.0f} m."
+            f"{segment.title} is up to {away_m:.0f} m from the start; the fence limit is {radius_m:.0f} m."
         )
         yield MissionFinding("radius_exceeded", message, segment.place, "Move it nearer to the start.")
 
@@ -99,27 +99,28 @@ def _fence(
 
 def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFinding]:
     times = np.linspace(0.0, segment.duration_s, MAX_SAMPLES)
-    _, v = segment.path.many(times)
+    _, v = segment.path.sample(times)
     across = float(np.hypot(v[:, 0], v[:, 1]).max())
     up, down = float(-v[:, 2].min()), float(v[:, 2].max())
-    asked = (
+    limits = (
         (across, motion.speed_m_s, "over the ground"),
         (up, motion.climb_m_s, "up"),
         (down, motion.descent_m_s, "down"),
     )
-    for speed, most, way in asked:
+    for speed, most, direction in limits:
         if speed > most * TOLERANCE:
-            message = f"The table flies up to {speed:.1f} m/s {way}, the limit is {most:g} m/s."
+            message = f"The table flies up to {speed:.1f} m/s {direction}, the limit is {most:g} m/s."
             yield MissionFinding("speed_exceeded", message, segment.place, "Give the table more time.")
     a = np.diff(v, axis=0) / np.diff(times)[:, None]
     bounds = (
         (float(np.hypot(a[:, 0], a[:, 1]).max()), motion.horizontal_acceleration_m_s2, "horizontally"),
         (float(np.abs(a[:, 2]).max()), motion.vertical_acceleration_m_s2, "vertically"),
     )
-    for acceleration, most, way in bounds:
+    for acceleration, most, direction in bounds:
         if acceleration > most * TOLERANCE:
             message = (
-                f"The table accelerates by up to {acceleration:.1f} m/s² {way}, the limit is {most:.1f} m/s²."
+                f"The table accelerates at up to {acceleration:.1f} m/s² {direction}, "
+                f"the limit is {most:.1f} m/s²."
             )
             yield MissionFinding("acceleration_exceeded", message, segment.place, "Give the table more time.")
 
@@ -139,7 +140,7 @@ def _totals(timeline: Timeline, work: Work) -> Iterator[MissionFinding]:
 
 
 def energy_wh(timeline: Timeline, work: Work) -> float | None:
-    """Of the longest way; None without a power model."""
+    """Energy of the longest path; None without a power model."""
     power = work.vehicle.limits.power
     if power is None:
         return None
@@ -147,10 +148,10 @@ def energy_wh(timeline: Timeline, work: Work) -> float | None:
 
 
 def climb_m(timeline: Timeline, down_m: float) -> float:
-    """All metres upwards on the way with the most, from segment end to segment end."""
+    """The largest total climb of all paths, from segment end to segment end."""
     climbed_m = 0.0
     for segment in timeline.segments:
         climbed_m += max(0.0, down_m - segment.end_ned_m[2])
         down_m = segment.end_ned_m[2]
-    ways = [way for way in (timeline.then, timeline.otherwise) if way is not None]
-    return climbed_m + max((climb_m(way, down_m) for way in ways), default=0.0)
+    continuations = [each for each in (timeline.then, timeline.otherwise) if each is not None]
+    return climbed_m + max((climb_m(each, down_m) for each in continuations), default=0.0)

@@ -1,4 +1,4 @@
-"""Places of an offboard mission, and their conversion to the vehicle's local frame."""
+"""Positions in an offboard mission, and their conversion to the vehicle's local frame."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ FENCE_NAME = "the mission's geofence"
 
 
 class Place(Model):
-    """A place, said in one of three ways: local, relative to the start of the mission, or on the earth."""
+    """A position, given as local, as relative to the start of the mission, or as latitude and longitude."""
 
     position_ned_m: Ned | None = None
-    """From the vehicle's local origin."""
+    """Relative to the vehicle's local origin."""
     offset_ned_m: Ned | None = None
-    """From where the mission starts."""
+    """Relative to the start of the mission."""
     lat_deg: LatDeg | None = None
     lon_deg: LonDeg | None = None
     alt_amsl_m: AltitudeM | None = None
     alt_home_m: AltitudeM | None = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> Place:
-        globe = (self.lat_deg, self.lon_deg, self.alt_amsl_m, self.alt_home_m)
-        ways = [
+    def _check_form(self) -> Place:
+        geodetic = (self.lat_deg, self.lon_deg, self.alt_amsl_m, self.alt_home_m)
+        forms = [
             self.position_ned_m is not None,
             self.offset_ned_m is not None,
-            any(v is not None for v in globe),
+            any(v is not None for v in geodetic),
         ]
-        if sum(ways) != 1:
+        if sum(forms) != 1:
             raise ValueError(
                 "give one of position_ned_m, offset_ned_m, or lat_deg with lon_deg and an altitude"
             )
-        if ways[2]:
+        if forms[2]:
             if self.lat_deg is None or self.lon_deg is None:
                 raise ValueError("give both lat_deg and lon_deg")
             if (self.alt_amsl_m is None) == (self.alt_home_m is None):
@@ -53,25 +53,25 @@ class Place(Model):
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where the vehicle is when the mission, or the rest of it, begins."""
+    """State of the vehicle when the mission, or the rest of it, starts."""
 
     position_ned_m: Vector3 = (0.0, 0.0, 0.0)
     yaw_ned_rad: float = 0.0
     origin: LocalOrigin | None = None
-    """Of the local frame; None: not known, places on the earth cannot be flown to."""
+    """Origin of the local frame; None: unknown, so geodetic positions cannot be converted."""
     home_alt_amsl_m: float | None = None
     in_air: bool = False
     mission_start_ned_m: Vector3 | None = None
-    """Where the whole mission started, if only the rest of it is compiled; None: here."""
+    """Start of the whole mission, if only the rest of it is compiled; None: `position_ned_m`."""
 
     @property
     def reference_ned_m(self) -> Vector3:
-        """The reference of offsets; the ground below it is that of the landing."""
+        """The reference of offsets; the ground is assumed to be at its height."""
         return self.position_ned_m if self.mission_start_ned_m is None else self.mission_start_ned_m
 
 
 class Unplaceable(Exception):
-    """A place cannot be converted because a value is not known.
+    """A position cannot be converted because a value is unknown.
 
     Attributes:
         missing: "global_position" or "home".
@@ -83,14 +83,14 @@ class Unplaceable(Exception):
 
 
 def to_local(place: Place, start: Start) -> Vector3:
-    """The place in the local frame.
+    """A position in the local frame.
 
     Args:
-        place: as the document has it.
+        place: the position as given in the document.
         start: the vehicle's position and origin, and the mission's start.
 
     Raises:
-        Unplaceable: The origin or the altitude of home is not known.
+        Unplaceable: The origin or the altitude of home is unknown.
     """
     if place.position_ned_m is not None:
         return place.position_ned_m
@@ -112,15 +112,15 @@ def fence_area(zones: Sequence[FenceZone], origin: LocalOrigin) -> FenceArea | N
     """A document's geofence in the local frame; None without zones."""
     if not zones:
         return None
-    kept_in, kept_out = Region(), list[Region]()
+    inclusions, exclusions = Region(), list[Region]()
     for zone in zones:
         shape = _region(zone, origin)
         if zone.inclusion:
-            circles, polygons = kept_in.circles + shape.circles, kept_in.polygons + shape.polygons
-            kept_in = Region(circles=circles, polygons=polygons)
+            circles, polygons = inclusions.circles + shape.circles, inclusions.polygons + shape.polygons
+            inclusions = Region(circles=circles, polygons=polygons)
         else:
-            kept_out.append(shape)
-    return FenceArea(kept_in, tuple(kept_out))
+            exclusions.append(shape)
+    return FenceArea(inclusions, tuple(exclusions))
 
 
 def _region(zone: FenceZone, origin: LocalOrigin) -> Region:

@@ -1,6 +1,6 @@
-"""Reads an offboard mission from YAML or JSON that people write by hand; every error names its line.
+"""Reads an offboard mission from handwritten YAML or JSON; every error names its line.
 
-Of YAML it reads mappings, lists, texts and numbers. Anchors, tags and repeated keys are refused.
+Supported YAML: mappings, lists, strings and numbers. Anchors, tags and repeated keys are refused.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def read(data: str | bytes) -> OffboardMission:
     """Reads a mission from a file.
 
     Raises:
-        PlanError: It is too large, not YAML, or not a mission; states line, step, field and what to do.
+        PlanError: It is too large, not YAML, or not a mission; names line, step, field and fix.
     """
     text = decode(data)
     if len(text) > MAX_BYTES:
@@ -41,17 +41,17 @@ def read(data: str | bytes) -> OffboardMission:
     try:
         mission = OffboardMission.model_validate_json(dump(value))
     except ValidationError as error:
-        raise _complaint(error, value, lines) from None
+        raise _plan_error(error, value, lines) from None
     check_calls(mission)
     check_meetings(mission)
     return mission
 
 
 def read_json(data: str | bytes) -> OffboardMission:
-    """Reads a mission sent as JSON, within the same bounds; errors have no line numbers.
+    """Reads a mission sent as JSON, within the same limits; errors have no line numbers.
 
     Raises:
-        PlanError: It is out of bounds, not JSON, or not a mission; states step, field and what to do.
+        PlanError: It exceeds a limit, is not JSON, or not a mission; names step, field and fix.
     """
     text = decode(data)
     value = load(text)
@@ -60,14 +60,14 @@ def read_json(data: str | bytes) -> OffboardMission:
     try:
         mission = OffboardMission.model_validate_json(text)
     except ValidationError as error:
-        raise _complaint(error, value, {}) from None
+        raise _plan_error(error, value, {}) from None
     check_calls(mission)
     check_meetings(mission)
     return mission
 
 
 def _size(value: Any, depth: int) -> int:
-    """Number of values."""
+    """Number of values, including nested ones."""
     if depth > MAX_DEPTH:
         raise PlanError("the mission", f"nested deeper than {MAX_DEPTH} levels", "Use `call`.")
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
@@ -84,7 +84,7 @@ def _parse(text: str, lines: dict[Path, int]) -> Any:
         value = _Reader(loader, lines).value(())
         loader.get_event()
         if not loader.check_event(yaml.StreamEndEvent):
-            raise PlanError("the file", "it holds more than one document", "Keep one.")
+            raise PlanError("the file", "it contains more than one document", "Keep one.")
         return value
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -98,7 +98,7 @@ def _parse(text: str, lines: dict[Path, int]) -> Any:
 
 
 class _Reader:
-    """Turns events into values and remembers the line of each."""
+    """Converts YAML events to values, and records the line of each."""
 
     def __init__(self, loader: Any, lines: dict[Path, int]) -> None:
         self._loader = loader
@@ -106,7 +106,7 @@ class _Reader:
         self._count = 0
 
     def value(self, path: Path) -> Any:
-        """The next value."""
+        """Reads the next value."""
         event = self._loader.get_event()
         line = event.start_mark.line + 1
         self._lines[path] = line
@@ -116,9 +116,9 @@ class _Reader:
         if len(path) > MAX_DEPTH:
             raise PlanError(f"line {line}", f"nested deeper than {MAX_DEPTH} levels", "Use `call`.")
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise PlanError(f"line {line}", "anchors and aliases (& and *) are not read", "Use `call`.")
+            raise PlanError(f"line {line}", "anchors and aliases (& and *) are not supported", "Use `call`.")
         if getattr(event, "tag", None) is not None:
-            raise PlanError(f"line {line}", f"the tag {event.tag[:60]} is not read", "Remove it.")
+            raise PlanError(f"line {line}", f"the tag {event.tag[:60]} is not supported", "Remove it.")
         if isinstance(event, yaml.ScalarEvent):
             return _scalar(event, line)
         if isinstance(event, yaml.SequenceStartEvent):
@@ -126,30 +126,30 @@ class _Reader:
         return self._mapping(path)
 
     def _list(self, path: Path) -> list[Any]:
-        found: list[Any] = []
+        values: list[Any] = []
         while not self._loader.check_event(yaml.SequenceEndEvent):
-            found.append(self.value((*path, len(found))))
+            values.append(self.value((*path, len(values))))
         self._loader.get_event()
-        return found
+        return values
 
     def _mapping(self, path: Path) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        mapping: dict[str, Any] = {}
         while not self._loader.check_event(yaml.MappingEndEvent):
             event = self._loader.get_event()
             line = event.start_mark.line + 1
             if not isinstance(event, yaml.ScalarEvent) or getattr(event, "anchor", None) is not None:
                 raise PlanError(f"line {line}", "a key is not a plain word", "Write `key: value`.")
-            if event.value in found:
+            if event.value in mapping:
                 raise PlanError(
                     f"line {line}", f"key {event.value[:60]!r} appears twice", "Keep one of them."
                 )
-            found[event.value] = self.value((*path, event.value))
+            mapping[event.value] = self.value((*path, event.value))
         self._loader.get_event()
-        return found
+        return mapping
 
 
 def is_text(text: str) -> bool:
-    """Whether a plain scalar is read as this text, and not as a number or a word like `true`."""
+    """Whether an unquoted scalar is read as a string, not as a number or a keyword like `true`."""
     return text.lower() not in _WORDS and not _NUMBER.fullmatch(text)
 
 
@@ -172,29 +172,29 @@ def _scalar(event: yaml.ScalarEvent, line: int) -> Any:
 _FIXES = {
     "missing": "Add this field.",
     "extra_forbidden": "Remove this field, or correct its name.",
-    "union_tag_invalid": "Use one of the steps named.",
+    "union_tag_invalid": "Use one of these steps.",
     "union_tag_not_found": "Add `step:` with the name of the step.",
     "too_long": "Split the mission.",
 }
 
 
-def _complaint(error: ValidationError, value: Any, lines: dict[Path, int]) -> PlanError:
-    """The first validation error with its line, step and field."""
+def _plan_error(error: ValidationError, value: Any, lines: dict[Path, int]) -> PlanError:
+    """The first validation error as a PlanError with line, step and field."""
     first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
     path = _without_tags(first["loc"], value)
-    known = path
-    while known not in lines and known:
-        known = known[:-1]
+    known_path = path
+    while known_path not in lines and known_path:
+        known_path = known_path[:-1]
     message = str(first["msg"]).removeprefix("Value error, ").rstrip(".")[:300]
     if str(first["type"]) == "union_tag_not_found":
-        message = "it does not say which step it is"
+        message = "it has no `step` field"
     fix = _FIXES.get(str(first["type"]), "Correct this value.")
-    line = f"line {lines[known]}" if known in lines else ""
+    line = f"line {lines[known_path]}" if known_path in lines else ""
     return PlanError(f"{line}{place_of(path)}".removeprefix(", ") or "the mission", message, fix)
 
 
 def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
-    """The path as the file has it: Pydantic also names the kind that a union chose."""
+    """The path in the file; Pydantic's location also contains the kind that a union selected."""
     path: list[str | int] = []
     for part in location:
         if isinstance(value, dict) and part not in value and part in (value.get("step"), value.get("shape")):
@@ -208,7 +208,7 @@ def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
 
 
 def place_of(path: Path) -> str:
-    """A place for a person: `, step 3.2, field points[0].corner_m`; steps count from 1."""
+    """A path as shown in messages: `, step 3.2, field points[0].corner_m`; steps are numbered from 1."""
     numbers: list[str] = []
     rest = list(path)
     text = ""

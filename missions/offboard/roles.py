@@ -1,7 +1,7 @@
-"""A mission of several vehicles: each role's timeline, and how near the vehicles come to each other by plan.
+"""A mission of several vehicles: each role's timeline, and the planned separation of the vehicles.
 
-All roles begin together, and go on together after each meeting: by plan, once the last one has come. Of a
-branch the longest way counts.
+All roles start together. After each meeting they continue together, as planned when the last role arrives. Of
+a branch the longest path counts.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from missions.separation import kept_apart_m, planned_margin_m
 Array = NDArray[np.float64]
 SPACING_S = 0.25
 MAX_SAMPLES = 20_000
-"""Of the whole mission; a longer one is sampled farther apart."""
+"""Most samples of the whole mission; a longer mission is sampled less often."""
 
 
 @dataclass(frozen=True, slots=True)
 class CompiledRoles:
-    """All roles, ready to be flown."""
+    """The compiled timelines of all roles."""
 
     timelines: dict[str, Timeline]
     findings: tuple[MissionFinding, ...]
-    """Of all roles, and of their separation."""
+    """Findings about all roles, and about their separation."""
     duration_s: float
-    """Of the whole by plan, waiting for each other included."""
+    """Planned duration of the whole mission, including waiting for other roles."""
 
 
 def planned_starts(mission: OffboardMission) -> dict[str, Start]:
-    """Where each role's vehicle is planned to stand; at home where the role does not say."""
-    found: dict[str, Start] = {}
+    """Planned start position of each role; home if the role has none."""
+    starts: dict[str, Start] = {}
     for name, role in mission.roles.items():
-        home, here = mission.home, role.start_ned_m or (0.0, 0.0, 0.0)
+        home, start_ned_m = mission.home, role.start_ned_m or (0.0, 0.0, 0.0)
         origin = None if home is None else LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
-        alt_m = None if home is None else home.alt_amsl_m - here[2]
-        found[name] = Start(position_ned_m=here, origin=origin, home_alt_amsl_m=alt_m)
-    return found
+        alt_m = None if home is None else home.alt_amsl_m - start_ned_m[2]
+        starts[name] = Start(position_ned_m=start_ned_m, origin=origin, home_alt_amsl_m=alt_m)
+    return starts
 
 
 def compile_roles(
@@ -60,140 +60,144 @@ def compile_roles(
     """The timelines of all roles, and all findings.
 
     Args:
-        mission: with roles.
-        vehicles: by role.
-        starts: by role, each in its vehicle's local frame.
+        mission: a mission with roles.
+        vehicles: limits of the vehicles, by role.
+        starts: start states by role, each in its vehicle's local frame.
 
     Raises:
-        PlanError: A role has no vehicle, or is larger than what can be compiled.
+        PlanError: A role has no vehicle, or is too large.
     """
     missing = [role for role in mission.roles if role not in starts]
     if missing:
-        raise PlanError("vehicles", f"role {missing[0]!r} has no vehicle", "Name a vehicle for each role.")
+        raise PlanError("vehicles", f"role {missing[0]!r} has no vehicle", "Assign a vehicle to each role.")
     timelines = {
         role: compile_mission(mission, vehicles[role], starts[role], role=role) for role in mission.roles
     }
     blocks = {role: _blocks(timeline) for role, timeline in timelines.items()}
-    begins_s, duration_s = _begins(blocks)
+    block_starts_s, duration_s = _planned_times(blocks)
     findings = [finding for timeline in timelines.values() for finding in timeline.findings]
-    places = _places_in_common_frame(mission, starts)
-    if places is None:
-        message = "Where the vehicles stand is not known, so their separation is not checked."
+    offsets = _common_frame_offsets(mission, starts)
+    if offsets is None:
+        message = "The positions of the vehicles are unknown, so their separation is not checked."
         fix = "Choose a vehicle for each role, or give each role `start_ned_m` and the mission a home."
         findings.append(MissionFinding("separation_unknown", message, None, fix))
     else:
-        findings += _too_near(mission, blocks, begins_s, duration_s, starts, places)
+        findings += _too_near(mission, blocks, block_starts_s, duration_s, starts, offsets)
     return CompiledRoles(timelines, tuple(findings), duration_s)
 
 
-def _places_in_common_frame(
-    mission: OffboardMission, starts: Mapping[str, Start]
-) -> dict[str, Vector3] | None:
-    """By role what is to be added to its places; None: not known."""
+def _common_frame_offsets(mission: OffboardMission, starts: Mapping[str, Start]) -> dict[str, Vector3] | None:
+    """For each role, the offset of its positions to the frame of the first role; None: unknown."""
     first = next(iter(starts.values())).origin
-    found: dict[str, Vector3] = {}
+    offsets: dict[str, Vector3] = {}
     planned = all(start.origin is None for start in starts.values())
     if planned and all(role.start_ned_m is not None for role in mission.roles.values()):
         return dict.fromkeys(starts, (0.0, 0.0, 0.0))
     for role, start in starts.items():
         if start.origin is None or first is None:
             return None
-        found[role] = start.origin.to_frame_of(first, (0.0, 0.0, 0.0))
-    at = {tuple(a + b for a, b in zip(found[r], starts[r].position_ned_m, strict=True)) for r in starts}
-    return found if len(at) == len(starts) else None  # at one place: where they stand is not said
+        offsets[role] = start.origin.to_frame_of(first, (0.0, 0.0, 0.0))
+    positions = {
+        tuple(a + b for a, b in zip(offsets[role], start.position_ned_m, strict=True))
+        for role, start in starts.items()
+    }
+    # Identical positions mean that the real start positions are not given.
+    return offsets if len(positions) == len(starts) else None
 
 
 @dataclass(frozen=True, slots=True)
-class _Flown:
+class _FlownSegment:
     segment: Segment
-    before_ned_m: Vector3
+    start_ned_m: Vector3
 
 
-def _blocks(timeline: Timeline) -> list[list[_Flown]]:
-    """The longest way, divided by the meetings."""
-    blocks: list[list[_Flown]] = [[]]
-    for way in samples.ways(timeline, (0.0, 0.0, 0.0)):
-        if not way.main:
+def _blocks(timeline: Timeline) -> list[list[_FlownSegment]]:
+    """The longest path, divided at the meetings."""
+    blocks: list[list[_FlownSegment]] = [[]]
+    for part in samples.parts(timeline, (0.0, 0.0, 0.0)):
+        if not part.main:
             continue
-        before = way.before_ned_m
-        for segment in way.timeline.segments:
-            blocks[-1].append(_Flown(segment, before))
-            before = segment.end_ned_m
+        start_ned_m = part.start_ned_m
+        for segment in part.timeline.segments:
+            blocks[-1].append(_FlownSegment(segment, start_ned_m))
+            start_ned_m = segment.end_ned_m
             if isinstance(segment, WaitSegment) and segment.kind == "meet":
                 blocks.append([])
     return blocks
 
 
-def _begins(blocks: Mapping[str, list[list[_Flown]]]) -> tuple[list[float], float]:
-    """When each block begins by plan, and when the last one ends."""
-    begins_s, now_s = list[float](), 0.0
+def _planned_times(blocks: Mapping[str, list[list[_FlownSegment]]]) -> tuple[list[float], float]:
+    """Planned start of each block, and planned end of the last one."""
+    starts_s, now_s = list[float](), 0.0
     for together in zip(*blocks.values(), strict=True):
-        begins_s.append(now_s)
+        starts_s.append(now_s)
         now_s += max(sum(each.segment.duration_s for each in block) for block in together)
-    return begins_s, now_s
+    return starts_s, now_s
 
 
 def _sampled(
-    blocks: list[list[_Flown]], begins_s: list[float], times_s: Array, start: Vector3
+    blocks: list[list[_FlownSegment]], block_starts_s: list[float], times_s: Array, start: Vector3
 ) -> tuple[Array, list[tuple[float, str]]]:
-    """Places at these times, (N, 3), and when each step begins."""
-    places = np.tile(np.array(start), (len(times_s), 1))
+    """Positions at these times, (N, 3), and the start time of each step."""
+    positions = np.tile(np.array(start), (len(times_s), 1))
     steps: list[tuple[float, str]] = []
-    before: Vector3 = start
-    for begin_s, block in zip(begins_s, blocks, strict=True):
-        now_s = begin_s
+    previous: Vector3 = start
+    for block_start_s, block in zip(block_starts_s, blocks, strict=True):
+        now_s = block_start_s
         for flown in block:
             segment = flown.segment
             steps.append((now_s, segment.place))
             first, end = np.searchsorted(times_s, (now_s, now_s + segment.duration_s)).tolist()
             within_s = times_s[first:end] - now_s
-            path = samples.path_along(segment, before, within_s)
+            path = samples.path_along(segment, previous, within_s)
             if len(path) != len(within_s) or path.shape[0] == 2:
                 share = within_s / max(segment.duration_s, 1e-9)
-                path = np.array(before) + share[:, None] * (np.array(segment.end_ned_m) - np.array(before))
-            places[first:end] = path
-            places[end:] = segment.end_ned_m
-            before, now_s = segment.end_ned_m, now_s + segment.duration_s
-    return places, steps
+                start_ned_m, end_ned_m = np.array(previous), np.array(segment.end_ned_m)
+                path = start_ned_m + share[:, None] * (end_ned_m - start_ned_m)
+            positions[first:end] = path
+            positions[end:] = segment.end_ned_m
+            previous, now_s = segment.end_ned_m, now_s + segment.duration_s
+    return positions, steps
 
 
 def _too_near(
     mission: OffboardMission,
-    blocks: Mapping[str, list[list[_Flown]]],
-    begins_s: list[float],
+    blocks: Mapping[str, list[list[_FlownSegment]]],
+    block_starts_s: list[float],
     duration_s: float,
     starts: Mapping[str, Start],
     frames: Mapping[str, Vector3],
 ) -> Iterator[MissionFinding]:
-    """The first moment at which two roles are too near, for each two."""
+    """For each pair of roles, a finding about the first time at which they are too close."""
     count = int(min(MAX_SAMPLES, 2 + duration_s / SPACING_S))
     times_s = np.linspace(0.0, max(duration_s, SPACING_S), count)
     tracks: dict[str, tuple[Array, Array]] = {}
     steps: dict[str, list[tuple[float, str]]] = {}
     for role in blocks:
-        places, steps[role] = _sampled(blocks[role], begins_s, times_s, starts[role].position_ned_m)
-        tracks[role] = places + np.array(frames[role]), np.gradient(places, times_s, axis=0)
+        positions, steps[role] = _sampled(blocks[role], block_starts_s, times_s, starts[role].position_ned_m)
+        tracks[role] = positions + np.array(frames[role]), np.gradient(positions, times_s, axis=0)
     margin_m = planned_margin_m()
     least_m = mission.separation_m + margin_m
     for one, other in itertools.combinations(tracks, 2):
-        kept = kept_apart_m(*tracks[one], *tracks[other], least_m)
-        near = np.flatnonzero(kept < least_m)
+        separation_m = kept_apart_m(*tracks[one], *tracks[other], least_m)
+        near = np.flatnonzero(separation_m < least_m)
         if not len(near):
             continue
         begin = int(near[0])
-        after = np.flatnonzero(kept[begin:] >= least_m)
-        end = begin + int(after[0]) if len(after) else len(kept)
-        worst = begin + int(kept[begin:end].argmin())
+        after = np.flatnonzero(separation_m[begin:] >= least_m)
+        end = begin + int(after[0]) if len(after) else len(separation_m)
+        worst = begin + int(separation_m[begin:end].argmin())
         t_s = float(times_s[worst])
-        place, there = _step_at(steps[one], t_s), _step_at(steps[other], t_s)
+        step, other_step = _step_at(steps[one], t_s), _step_at(steps[other], t_s)
         n, e, d = (tracks[one][0][worst] - np.array(frames[one])).tolist()
         message = (
-            f"After {t_s:.0f} s by plan the vehicles of {one} and {other} come within {kept[worst]:.1f} m of "
-            f"each other, braking included ({place}; {there}): {one} at {n:.0f} m north, {e:.0f} m east, "
-            f"{d:.0f} m down. {mission.separation_m:g} m are to be kept, and {margin_m:.1f} m of margin."
+            f"As planned, after {t_s:.0f} s the vehicles of {one} and {other} come within "
+            f"{separation_m[worst]:.1f} m of each other, braking included ({step}; {other_step}): "
+            f"{one} at {n:.0f} m north, {e:.0f} m east, {d:.0f} m down. "
+            f"The minimum is {mission.separation_m:g} m plus {margin_m:.1f} m of margin."
         )
-        fix = "Move their paths apart, let them meet before, or lower minimum_separation_m."
-        yield MissionFinding("separation", message, place, fix)
+        fix = "Move their paths apart, add a meeting before this step, or lower minimum_separation_m."
+        yield MissionFinding("separation", message, step, fix)
 
 
 def _step_at(steps: list[tuple[float, str]], t_s: float) -> str:

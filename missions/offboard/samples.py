@@ -1,5 +1,4 @@
-"""A compiled mission sampled for drawing before the flight: its segments as lines, and the duration of its
-steps."""
+"""Samples a compiled mission for display before the flight: segments as lines, and durations of steps."""
 
 from __future__ import annotations
 
@@ -15,9 +14,9 @@ from missions.offboard.timeline import Timeline
 
 SPACING_S = 0.5
 MAX_POINTS = 3000
-"""Of all segments together; more of them are sampled farther apart."""
+"""Most points of all segments together; longer missions are sampled less often."""
 LEAST_POINTS = 2
-"""Of one segment."""
+"""Least points of one segment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,111 +24,111 @@ class Leg:
     """One segment as a line."""
 
     place: str
-    """Which step: "step 3", "step 4.2"."""
+    """The step: "step 3", "step 4.2"."""
     title: str
-    """For people: the step's name, or what it is."""
+    """The step's name if it has one, otherwise its kind."""
     start_s: float
-    """By plan."""
+    """Planned start time."""
     duration_s: float
     main: bool
-    """On the way that takes longest; false: after a branch, on the other one."""
+    """Whether the leg is on the longest path through the branches."""
     points: tuple[tuple[float, float, float, float], ...]
-    """t_s since the leg began, and north, east, down of the local origin [m]."""
+    """Time since the start of the leg [s], and north, east, down [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepTime:
-    """The duration of one step on the longest path through the mission, all repeats together."""
+    """Duration of one step on the longest path through the mission, summed over all repeats."""
 
     place: str
     start_s: float
-    """When it begins for the first time, by plan."""
+    """Planned time of its first start."""
     duration_s: float
     length_m: float
     photos: int
 
 
-def path_along(segment: Segment, before_ned_m: Vector3, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places along a segment, (N, 3) [m]; of one without a path, where it begins and where it ends."""
+def path_along(segment: Segment, start_ned_m: Vector3, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions along a segment, (N, 3) [m]; for a segment without a path, its start and end."""
     if isinstance(segment, CurveSegment):
-        return segment.curve.many(times_s).position_ned_m
+        return segment.curve.sample(times_s).position_ned_m
     if isinstance(segment, TableSegment):
-        return segment.path.many(times_s)[0]
+        return segment.path.sample(times_s)[0]
     if isinstance(segment, VelocitySegment):
-        return segment.line.many(times_s).position_ned_m
-    return np.array([before_ned_m, segment.end_ned_m])
+        return segment.line.sample(times_s).position_ned_m
+    return np.array([start_ned_m, segment.end_ned_m])
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """A part of a timeline: from one decision to the next."""
+class Part:
+    """A part of a timeline, from one decision to the next."""
 
     timeline: Timeline
     start_s: float
-    """When it begins, by plan."""
-    before_ned_m: Vector3
-    """Where it begins."""
+    """Planned start time."""
+    start_ned_m: Vector3
+    """Start position."""
     main: bool
-    """On the way that takes longest."""
+    """Whether it is on the longest path."""
 
 
-def ways(timeline: Timeline, start_ned_m: Vector3) -> Iterator[Way]:
-    """Each part of a timeline, what follows a decision after it."""
-    yield from _ways(Way(timeline, 0.0, start_ned_m, main=True))
+def parts(timeline: Timeline, start_ned_m: Vector3) -> Iterator[Part]:
+    """All parts of a timeline; each one before the parts that follow it."""
+    yield from _parts(Part(timeline, 0.0, start_ned_m, main=True))
 
 
-def _ways(way: Way) -> Iterator[Way]:
-    yield way
-    part = way.timeline
-    if part.then is None or part.otherwise is None:
+def _parts(part: Part) -> Iterator[Part]:
+    yield part
+    line = part.timeline
+    if line.then is None or line.otherwise is None:
         return
-    after_s = way.start_s + part.own_duration_s
-    end = part.segments[-1].end_ned_m if part.segments else way.before_ned_m
-    then_first = part.then.duration_s >= part.otherwise.duration_s
-    yield from _ways(Way(part.then, after_s, end, main=way.main and then_first))
-    yield from _ways(Way(part.otherwise, after_s, end, main=way.main and not then_first))
+    end_s = part.start_s + line.own_duration_s
+    end_ned_m = line.segments[-1].end_ned_m if line.segments else part.start_ned_m
+    then_longer = line.then.duration_s >= line.otherwise.duration_s
+    yield from _parts(Part(line.then, end_s, end_ned_m, main=part.main and then_longer))
+    yield from _parts(Part(line.otherwise, end_s, end_ned_m, main=part.main and not then_longer))
 
 
 def legs(timeline: Timeline, start_ned_m: Vector3) -> tuple[Leg, ...]:
-    """All segments as lines, in order; what follows a branch one way after the other."""
-    parts = list(ways(timeline, start_ned_m))
-    wanted = sum(
-        LEAST_POINTS + each.duration_s / SPACING_S for way in parts for each in way.timeline.segments
+    """All segments as lines, in order; both continuations of a branch, one after the other."""
+    all_parts = list(parts(timeline, start_ned_m))
+    point_count = sum(
+        LEAST_POINTS + each.duration_s / SPACING_S for part in all_parts for each in part.timeline.segments
     )
-    spacing_s = SPACING_S * max(1.0, wanted / MAX_POINTS)
-    found: list[Leg] = []
-    for way in parts:
-        before = way.before_ned_m
-        for start_s, segment in zip(way.timeline.starts_s, way.timeline.segments, strict=True):
+    spacing_s = SPACING_S * max(1.0, point_count / MAX_POINTS)
+    lines: list[Leg] = []
+    for part in all_parts:
+        position_ned_m = part.start_ned_m
+        for start_s, segment in zip(part.timeline.starts_s, part.timeline.segments, strict=True):
             times = np.linspace(0.0, segment.duration_s, LEAST_POINTS + int(segment.duration_s / spacing_s))
-            path = path_along(segment, before, times)
+            path = path_along(segment, position_ned_m, times)
             if len(path) != len(times):
                 times = np.array([0.0, segment.duration_s])
             rows = np.round(np.column_stack((times, path)), 3).tolist()
-            begins_s = way.start_s + start_s
-            found.append(
+            planned_s = part.start_s + start_s
+            lines.append(
                 Leg(
-                    segment.place, segment.title, begins_s, segment.duration_s, way.main,
+                    segment.place, segment.title, planned_s, segment.duration_s, part.main,
                     tuple((t, n, e, d) for t, n, e, d in rows),
                 )
             )  # fmt: skip
-            before = segment.end_ned_m
-    return tuple(found)
+            position_ned_m = segment.end_ned_m
+    return tuple(lines)
 
 
 def step_times(timeline: Timeline) -> tuple[StepTime, ...]:
-    """Of each step on the way that takes longest, in the order in which they begin."""
-    found: dict[str, StepTime] = {}
-    for way in ways(timeline, (0.0, 0.0, 0.0)):
-        if not way.main:
+    """The duration of each step on the longest path, in flight order."""
+    steps: dict[str, StepTime] = {}
+    for part in parts(timeline, (0.0, 0.0, 0.0)):
+        if not part.main:
             continue
-        for start_s, segment in zip(way.timeline.starts_s, way.timeline.segments, strict=True):
-            old = found.get(segment.place) or StepTime(segment.place, way.start_s + start_s, 0.0, 0.0, 0)
-            found[segment.place] = StepTime(
+        for start_s, segment in zip(part.timeline.starts_s, part.timeline.segments, strict=True):
+            old = steps.get(segment.place) or StepTime(segment.place, part.start_s + start_s, 0.0, 0.0, 0)
+            steps[segment.place] = StepTime(
                 segment.place,
                 old.start_s,
                 old.duration_s + segment.duration_s,
                 old.length_m + segment.length_m,
                 old.photos + sum(event.kind == "photo" for event in segment.events),
             )
-    return tuple(found.values())
+    return tuple(steps.values())

@@ -1,7 +1,7 @@
-"""The segments of a compiled mission: the setpoint at each moment, or the condition to wait for.
+"""The segments of a compiled mission: a setpoint for each time, or a condition to wait for.
 
-Plain frozen values without state, so that a timeline can be handed to another process and sampled there.
-A segment's `at(t_s)` gives the setpoint `t_s` after the segment began, and its last one for any later time.
+Segments are frozen values, so that a timeline can be sent to another process and sampled there. `at(t_s)` is
+the setpoint `t_s` after the segment's start; after its end it is the last setpoint.
 """
 
 from __future__ import annotations
@@ -21,61 +21,61 @@ class Event:
     """An action at a time of a segment."""
 
     t_s: float
-    """Since the segment began."""
+    """Time since the start of the segment."""
     kind: Literal["photo", "gimbal"]
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """What all segments share."""
+    """Base class of all segments."""
 
     place: str
-    """Which step of the document: "step 3", "step 4.2"."""
+    """Step of the document: "step 3", "step 4.2"."""
     title: str
-    """For people: the step's name, or what it is."""
+    """The step's name if it has one, otherwise its kind."""
     duration_s: float
-    """Planned; of a wait: zero, or as long as a take-off or landing is expected to take."""
+    """Planned duration; of a wait: zero, or the expected duration of a take-off or landing."""
     end_ned_m: Vector3
-    """Where it is expected to end."""
+    """Expected end position."""
     end_yaw_ned_rad: float
     length_m: float = 0.0
     gimbal: GimbalTrack | None = None
-    """None: the gimbal is left as it is."""
+    """None: the gimbal is not commanded."""
     events: tuple[Event, ...] = ()
     avoidance: bool = False
-    """Whether the vehicle is led past obstacles that its sensors measure."""
+    """Whether obstacle avoidance is active."""
     visit: int = 0
-    """Counts the steps that are carried out: each round of a repeat is another one at the same place."""
+    """Number of the executed step; each round of a repeat has its own number."""
 
     def at(self, t_s: float) -> Setpoint:
-        """The setpoint at a time since the segment began."""
+        """The setpoint `t_s` after the start of the segment."""
         return Position(self.end_ned_m, self.end_yaw_ned_rad)
 
     def gimbal_at(self, t_s: float) -> tuple[float, float] | None:
-        """Pitch (up is positive) and yaw from north [rad] of the gimbal; None: left as it is."""
+        """Gimbal pitch (up is positive) and yaw relative to north [rad]; None: not commanded."""
         return None if self.gimbal is None else self.gimbal.at(t_s, self.at(t_s), self.end_yaw_ned_rad)
 
 
 @dataclass(frozen=True, slots=True)
 class HoldSegment(Segment):
-    """Stay at a place."""
+    """Hold a position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveSegment(Segment):
-    """Fly a curve; its yaw, or the one kept."""
+    """Fly a curve, with its yaw or with the current one."""
 
     curve: TimedCurve
 
     def at(self, t_s: float) -> Setpoint:
         """The curve's setpoint."""
-        found = self.curve.at(t_s)
-        if found.yaw_ned_rad is not None:
-            return found
+        setpoint = self.curve.at(t_s)
+        if setpoint.yaw_ned_rad is not None:
+            return setpoint
         return Trajectory(
-            found.position_ned_m,
-            found.velocity_ned_m_s,
-            found.acceleration_ned_m_s2,
+            setpoint.position_ned_m,
+            setpoint.velocity_ned_m_s,
+            setpoint.acceleration_ned_m_s2,
             self.end_yaw_ned_rad,
             0.0,
         )
@@ -94,10 +94,10 @@ class TableSegment(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VelocitySegment(Segment):
-    """Fly a velocity, reached and left with limited acceleration and jerk; the position is not held."""
+    """Fly a velocity, with limited acceleration and jerk; the position is not controlled."""
 
     line: TimedCurve
-    """The same flight without wind, from which velocity and acceleration are taken."""
+    """The same flight without wind; source of velocity and acceleration."""
 
     def at(self, t_s: float) -> Setpoint:
         """The velocity at that time."""
@@ -106,12 +106,12 @@ class VelocitySegment(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeSegment(Segment):
-    """Fly an attitude; neither position nor height is held."""
+    """Fly an attitude; position and altitude are not controlled."""
 
     attitude: Attitude
 
     def at(self, t_s: float) -> Setpoint:
-        """The attitude; afterwards the place where it ends by plan is held."""
+        """The attitude; after the end, the planned end position."""
         return self.attitude if t_s < self.duration_s else Position(self.end_ned_m, self.end_yaw_ned_rad)
 
 
@@ -120,25 +120,25 @@ WaitKind = Literal["person", "condition", "take_off", "land", "meet"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaitSegment(Segment):
-    """Hold until something has happened: the runner goes on only then."""
+    """Hold until a condition is true; only then the runner continues."""
 
     kind: WaitKind
     timeout_s: float
     on_timeout: str = "hold"
     value: str | None = None
-    """Of a condition: the value's name."""
+    """Name of the condition's value."""
     above: float | None = None
     below: float | None = None
     for_s: float = 0.0
     message: str | None = None
-    """What a person is asked, or the name of a meeting."""
+    """The question to the pilot, or the name of a meeting."""
     height_m: float | None = None
-    """Of a take-off: above where the vehicle stands."""
+    """Height of a take-off above the ground position."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A branch: by this condition the mission goes on in one of two timelines."""
+    """A branch: the condition selects one of two timelines to continue with."""
 
     place: str
     value: str

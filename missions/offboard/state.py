@@ -1,4 +1,4 @@
-"""The state of a compilation: the segments made so far, and the planned state of the vehicle after them."""
+"""The state of a compilation: the segments so far, and the planned state of the vehicle after them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class MissionVehicle:
     motion: MotionLimits = field(default_factory=MotionLimits)
     limits: Limits = field(default_factory=Limits)
     reported: frozenset[str] | None = None
-    """Values of conditions that the vehicle sends; None: not known."""
+    """Names of the condition values that the vehicle reports; None: unknown."""
 
     @classmethod
     def from_parameters(
@@ -69,13 +69,13 @@ class Work:
     files: Mapping[str, bytes]
     motion: MotionLimits
     findings: dict[MissionFinding, None] = field(default_factory=dict)
-    """Each once, in order."""
+    """Findings without repetitions, in order."""
     segments: int = 0
     steps: int = 0
     points: int = 0
 
     def count(self, *, segments: int = 0, steps: int = 0, points: int = 0) -> None:
-        """Counts work against the limits of a mission's size.
+        """Adds to the counters that limit the size of a mission.
 
         Raises:
             PlanError: The mission is too large.
@@ -92,10 +92,10 @@ class Work:
             )
 
     def table(self, name: str) -> bytes:
-        """The trajectory that a step names: a file, else one of the document.
+        """The trajectory of a table step: a file, otherwise one of the document.
 
         Raises:
-            PlanError: There is none.
+            PlanError: There is no trajectory with this name.
         """
         if name in self.files:
             return self.files[name]
@@ -117,12 +117,12 @@ class State:
     gimbal: GimbalTrack | None = None
     avoidance: bool = False
     visit: int = 0
-    """Of the present step among all that are carried out, from 1."""
+    """Number of the current step among all executed steps, from 1."""
     needs: set[Estimate] = field(default_factory=set)
     segments: list[Segment] = field(default_factory=list)
 
     def fork(self) -> State:
-        """A copy of the state for another branch; the segments made so far stay with this one."""
+        """A copy of the state for a branch, without the segments so far."""
         return replace(self, needs=set(), segments=[])
 
     def add(self, segment: Segment) -> None:
@@ -132,14 +132,14 @@ class State:
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
     def report(self, code: str, message: str, fix: str | None = None) -> None:
-        """A finding about the present step."""
+        """Adds a finding about the current step."""
         self.work.findings[MissionFinding(code, message, self.place, fix)] = None
 
     def locate(self, place: Place) -> Vector3:
-        """A place in the local frame.
+        """Converts a position to the local frame.
 
         Raises:
-            Unplaceable: A value for the conversion is not known.
+            Unplaceable: A value for the conversion is unknown.
         """
         if place.lat_deg is not None:
             self.needs.add("global_position")
@@ -150,11 +150,11 @@ class State:
     def limits_for(self, step: PathStep) -> MotionLimits:
         """The limits of a step: the vehicle's, the mission's, and the step's speed."""
         motion = self.work.motion
-        bound = self.work.mission.limits.speed_m_s
+        mission_limit_m_s = self.work.mission.limits.speed_m_s
         cruise_m_s = self.work.vehicle.limits.vehicle.cruise_m_s
-        asked_m_s = step.speed_m_s or bound or cruise_m_s
-        most_m_s = min(motion.speed_m_s, bound or math.inf)
-        if asked_m_s > most_m_s:
-            message = f"A speed of {asked_m_s:g} m/s is requested; the limit is {most_m_s:g} m/s."
+        requested_m_s = step.speed_m_s or mission_limit_m_s or cruise_m_s
+        limit_m_s = min(motion.speed_m_s, mission_limit_m_s or math.inf)
+        if requested_m_s > limit_m_s:
+            message = f"A speed of {requested_m_s:g} m/s is requested; the limit is {limit_m_s:g} m/s."
             self.report("speed_too_high", message, "Lower the speed, or raise the limit.")
-        return replace(motion, speed_m_s=min(asked_m_s, most_m_s))
+        return replace(motion, speed_m_s=min(requested_m_s, limit_m_s))

@@ -1,4 +1,4 @@
-"""The steps of an offboard mission, one class each; `step` tells them apart.
+"""The steps of an offboard mission, one class each; `step` is the kind.
 
 Names, units and frames are those of `missions.setpoints`: metres, seconds, radians, NED.
 """
@@ -26,18 +26,18 @@ MAX_STEPS = 1000
 """Most steps in one list."""
 
 Action = Literal["continue", "hold", "return", "land"]
-"""The runner's action: continue, hold here, return to launch, land here."""
+"""Action of the mission runner: continue, hold the position, return to launch, or land."""
 
 
 class Step(Model):
-    """Fields of all steps."""
+    """Base class of all steps."""
 
     name: Text | None = None
-    """Shown to people."""
+    """Name shown to the pilot."""
 
 
 class TakeOff(Step):
-    """Arm and climb; the mission goes on at that height."""
+    """Arm and climb; the mission continues at that height."""
 
     step: Literal["take_off"] = "take_off"
     height_m: Annotated[float, Field(ge=0.5, le=500.0, allow_inf_nan=False)]
@@ -46,7 +46,7 @@ class TakeOff(Step):
 
 
 class Land(Step):
-    """Land here and disarm."""
+    """Land at the current position and disarm."""
 
     step: Literal["land"] = "land"
     timeout_s: Timeout = 300.0
@@ -58,28 +58,28 @@ class Hold(Step):
     step: Literal["hold"] = "hold"
     duration_s: Seconds
     yaw_ned_rad: Angle | None = None
-    """Heading to turn to first; None keeps the present one."""
+    """Heading to turn to first; None: keep the current heading."""
 
 
 class PathStep(Step):
-    """Fields of all steps along a path: speed, heading, pictures on the way.
+    """Base class of all steps along a path: speed, heading, pictures.
 
-    The heading is a yaw, along the path, towards a place, or else the one before the step.
+    The heading is a fixed yaw, along the path, towards a position, or unchanged.
     """
 
     speed_m_s: Speed | None = None
-    """Highest speed over the ground; None: MPC_XY_CRUISE."""
+    """Maximum horizontal speed; None: MPC_XY_CRUISE."""
     heading: Literal["keep", "along_path"] = "keep"
     yaw_ned_rad: Angle | None = None
     look_at: Place | None = None
     photo_every_m: Metres | None = None
     avoidance: bool | None = None
-    """Lead the vehicle past obstacles that its sensors measure; None: as the mission says."""
+    """Avoid obstacles that the vehicle's sensors measure; None: the mission's setting."""
 
     @model_validator(mode="after")
     def _one_heading(self) -> PathStep:
-        said = [self.heading != "keep", self.yaw_ned_rad is not None, self.look_at is not None]
-        if sum(said) > 1:
+        given = [self.heading != "keep", self.yaw_ned_rad is not None, self.look_at is not None]
+        if sum(given) > 1:
             raise ValueError("give one of heading, yaw_ned_rad and look_at")
         return self
 
@@ -88,16 +88,17 @@ class FlyPoint(Place):
     """A point to fly through."""
 
     yaw_ned_rad: Angle | None = None
-    """Heading at the point; between two such points the vehicle turns evenly."""
+    """Heading at the point; between two points the heading changes at a constant rate."""
     stop: bool = False
     hold_s: Seconds = 0.0
     """Time to wait at the point; the vehicle stops there."""
     corner_m: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 1.0
-    """Greatest distance from the point at which a bend between straight legs may pass."""
+    """Maximum distance between the point and the rounded corner that passes it."""
 
 
 class Fly(PathStep):
-    """Fly through points: on straight legs with bends, or exactly through them on a smooth curve."""
+    """Fly through points: on straight legs with rounded corners, or on a smooth curve exactly through
+    them."""
 
     step: Literal["fly"] = "fly"
     points: Annotated[tuple[FlyPoint, ...], Field(min_length=1, max_length=5000)]
@@ -105,14 +106,14 @@ class Fly(PathStep):
 
     @model_validator(mode="after")
     def _one_yaw(self) -> Fly:
-        named = any(point.yaw_ned_rad is not None for point in self.points)
-        if named and (self.heading != "keep" or self.yaw_ned_rad is not None or self.look_at is not None):
+        has_yaw = any(point.yaw_ned_rad is not None for point in self.points)
+        if has_yaw and (self.heading != "keep" or self.yaw_ned_rad is not None or self.look_at is not None):
             raise ValueError("give yaws at points, or a heading for the step")
         return self
 
 
 class Orbit(PathStep):
-    """Circles around a place, at its height."""
+    """Fly circles around a position, at its altitude."""
 
     step: Literal["orbit"] = "orbit"
     center: Place
@@ -120,18 +121,18 @@ class Orbit(PathStep):
     turns: Rounds = 1.0
     clockwise: bool = True
     start_angle_ned_rad: Angle | None = None
-    """Bearing of the start from the centre; None: the nearest point."""
+    """Bearing of the start from the centre; None: the point nearest to the vehicle."""
 
 
 class Helix(Orbit):
-    """Circles around a place while climbing; negative `climb_m` descends."""
+    """Fly circles around a position while climbing; a negative `climb_m` descends."""
 
     step: Literal["helix"] = "helix"  # type: ignore[assignment]
     climb_m: Climb
 
 
 class Spiral(Orbit):
-    """Circles that widen or narrow to `end_radius_m`."""
+    """Fly circles whose radius changes to `end_radius_m`."""
 
     step: Literal["spiral"] = "spiral"  # type: ignore[assignment]
     end_radius_m: Metres
@@ -139,7 +140,7 @@ class Spiral(Orbit):
 
 
 class FigureEight(PathStep):
-    """A figure-eight through its centre."""
+    """Fly a figure-eight around its centre."""
 
     step: Literal["figure_eight"] = "figure_eight"
     center: Place
@@ -149,13 +150,13 @@ class FigureEight(PathStep):
     """Width of each loop."""
     rounds: Rounds = 1.0
     axis_ned_rad: Angle = 0.0
-    """Direction of its length, clockwise from north."""
+    """Direction of the long axis, clockwise from north."""
 
 
 class Table(Step):
-    """A trajectory from a file, flown at its own times: CSV, or a NumPy array (.npy).
+    """Fly a trajectory from a file with its own times: CSV, or a NumPy array (.npy).
 
-    CSV columns: t_s, north_m, east_m, down_m, and yaw_ned_rad where wanted; a NumPy array (N, 4 or 5) has the
+    CSV columns: t_s, north_m, east_m, down_m, and optionally yaw_ned_rad; a NumPy array (N, 4 or 5) has the
     same order. Positions are local, or relative to the start of the mission.
     """
 
@@ -165,17 +166,17 @@ class Table(Step):
 
 
 class VelocityStep(Step):
-    """A velocity for a time, reached and left within acceleration and jerk."""
+    """Fly a velocity for a time, with limited acceleration and jerk."""
 
     step: Literal["velocity"] = "velocity"
     velocity_ned_m_s: tuple[Finite, Finite, Finite]
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0, allow_inf_nan=False)]
-    """Duration, changes of speed included."""
+    """Duration, including acceleration and braking."""
     yaw_ned_rad: Angle | None = None
 
 
 class AttitudeStep(Step):
-    """An attitude with thrust for a short time: position and altitude are not held meanwhile."""
+    """Fly an attitude with thrust for a short time; position and altitude are not controlled."""
 
     step: Literal["attitude"] = "attitude"
     roll_rad: Annotated[float, Field(ge=-1.5, le=1.5, allow_inf_nan=False)] = 0.0
@@ -186,7 +187,7 @@ class AttitudeStep(Step):
 
 
 class Gimbal(Step):
-    """How the gimbal points from here on, while other steps are flown."""
+    """Set the gimbal direction for the following steps."""
 
     step: Literal["gimbal"] = "gimbal"
     track: Literal["fixed", "look_at", "along_path", "sweep", "release"]
@@ -195,16 +196,16 @@ class Gimbal(Step):
     yaw_rad: Angle = 0.0
     """For fixed and the middle of a sweep, relative to the vehicle's nose."""
     place: Place | None = None
-    """The place to look at, for look_at."""
+    """The position to look at, for look_at."""
     sweep_pitch_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
-    """Half width of a sweep, to both sides of its middle."""
+    """Amplitude of a sweep, to both sides of its middle."""
     sweep_yaw_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
     period_s: Annotated[float, Field(ge=0.5, le=3600.0, allow_inf_nan=False)] = 10.0
 
     @model_validator(mode="after")
     def _place_given(self) -> Gimbal:
         if (self.place is not None) != (self.track == "look_at"):
-            raise ValueError("give a place with track look_at, and only there")
+            raise ValueError("`place` is required for track look_at, and for no other track")
         return self
 
 
@@ -217,7 +218,7 @@ class Photo(Step):
 
 
 class Condition(Model):
-    """A value that is above or below a bound, and stays so for a time."""
+    """True when a value has been above or below a limit for `for_s`."""
 
     value: Literal[
         "battery_share",
@@ -227,7 +228,7 @@ class Condition(Model):
         "satellites",
         "horizontal_error_m",
     ]
-    """`battery_share` is 0 to 1, `distance_m` the distance sensor's."""
+    """`battery_share` is 0 to 1, `distance_m` is the distance sensor's value."""
     above: Finite | None = None
     below: Finite | None = None
     for_s: Seconds = 0.0
@@ -240,18 +241,18 @@ class Condition(Model):
 
 
 class Wait(Step):
-    """Hold until a person goes on, or until a condition; at the timeout do `on_timeout`."""
+    """Hold until the pilot continues or a condition is true; after the timeout do `on_timeout`."""
 
     step: Literal["wait"] = "wait"
     until: Condition | Literal["person"]
     message: Text | None = None
-    """The question shown to the person."""
+    """The question shown to the pilot."""
     timeout_s: Timeout
     on_timeout: Action = "hold"
 
 
 class Repeat(Step):
-    """The same steps several times."""
+    """Repeat the same steps several times."""
 
     step: Literal["repeat"] = "repeat"
     times: Annotated[int, Field(ge=1, le=1000)]
@@ -259,7 +260,8 @@ class Repeat(Step):
 
 
 class Branch(Step):
-    """One list of steps or another, decided when it is reached; an unknown value counts as false."""
+    """Fly `then` if the condition is true when the step is reached, else `otherwise`; unknown counts as
+    false."""
 
     step: Literal["branch"] = "branch"
     condition: Condition
@@ -268,20 +270,20 @@ class Branch(Step):
 
 
 class Call(Step):
-    """The steps of another mission of the document's `missions`."""
+    """Fly the steps of a mission from the document's `missions`."""
 
     step: Literal["call"] = "call"
     mission: Name
 
 
 class Meet(Step):
-    """Hold until every role of the mission has come to this meeting; then all go on at one moment."""
+    """Hold until every role has reached this meeting; then all roles continue at the same time."""
 
     step: Literal["meet"] = "meet"
     meeting: Name
     """All roles have the same meetings, in the same order."""
     timeout_s: Timeout = 120.0
-    """Without the others after so long, all hold and the mission is over."""
+    """If another role has not arrived after this time, all roles hold and the mission ends."""
 
 
 MissionStep = Annotated[

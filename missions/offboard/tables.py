@@ -1,4 +1,4 @@
-"""Trajectories from tables: CSV text or a NumPy array, bounded."""
+"""Reads trajectories from tables of limited size: CSV text or a NumPy array."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ LONGEST_S = 86_400.0
 _MAGIC = b"\x93NUMPY"
 
 
-def read(data: bytes, offset_ned_m: Vector3, yaw_kept_rad: float) -> PathCurve:
-    """The path of a table.
+def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurve:
+    """Reads the path of a table.
 
     Args:
-        data: the file.
+        data: content of the file.
         offset_ned_m: added to its positions.
-        yaw_kept_rad: the heading for a table without yaw.
+        default_yaw_rad: the heading for a table without yaw.
 
     Raises:
         PlanError: It cannot be read or flown; names the row and what to do.
     """
     rows = _array(data) if data.startswith(_MAGIC) else _csv(data)
     if not 2 <= len(rows) <= MAX_ROWS:
-        reason = f"{len(rows)} rows, from 2 to {MAX_ROWS} are read"
-        raise PlanError("the table", reason, "Give at least two rows, or fewer of them.")
-    before_s = -math.inf
+        reason = f"it has {len(rows)} rows, 2 to {MAX_ROWS} are possible"
+        raise PlanError("the table", reason, "Change the number of rows.")
+    previous_s = -math.inf
     for number, row in enumerate(rows, 1):
         if not all(abs(value) <= MAX_COORDINATE_M for value in row):
             raise PlanError(f"row {number}", "a value is not finite or too large", "Correct this row.")
-        if row[0] <= before_s or row[0] - rows[0][0] > LONGEST_S:
+        if row[0] <= previous_s or row[0] - rows[0][0] > LONGEST_S:
             raise PlanError(
-                f"row {number}, column t_s", "times must increase, for a day at most", "Sort the rows."
+                f"row {number}, column t_s", "times must increase, and cover a day at most", "Sort the rows."
             )
-        before_s = row[0]
+        previous_s = row[0]
     n, e, d = offset_ned_m
     points = tuple(
         PathPoint(row[0] - rows[0][0], (row[1] + n, row[2] + e, row[3] + d), row[4] if len(row) > 4 else None)
         for row in rows
     )
-    return PathCurve(Path(points), yaw_kept_rad)
+    return PathCurve(Path(points), default_yaw_rad)
 
 
 def _csv(data: bytes) -> list[list[float]]:
@@ -65,7 +65,7 @@ def _csv(data: bytes) -> list[list[float]]:
         ) from None
     if header not in (list(COLUMNS), list(COLUMNS[:4])):
         reason = f"the columns are {', '.join(header)[:100] or 'missing'}"
-        raise PlanError("line 1", reason, f"Write {','.join(COLUMNS)} (yaw_ned_rad may be left out).")
+        raise PlanError("line 1", reason, f"Write {','.join(COLUMNS)} (yaw_ned_rad is optional).")
     rows: list[list[float]] = []
     for number, line in enumerate(lines, 1):
         try:
@@ -85,16 +85,16 @@ def _array(data: bytes) -> list[list[float]]:
     file = io.BytesIO(data)
     try:
         if np.lib.format.read_magic(file) != (1, 0):
-            raise ValueError("only version 1.0 of the format is read")
+            raise ValueError("only version 1.0 of the format is supported")
         shape, _, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=1000)
         if math.prod(shape) * dtype.itemsize > len(data):
-            raise ValueError("the file is shorter than it says")
-        found = np.load(io.BytesIO(data), allow_pickle=False)
+            raise ValueError("the file is shorter than its header says")
+        values = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, OSError, EOFError, OverflowError) as error:
         raise PlanError(
             "the table", f"not a NumPy array ({error!s:.100})", "Save it with numpy.save."
         ) from None
-    if found.ndim != 2 or found.shape[1] not in (4, 5) or found.dtype.kind not in "fiu":
-        reason = f"shape {found.shape} of {found.dtype}"
+    if values.ndim != 2 or values.shape[1] not in (4, 5) or values.dtype.kind not in "fiu":
+        reason = f"shape {values.shape} of {values.dtype}"
         raise PlanError("the table", reason, f"Give numbers (N, 4 or 5): {', '.join(COLUMNS)}.")
-    return found.astype(float).tolist()
+    return values.astype(float).tolist()

@@ -1,6 +1,6 @@
 """A compiled mission: segments in order, and totals that are known before the flight.
 
-Plain frozen values: a timeline can be sent to another process, which needs NumPy at most.
+Timelines are frozen values, so that they can be sent to another process.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from missions.setpoints import Estimate, Setpoint
 
 @dataclass(frozen=True, slots=True)
 class FlightActions:
-    """The runner's action when something goes wrong: continue, hold, return or land."""
+    """Actions of the mission runner on errors: continue, hold, return or land."""
 
     failure: str
     low_battery: str
@@ -26,7 +26,7 @@ class FlightActions:
 
 @dataclass(frozen=True, slots=True)
 class TimedEvent:
-    """An event of the whole mission, by plan."""
+    """An event with its planned time in the mission."""
 
     t_s: float
     kind: str
@@ -35,11 +35,11 @@ class TimedEvent:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """Segments one after the other; after a decision the mission goes on in one of two timelines."""
+    """Segments in order; a decision at the end selects one of two timelines to continue with."""
 
     segments: tuple[Segment, ...]
     starts_s: tuple[float, ...]
-    """When each segment begins by plan; waits take no longer than planned."""
+    """Planned start of each segment, if no wait takes longer than planned."""
     findings: tuple[MissionFinding, ...]
     needs: tuple[Estimate, ...]
     """The estimates that the vehicle must have."""
@@ -48,35 +48,35 @@ class Timeline:
     then: Timeline | None = None
     otherwise: Timeline | None = None
     energy_wh: float | None = None
-    """Of the longest way; None without a power model."""
+    """Energy of the longest path; None without a power model."""
     fence: FenceArea | None = None
-    """The mission's own geofence; None where it has none, or its place is not known."""
+    """The mission's own geofence; None: it has none, or the origin is unknown."""
 
     @property
     def own_duration_s(self) -> float:
-        """Of the segments here, without what follows a decision."""
+        """Duration of these segments, without the continuation."""
         return self.starts_s[-1] + self.segments[-1].duration_s if self.segments else 0.0
 
     @property
     def duration_s(self) -> float:
-        """By plan, on the longest way."""
-        return self.own_duration_s + max((way.duration_s for way in self._ways), default=0.0)
+        """Planned duration of the longest path."""
+        return self.own_duration_s + max((each.duration_s for each in self._continuations), default=0.0)
 
     @property
     def length_m(self) -> float:
-        """Along the longest way, take-off and landing included."""
+        """Length of the longest path, including take-off and landing."""
         own_m = sum(segment.length_m for segment in self.segments)
-        return own_m + max((way.length_m for way in self._ways), default=0.0)
+        return own_m + max((each.length_m for each in self._continuations), default=0.0)
 
     @property
     def photos(self) -> int:
-        """Pictures on the way with the most."""
+        """Largest number of pictures of all paths."""
         own = sum(event.kind == "photo" for segment in self.segments for event in segment.events)
-        return own + max((way.photos for way in self._ways), default=0)
+        return own + max((each.photos for each in self._continuations), default=0)
 
     @property
     def events(self) -> tuple[TimedEvent, ...]:
-        """Those of the segments here, in order."""
+        """The events of these segments, in order."""
         return tuple(
             TimedEvent(start_s + event.t_s, event.kind, segment.place)
             for start_s, segment in zip(self.starts_s, self.segments, strict=True)
@@ -85,21 +85,23 @@ class Timeline:
 
     @property
     def avoids(self) -> bool:
-        """Whether a step on any way is to be led past obstacles."""
-        return any(segment.avoidance for segment in self.segments) or any(way.avoids for way in self._ways)
+        """Whether obstacle avoidance is active in any step."""
+        return any(segment.avoidance for segment in self.segments) or any(
+            each.avoids for each in self._continuations
+        )
 
     @property
-    def _ways(self) -> tuple[Timeline, ...]:
-        return tuple(way for way in (self.then, self.otherwise) if way is not None)
+    def _continuations(self) -> tuple[Timeline, ...]:
+        return tuple(each for each in (self.then, self.otherwise) if each is not None)
 
     def segment_at(self, t_s: float) -> tuple[Segment, float] | None:
-        """The segment at a time of the plan, and the time since it began; None: there are none here."""
+        """The segment at a planned time, and the time since its start; None: there are no segments."""
         if not self.segments:
             return None
         index = max(0, bisect.bisect_right(self.starts_s, t_s) - 1)
         return self.segments[index], t_s - self.starts_s[index]
 
     def at(self, t_s: float) -> Setpoint | None:
-        """The setpoint at a time of the plan; None: there are no segments here."""
-        found = self.segment_at(t_s)
-        return None if found is None else found[0].at(found[1])
+        """The setpoint at a planned time; None: there are no segments."""
+        at_time = self.segment_at(t_s)
+        return None if at_time is None else at_time[0].at(at_time[1])

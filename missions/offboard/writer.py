@@ -1,4 +1,4 @@
-"""Writes an offboard mission as YAML for people: what has its default value is left out."""
+"""Writes an offboard mission as readable YAML, without fields that have their default value."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from missions.offboard.reader import is_text
 from missions.values import Model
 
 FIRST = ("format", "version", "step", "shape", "inclusion")
-"""Fields that are written first and always, because they name the kind of an object."""
+"""Fields that are always written, and first, because they name the kind of an object."""
 
 
 def write_yaml(mission: OffboardMission) -> bytes:
-    """The mission as YAML, UTF-8; `reader.read` gives the same mission."""
+    """The mission as YAML in UTF-8; `reader.read` returns an equal mission."""
     text = yaml.dump(
         _plain(mission),
         Dumper=_Dumper,
@@ -28,7 +28,7 @@ def write_yaml(mission: OffboardMission) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    """Mappings, lists, texts and numbers; whole numbers without a point."""
+    """Converts to mappings, lists, strings and numbers; whole numbers to int."""
     if isinstance(value, Model):
         fields = type(value).model_fields
         return {
@@ -51,20 +51,20 @@ def _plain(value: Any) -> Any:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Without anchors, and with quotes around texts that the reader would take for a number or a word."""
+    """Writes no anchors, and quotes strings that would be read as a number or keyword."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Never an anchor: the reader refuses them."""
+        """Always true, because the reader refuses anchors."""
         return True
 
 
 def _text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
     lines = text.split("\n")
-    plain = all(line.isprintable() and line == line.strip() for line in lines)
+    unquoted = all(line.isprintable() and line == line.strip() for line in lines)
     style = '"'
-    if plain and len(lines) > 1:
+    if unquoted and len(lines) > 1:
         style = "|"
-    elif plain and is_text(text):
+    elif unquoted and is_text(text):
         style = None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 

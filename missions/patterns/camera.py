@@ -1,4 +1,4 @@
-"""Footprint of a picture: a pinhole camera that looks straight at a flat surface."""
+"""Footprint of a picture: a pinhole camera that points perpendicularly at a flat surface."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from missions.errors import PlanError
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera by its data sheet."""
+    """A camera, with the values of its data sheet."""
 
     sensor_width_mm: float
     sensor_height_mm: float
@@ -17,10 +17,10 @@ class Camera:
     image_width_px: int
     image_height_px: int
     landscape: bool = True
-    """The picture's width lies across the line of flight."""
+    """Whether the picture's width is across the line of flight."""
 
     def footprint_m(self, distance_m: float) -> tuple[float, float]:
-        """Across and along the line of flight [m]: sensor · distance / focal length."""
+        """Size of the footprint across and along the line of flight [m]: sensor · distance / focal length."""
         width_m = self.sensor_width_mm * distance_m / self.focal_length_mm
         height_m = self.sensor_height_mm * distance_m / self.focal_length_mm
         return (width_m, height_m) if self.landscape else (height_m, width_m)
@@ -34,15 +34,15 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Pictures with overlaps at a distance to the surface: spacing of lines and of pictures."""
+    """Spacing of lines and pictures, from the overlaps and the distance to the surface."""
 
     camera: Camera
     distance_m: float
-    """From the camera to the surface."""
+    """Distance from the camera to the surface."""
     front_overlap: float = 0.75
-    """Of one picture and the next, along the line: 0 to 0.95 of the footprint."""
+    """Overlap of successive pictures on a line: 0 to 0.95 of the footprint."""
     side_overlap: float = 0.65
-    """Of one line and the next."""
+    """Overlap of neighbouring lines."""
 
     def __post_init__(self) -> None:
         for name, value in (("front_overlap", self.front_overlap), ("side_overlap", self.side_overlap)):
@@ -53,19 +53,19 @@ class Coverage:
         camera = self.camera
         sizes = (camera.sensor_width_mm, camera.sensor_height_mm, camera.focal_length_mm, self.distance_m)
         if not all(0.0 < size < 1e6 for size in sizes):
-            raise PlanError("the camera", "its sizes and distance are not all above 0", "Correct them.")
+            raise PlanError("the camera", "a size or the distance is not above 0", "Correct them.")
 
     @property
     def spacing_m(self) -> float:
-        """Between neighbouring lines [m]: footprint · (1 − side overlap)."""
+        """Distance between neighbouring lines [m]: footprint · (1 − side overlap)."""
         return self.camera.footprint_m(self.distance_m)[0] * (1.0 - self.side_overlap)
 
     @property
     def trigger_m(self) -> float:
-        """Between two pictures on a line [m]: footprint · (1 − front overlap)."""
+        """Distance between two pictures on a line [m]: footprint · (1 − front overlap)."""
         return self.camera.footprint_m(self.distance_m)[1] * (1.0 - self.front_overlap)
 
     @property
     def lead_out_m(self) -> float:
-        """How far a line goes on so that its last picture still shows its end [m]."""
+        """Extra length of a line, so that its last picture shows its end [m]."""
         return max(0.0, self.trigger_m - self.camera.footprint_m(self.distance_m)[1] / 2.0)

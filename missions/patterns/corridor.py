@@ -1,4 +1,4 @@
-"""Survey of a corridor: lines beside each other along a road, river or power line."""
+"""Survey of a corridor: parallel lines along a road, river or power line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shapely.geometry import LineString
 
 from missions.errors import PlanError
 from missions.patterns.camera import Coverage
-from missions.patterns.ground import East, Map
+from missions.patterns.ground import EastNorth, Map
 from missions.patterns.result import Pattern, bounded, photo_count, photographed
 from missions.patterns.sweep import MAX_LINES
 from missions.plan import SimpleItem
@@ -28,21 +28,21 @@ def corridor(
     altitude: Altitude,
     turnaround_m: float = 0.0,
 ) -> Pattern:
-    """Lines that show a corridor of this whole width, flown to and fro.
+    """Parallel lines over a corridor of this width, flown in alternating directions.
 
-    The lines lie at equal distances, `spacing_m` or less, evenly about the middle. Where it bends by θ, the
-    outer corner is on pictures if half a footprint along less the trigger distance is at least
-    spacing / 2 · tan(θ / 2): with the usual overlaps, bends of 30 degrees and more.
+    The lines are evenly spaced around the centre line, at most `spacing_m` apart. In a bend of θ the pictures
+    show the outer corner if half the footprint along the line, minus the trigger distance, is at least
+    spacing / 2 · tan(θ / 2). With the usual overlaps this is true for bends of up to 30 degrees and more.
 
     Raises:
-        PlanError: The line or the width cannot be, or bends too sharply for the width.
+        PlanError: The line or the width is invalid, or the line bends too sharply for the width.
     """
     if not 0.0 < width_m <= 10_000.0:
         raise PlanError(
             "field width_m", f"{width_m:g} m is not between 0 and 10,000 m", "Correct this value."
         )
     chart = Map.about(points, "the line")
-    middle = chart.line(points)
+    center_line = chart.line(points)
     count = max(1, math.ceil(width_m / coverage.spacing_m - 1e-9))
     if count > MAX_LINES:
         raise PlanError("the lines", f"there would be {count}, the maximum is {MAX_LINES}", "Fly higher.")
@@ -51,7 +51,7 @@ def corridor(
     lines: list[tuple[Point, Point]] = []
     length_m, photos = 0.0, 0
     for number in range(count):
-        path = _offset(middle, (number - (count - 1) / 2.0) * spacing_m)
+        path = _offset(center_line, (number - (count - 1) / 2.0) * spacing_m)
         path = path if number % 2 == 0 else path[::-1]
         items += photographed(path, chart, altitude, coverage, turnaround_m)
         parts = list(pairwise(path))
@@ -62,7 +62,7 @@ def corridor(
         items=bounded(items),
         lines=tuple(lines),
         lines_length_m=length_m,
-        lower_bound_m=middle.length * width_m / coverage.spacing_m,
+        lower_bound_m=center_line.length * width_m / coverage.spacing_m,
         photos=photos,
         spacing_m=spacing_m,
         trigger_m=coverage.trigger_m,
@@ -70,18 +70,18 @@ def corridor(
     )
 
 
-def _offset(middle: LineString, offset_m: float) -> list[East]:
-    """A line beside another one on its right, in its direction; corners are where the two sides meet."""
-    places = np.array(middle.simplify(0.0).coords)
-    ahead = np.diff(places, axis=0)
+def _offset(center_line: LineString, offset_m: float) -> list[EastNorth]:
+    """A line parallel to another one, `offset_m` to its right."""
+    corners = np.array(center_line.simplify(0.0).coords)
+    ahead = np.diff(corners, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     right = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1)
     before, after = np.vstack([right[:1], right]), np.vstack([right, right[-1:]])
     cos_bend = np.sum(before * after, axis=1)
     if cos_bend.min() < SHARPEST:
         raise PlanError("the line", "it bends by more than 120 degrees", "Split it at the bend.")
-    beside = places + offset_m * (before + after) / (1.0 + cos_bend[:, None])
-    if np.sum(np.diff(beside, axis=0) * ahead, axis=1).min() <= 0.0:
-        reason = "it is so wide that the lines at the inside of a bend run backwards"
+    parallel = corners + offset_m * (before + after) / (1.0 + cos_bend[:, None])
+    if np.sum(np.diff(parallel, axis=0) * ahead, axis=1).min() <= 0.0:
+        reason = "it is so wide that the lines on the inside of a bend would run backwards"
         raise PlanError("the line", reason, "Make it narrower, or split it at the bend.")
-    return [(float(x), float(y)) for x, y in beside]
+    return [(float(x), float(y)) for x, y in parallel]

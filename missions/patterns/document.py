@@ -23,7 +23,7 @@ Rounds = Annotated[int, Field(ge=1, le=rounds.MAX_ROUNDS)]
 
 
 class CameraModel(Model):
-    """A camera by its data sheet."""
+    """A camera, with the values of its data sheet."""
 
     sensor_width_mm: Size
     sensor_height_mm: Size
@@ -31,22 +31,22 @@ class CameraModel(Model):
     image_width_px: Pixels
     image_height_px: Pixels
     landscape: bool = True
-    """The picture's width lies across the line of flight."""
+    """Whether the picture's width is across the line of flight."""
 
 
 class PhotoCoverage(Model):
-    """Pictures with overlaps at a distance to what they show."""
+    """Overlaps of the pictures, and distance of the camera to the subject."""
 
     camera: CameraModel
     distance_m: Size
-    """From the camera to the ground, or to the structure's sides."""
+    """Distance from the camera to the ground, or to the structure's sides."""
     front_overlap: Overlap = 0.75
-    """Of one picture and the next, as a share of the picture."""
+    """Overlap of successive pictures, as a fraction of the picture."""
     side_overlap: Overlap = 0.65
-    """Of one line and the next, as a share of the picture."""
+    """Overlap of neighbouring lines, as a fraction of the picture."""
 
     def values(self) -> Coverage:
-        """As the patterns take it."""
+        """The values that the pattern generators use."""
         camera = Camera(**self.camera.model_dump())
         return Coverage(camera, self.distance_m, self.front_overlap, self.side_overlap)
 
@@ -60,14 +60,14 @@ class SurveyPattern(Model):
     coverage: PhotoCoverage
     altitude: Altitude
     heading_deg: Number | None = None
-    """Of the lines, clockwise from north; null: the one with the shortest way."""
+    """Direction of the lines, clockwise from north; null: the direction with the shortest path."""
     turnaround_m: Metres = 0.0
     crosshatch: bool = False
     speed_m_s: Size | None = None
 
 
 class CorridorPattern(Model):
-    """Lines beside each other along a road, a river or a power line, with pictures."""
+    """Parallel lines along a road, a river or a power line, with pictures."""
 
     kind: Literal["corridor"]
     points: Points
@@ -78,7 +78,7 @@ class CorridorPattern(Model):
 
 
 class PerimeterPattern(Model):
-    """Around an area, clockwise, at a distance from its edge: positive outside, negative inside."""
+    """A path around an area, clockwise, at a distance from its edge: positive outside, negative inside."""
 
     kind: Literal["perimeter"]
     outer: Points
@@ -95,25 +95,25 @@ class OrbitPattern(Model):
     radius_m: Metres
     altitude: Altitude
     look_at: Altitude | None = None
-    """The camera looks at the centre at this altitude; null: nowhere in particular."""
+    """The camera points at the centre at this altitude; null: the camera is not pointed."""
     rounds: Rounds = 1
     clockwise: bool = True
     start_deg: Number = 0.0
-    """Where it begins, as seen from the centre, clockwise from north."""
+    """Bearing of the start from the centre, clockwise from north."""
 
 
 class StructurePattern(Model):
-    """Rounds about a structure, one above the other, with pictures of its sides."""
+    """Rounds around a structure at several heights, with pictures of its sides."""
 
     kind: Literal["structure"]
     outline: Points
     coverage: PhotoCoverage
     base: Altitude
-    """Of the structure's foot."""
+    """Altitude of the structure's base."""
     height_m: Metres
-    """Of the structure above its foot."""
+    """Height of the structure above its base."""
     lowest_m: Metres = 3.0
-    """Of the lowest round above the foot."""
+    """Height of the lowest round above the base."""
     from_top: bool = False
     gimbal_pitch_deg: Number = 0.0
 
@@ -127,25 +127,25 @@ _adapter: TypeAdapter[PatternDocument] = TypeAdapter(PatternDocument)
 
 
 def read(data: str | bytes) -> PatternDocument:
-    """A pattern from JSON.
+    """Reads a pattern from JSON.
 
     Raises:
-        PlanError: it is none; says which field and what to do.
+        PlanError: it is invalid; names the field and the fix.
     """
     load(data)
     try:
         return _adapter.validate_json(data)
     except ValidationError as error:
-        fault = from_validation(error)
-        place = fault.place.replace("the plan", "the pattern")
-        raise PlanError(place, fault.reason, fault.fix) from None
+        invalid = from_validation(error)
+        place = invalid.place.replace("the plan", "the pattern")
+        raise PlanError(place, invalid.reason, invalid.fix) from None
 
 
 def make(pattern: PatternDocument) -> Pattern:
     """The items of a pattern.
 
     Raises:
-        PlanError: it cannot be flown: no area, too many lines, a size that cannot be.
+        PlanError: it cannot be flown: no area, too many lines, or an invalid size.
     """
     match pattern:
         case SurveyPattern():

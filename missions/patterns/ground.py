@@ -1,4 +1,4 @@
-"""Areas and lines on a flat map: x east and y north of an origin [m], for shapely."""
+"""Areas and lines on a flat map for shapely: x is east and y is north of an origin [m]."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from missions.geodesy import LocalOrigin
 from missions.items import Waypoint
 from missions.values import Altitude, Point
 
-East = tuple[float, float]
-"""East, north [m]."""
+EastNorth = tuple[float, float]
+"""EastNorth, north [m]."""
 MAX_POINTS = 2000
-"""Corners of one area or line."""
+"""Most corners of one area or line."""
 MAX_EXTENT_M = 50_000.0
-"""The map is flat: over this distance it is wrong by 0.3 %."""
+"""Over this distance the flat map has an error of 0.3 %."""
 
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """A flat map about an origin."""
+    """A flat map around an origin."""
 
     origin: LocalOrigin
 
     @classmethod
     def about(cls, points: Sequence[Point], what: str) -> Map:
-        """About the middle of some points.
+        """A map around the centre of some points.
 
         Raises:
             PlanError: There are too many of them, or they are too far apart.
@@ -43,27 +43,27 @@ class Map:
         lons = [first.lon_deg + math.remainder(each.lon_deg - first.lon_deg, 360.0) for each in points]
         lats = [each.lat_deg for each in points]
         middle_lon = math.remainder((min(lons) + max(lons)) / 2.0, 360.0)
-        found = cls(LocalOrigin((min(lats) + max(lats)) / 2.0, middle_lon, 0.0))
+        chart = cls(LocalOrigin((min(lats) + max(lats)) / 2.0, middle_lon, 0.0))
         if max(abs(lat) for lat in lats) > 85.0:
-            raise PlanError(what, "it lies beyond 85 degrees of latitude", "Maps are flat only up to there.")
-        if max(math.hypot(*found.local(each)) for each in points) > MAX_EXTENT_M:
-            reason = f"it reaches more than {MAX_EXTENT_M / 1000:.0f} km from its middle"
+            raise PlanError(what, "it is beyond 85 degrees of latitude", "Choose another area.")
+        if max(math.hypot(*chart.local(each)) for each in points) > MAX_EXTENT_M:
+            reason = f"it extends more than {MAX_EXTENT_M / 1000:.0f} km from its centre"
             raise PlanError(what, reason, "Split it into smaller ones.")
-        return found
+        return chart
 
-    def local(self, point: Point) -> East:
-        """East and north of the origin [m]."""
+    def local(self, point: Point) -> EastNorth:
+        """Converts a point to east and north of the origin [m]."""
         north, east, _ = self.origin.to_ned(point.lat_deg, point.lon_deg, 0.0)
         return (east, north)
 
-    def point(self, place: East) -> Point:
+    def point(self, position: EastNorth) -> Point:
         """The inverse of `local`."""
-        lat_deg, lon_deg, _ = self.origin.to_geodetic((place[1], place[0], 0.0))
+        lat_deg, lon_deg, _ = self.origin.to_geodetic((position[1], position[0], 0.0))
         return Point(lat_deg=lat_deg, lon_deg=lon_deg)
 
-    def waypoint(self, place: East, altitude: Altitude, yaw_ned_deg: float | None = None) -> Waypoint:
+    def waypoint(self, position: EastNorth, altitude: Altitude, yaw_ned_deg: float | None = None) -> Waypoint:
         """A waypoint that the vehicle passes without waiting."""
-        point = self.point(place)
+        point = self.point(position)
         return Waypoint(
             lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude, yaw_ned_deg=yaw_ned_deg
         )
@@ -75,7 +75,7 @@ class Map:
             PlanError: Its sides cross, or it has no area.
         """
         if len(outer) < 3 or any(len(hole) < 3 for hole in holes):
-            raise PlanError("the area", "a side has fewer than 3 corners", "Draw it again.")
+            raise PlanError("the area", "an outline has fewer than 3 corners", "Draw it again.")
         shape = Polygon(
             [self.local(each) for each in outer], [[self.local(each) for each in hole] for hole in holes]
         )
@@ -98,6 +98,6 @@ class Map:
         return shape
 
 
-def heading_deg(start: East, end: East) -> float:
-    """Clockwise from north, 0 to 360."""
+def heading_deg(start: EastNorth, end: EastNorth) -> float:
+    """Direction from one position to another, clockwise from north, 0 to 360."""
     return math.degrees(math.atan2(end[0] - start[0], end[1] - start[1])) % 360.0

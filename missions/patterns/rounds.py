@@ -1,4 +1,4 @@
-"""Ways around something: perimeter of an area, orbit of a point, layers around a structure."""
+"""Closed paths: perimeter of an area, orbit around a point, layers around a structure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from missions.camera_items import GimbalPitchYaw, TriggerDistance
 from missions.errors import PlanError
 from missions.items import RoiLocation, RoiNone
 from missions.patterns.camera import Coverage
-from missions.patterns.ground import East, Map, heading_deg
+from missions.patterns.ground import EastNorth, Map, heading_deg
 from missions.patterns.result import Pattern, bounded, photo_count
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
@@ -22,19 +22,19 @@ MAX_ROUNDS = 100
 YAW_IN_VEHICLE_FRAME = 32.0
 """GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME."""
 MITRE_LIMIT = 2.0
-"""Sharper corners are cut off at twice the distance."""
+"""Corners that would be farther out than this multiple of the distance are cut off."""
 
 
 def perimeter(outer: Sequence[Point], offset_m: float, altitude: Altitude, rounds: int = 1) -> Pattern:
-    """Around an area, clockwise, at a distance from its edge: positive outside, negative inside.
+    """A path around an area, clockwise, at a distance from its edge: positive outside, negative inside.
 
     Raises:
-        PlanError: The area is no area, nothing is left inside, or there are too many rounds.
+        PlanError: The area is invalid, nothing is left inside, or there are too many rounds.
     """
     chart = Map.about(outer, "the area")
     ring = _ring(chart.polygon(outer), offset_m)
     path = ring * _checked_rounds(rounds) + ring[:1]
-    items = [chart.waypoint(place, altitude) for place in path]
+    items = [chart.waypoint(position, altitude) for position in path]
     length_m = sum(math.dist(a, b) for a, b in pairwise(path))
     return Pattern(items=bounded(items), lines_length_m=length_m)
 
@@ -50,13 +50,14 @@ def orbit(
     start_deg: float = 0.0,
     deviation_m: float = 0.5,
 ) -> Pattern:
-    """Circles around a point, as corners so near that the sides stay within `deviation_m` of the circle.
+    """Circles around a point, as polygons that deviate from the circle by at most `deviation_m`.
 
-    Starts at `start_deg` from the centre, clockwise from north. With `look_at` the camera looks at the centre
-    at that altitude. The number of corners follows from the sagitta: n = π / acos(1 − deviation / radius).
+    The path starts at the bearing `start_deg` from the centre, clockwise from north. With `look_at` the
+    camera points at the centre at that altitude. The number of corners follows from the sagitta:
+    n = π / acos(1 − deviation / radius).
 
     Raises:
-        PlanError: The radius or the number of rounds cannot be.
+        PlanError: The radius or the number of rounds is invalid.
     """
     if not 1.0 <= radius_m <= 10_000.0 or not 0.0 < deviation_m <= radius_m:
         raise PlanError(
@@ -80,29 +81,29 @@ def orbit(
 
 @dataclass(frozen=True, slots=True)
 class StructureScan:
-    """What a scan of a structure's sides is made from."""
+    """Settings of a scan of a structure's sides."""
 
     outline: Sequence[Point]
     coverage: Coverage
     """`distance_m` is from the camera to the sides; side overlap is between layers."""
     base: Altitude
-    """Of the structure's foot."""
+    """Altitude of the structure's base."""
     height_m: float
-    """Of the structure above its foot."""
+    """Height of the structure above its base."""
     lowest_m: float = 3.0
-    """Of the lowest layer above the foot."""
+    """Height of the lowest layer above the base."""
     from_top: bool = False
     gimbal_pitch_deg: float = 0.0
 
 
 def structure(scan: StructureScan) -> Pattern:
-    """Rounds about a structure, clockwise, one above the other, nose and camera towards the side.
+    """Clockwise rounds around a structure at several heights, nose and camera towards its sides.
 
-    Layers are `footprint · (1 − side overlap)` apart or nearer; the pictures of the highest reach the top.
-    The camera is upright: the picture's width lies along the way.
+    Layers are at most `footprint · (1 − side overlap)` apart; the pictures of the highest layer show the top.
+    The picture's width is along the path.
 
     Raises:
-        PlanError: The outline is no area, or a height cannot be.
+        PlanError: The outline or a height is invalid.
     """
     if not 0.0 < scan.lowest_m <= 10_000.0 or not 0.0 < scan.height_m <= 10_000.0:
         raise PlanError(
@@ -111,16 +112,18 @@ def structure(scan: StructureScan) -> Pattern:
     chart = Map.about(scan.outline, "the outline")
     ring = _ring(chart.polygon(scan.outline), scan.coverage.distance_m)
     path = [*ring, ring[0]]
-    heights, coverage = layer_heights(scan), _upright(scan.coverage)
+    heights, coverage = layer_heights(scan), _sideways(scan.coverage)
     items: list[SimpleItem] = [
         GimbalPitchYaw(pitch_deg=scan.gimbal_pitch_deg, yaw_deg=0.0, flags=YAW_IN_VEHICLE_FRAME)
     ]
     for height_m in reversed(heights) if scan.from_top else heights:
-        altitude = replace_value(scan.base, height_m)
+        altitude = raised_altitude(scan.base, height_m)
         facing = [(heading_deg(a, b) + 90.0) % 360.0 for a, b in pairwise(path)]
         items.append(chart.waypoint(path[0], altitude, facing[0]))
         items.append(TriggerDistance(distance_m=coverage.trigger_m, at_once=1.0))
-        items += [chart.waypoint(place, altitude, yaw) for place, yaw in zip(path[1:], facing, strict=True)]
+        items += [
+            chart.waypoint(position, altitude, yaw) for position, yaw in zip(path[1:], facing, strict=True)
+        ]
         items.append(TriggerDistance(distance_m=0.0))
     around_m = sum(math.dist(a, b) for a, b in pairwise(path))
     return Pattern(
@@ -134,8 +137,8 @@ def structure(scan: StructureScan) -> Pattern:
 
 
 def layer_heights(scan: StructureScan) -> list[float]:
-    """Of each layer above the foot [m], from below; evenly spread, the highest one shows the top."""
-    coverage = _upright(scan.coverage)
+    """Height of each layer above the base [m], from the lowest; evenly spaced, the highest shows the top."""
+    coverage = _sideways(scan.coverage)
     picture_m, spacing_m = coverage.camera.footprint_m(coverage.distance_m)[0], coverage.spacing_m
     highest_m = max(scan.lowest_m, scan.height_m - picture_m / 2.0)
     count = 1 + max(0, math.ceil((highest_m - scan.lowest_m) / spacing_m - 1e-9))
@@ -147,13 +150,13 @@ def layer_heights(scan: StructureScan) -> list[float]:
     return [scan.lowest_m + number * step_m for number in range(count)]
 
 
-def _upright(coverage: Coverage) -> Coverage:
-    """Sideways flight: the picture's height lies across the way, its width along it."""
+def _sideways(coverage: Coverage) -> Coverage:
+    """The coverage for sideways flight: the picture's width is along the path."""
     return replace(coverage, camera=replace(coverage.camera, landscape=False))
 
 
-def replace_value(base: Altitude, above_m: float) -> Altitude:
-    """So many metres above an altitude, by the same reference."""
+def raised_altitude(base: Altitude, above_m: float) -> Altitude:
+    """The altitude `above_m` above another one, with the same reference."""
     resolved = base.resolved_amsl_m
     return Altitude(
         value_m=base.value_m + above_m,
@@ -162,12 +165,12 @@ def replace_value(base: Altitude, above_m: float) -> Altitude:
     )
 
 
-def _ring(area: Polygon, offset_m: float) -> list[East]:
-    """The corners of the grown area's outline, clockwise, without the first again."""
+def _ring(area: Polygon, offset_m: float) -> list[EastNorth]:
+    """The corners of the enlarged area's outline, clockwise; the first corner is not repeated."""
     grown = area.buffer(offset_m, join_style="mitre", mitre_limit=MITRE_LIMIT)
     if grown.geom_type != "Polygon" or grown.is_empty:
         raise PlanError(
-            "field offset_m", "at this distance the area is empty or in several parts", "Come nearer."
+            "field offset_m", "at this distance the area is empty or in several parts", "Reduce the distance."
         )
     corners = [(float(x), float(y)) for x, y in grown.exterior.coords[:-1]]
     return corners if not grown.exterior.is_ccw else corners[::-1]

@@ -1,4 +1,4 @@
-"""Survey of an area: parallel lines with pictures that overlap as asked."""
+"""Survey of an area: parallel lines with overlapping pictures."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from missions.values import Altitude, Point
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What a survey is made from."""
+    """Settings of a survey."""
 
     outer: Sequence[Point]
     coverage: Coverage
     altitude: Altitude
-    """Of the flight; the camera's distance to the ground is `coverage.distance_m`."""
+    """Altitude of the flight; `coverage.distance_m` is the camera's distance to the ground."""
     holes: Sequence[Sequence[Point]] = ()
-    """Areas inside that need no pictures; lines may cross their edges, and the vehicle may fly over them."""
+    """Areas that need no pictures; the vehicle may fly over them."""
     heading_deg: float | None = None
-    """Of the lines, clockwise from north; None: the one with the shortest way."""
+    """Direction of the lines, clockwise from north; None: the direction with the shortest path."""
     turnaround_m: float = 0.0
-    """How far the vehicle flies straight on before and after each line."""
+    """Straight extension before and after each line."""
     crosshatch: bool = False
-    """The same again at right angles."""
+    """Whether to fly a second set of lines at right angles."""
     speed_m_s: float | None = None
 
 
@@ -37,7 +37,7 @@ def make(survey: Survey) -> Pattern:
     """The items of a survey.
 
     Raises:
-        PlanError: The area is no area, or there would be too many lines.
+        PlanError: The area is invalid, or there would be too many lines.
     """
     corners = [*survey.outer, *(point for hole in survey.holes for point in hole)]
     chart = Map.about(corners, "the area")

@@ -1,9 +1,8 @@
 """Parallel lines that cover an area, and the order in which they are flown.
 
-The area is cut into bands as wide as the spacing. In each band, every connected piece of the area gets a line
-along the band's middle as long as the piece, so that the strips cover all of the area, whatever its shape.
-With A the area, s the spacing and P the length of all edges, the lines' length L is bounded on both sides:
-A / s ≤ L ≤ A / s + P (where a piece does not fill its band, an edge runs through it).
+The area is cut into bands as wide as the spacing. Each connected piece of the area in a band gets a line
+along the centre of the band, as long as the piece. So the lines cover an area of any shape. With A the area,
+s the spacing and P the length of all edges, the length L of the lines is within A / s ≤ L ≤ A / s + P.
 """
 
 from __future__ import annotations
@@ -20,33 +19,33 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from missions.errors import PlanError
-from missions.patterns.ground import East, heading_deg
+from missions.patterns.ground import EastNorth, heading_deg
 
 MAX_LINES = 1500
 MAX_ANGLES = 12
 TURN_M = 20.0
-"""What a turn counts for in metres when angles are compared: about the way lost by slowing down for it."""
+"""Cost of a turn in metres when headings are compared: about the distance lost by braking for it."""
 _SLIVER_M2 = 1e-6
 
-Line = tuple[East, East]
+Line = tuple[EastNorth, EastNorth]
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Lines in the order and direction they are flown."""
+    """Lines in flight order and direction."""
 
     lines: tuple[Line, ...]
     heading_deg: float
-    """Of the lines, clockwise from north, 0 to 180."""
+    """Direction of the lines, clockwise from north, 0 to 180."""
 
     @property
     def length_m(self) -> float:
-        """Of all lines, without the ways between them [m]."""
+        """Length of all lines, without the paths between them [m]."""
         return sum(math.dist(start, end) for start, end in self.lines)
 
 
-def sweep(area: Polygon, spacing_m: float, heading: float | None, start: East | None = None) -> Sweep:
-    """Lines over an area; without a heading, the one with the shortest way is found.
+def sweep(area: Polygon, spacing_m: float, heading: float | None, start: EastNorth | None = None) -> Sweep:
+    """Lines over an area; without a heading, the heading with the shortest path is used.
 
     Raises:
         PlanError: There would be too many lines.
@@ -54,22 +53,22 @@ def sweep(area: Polygon, spacing_m: float, heading: float | None, start: East | 
     angles = [heading % 180.0] if heading is not None else list(_candidates(area))
     best: Sweep | None = None
     for angle in angles:
-        found = Sweep(tuple(_lines(area, spacing_m, angle)), angle)
-        if best is None or _cost(found, spacing_m) < _cost(best, spacing_m):
-            best = found
+        candidate = Sweep(tuple(_lines(area, spacing_m, angle)), angle)
+        if best is None or _cost(candidate, spacing_m) < _cost(best, spacing_m):
+            best = candidate
     assert best is not None
     return Sweep(tuple(_ordered(best.lines, start)), best.heading_deg)
 
 
-def _cost(found: Sweep, spacing_m: float) -> float:
-    """The whole way, about: the lines, and from each one to the next [m]."""
-    return found.length_m + (spacing_m + TURN_M) * len(found.lines)
+def _cost(candidate: Sweep, spacing_m: float) -> float:
+    """Approximate length of the whole path: the lines and the turns between them [m]."""
+    return candidate.length_m + (spacing_m + TURN_M) * len(candidate.lines)
 
 
 def _candidates(area: Polygon) -> Iterator[float]:
-    """Along the edges of the convex hull: a convex area is narrowest across one of them."""
+    """Headings along the edges of the convex hull; a convex area is narrowest across one of its edges."""
     ring = area.convex_hull.exterior  # type: ignore[attr-defined]
-    corners: list[East] = [(float(x), float(y)) for x, y in ring.coords]
+    corners: list[EastNorth] = [(float(x), float(y)) for x, y in ring.coords]
     edges = sorted(pairwise(corners), key=_shortness)
     seen: set[int] = set()
     for a, b in edges:
@@ -81,7 +80,7 @@ def _candidates(area: Polygon) -> Iterator[float]:
             return
 
 
-def _shortness(edge: tuple[East, East]) -> float:
+def _shortness(edge: tuple[EastNorth, EastNorth]) -> float:
     return -math.dist(*edge)
 
 
@@ -113,19 +112,20 @@ def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
 
 
 def _extents(pieces: BaseGeometry) -> list[tuple[float, float]]:
-    """From where to where the pieces reach in x; pieces side by side are one."""
+    """The x ranges of the pieces; overlapping ranges are merged."""
     parts = [part for part in shapely.get_parts(pieces) if part.area > _SLIVER_M2]
-    found: list[tuple[float, float]] = []
+    ranges: list[tuple[float, float]] = []
     for low, high in sorted((part.bounds[0], part.bounds[2]) for part in parts):
-        if found and low <= found[-1][1]:
-            found[-1] = (found[-1][0], max(found[-1][1], high))
+        if ranges and low <= ranges[-1][1]:
+            ranges[-1] = (ranges[-1][0], max(ranges[-1][1], high))
         else:
-            found.append((low, high))
-    return found
+            ranges.append((low, high))
+    return ranges
 
 
-def _ordered(lines: tuple[Line, ...], start: East | None) -> Iterator[Line]:
-    """Always on to the nearest end of a line that is left: back and forth where nothing is in the way."""
+def _ordered(lines: tuple[Line, ...], start: EastNorth | None) -> Iterator[Line]:
+    """The lines in flight order: each time the line with the nearest end, which gives a back-and-forth
+    path."""
     ends = np.array(lines, dtype=np.float64)
     """(N, 2, 2): line, end, east and north."""
     here = np.array(lines[0][0] if start is None else start)

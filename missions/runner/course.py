@@ -1,4 +1,4 @@
-"""The way through a mission: the segments of the branches taken so far, and the decision that comes next."""
+"""The path through a mission: the segments of the branches chosen so far, and the next decision."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from missions.runner.reading import Reading
 
 
 class Course:
-    """Of one flight."""
+    """The path of one flight through the mission's branches."""
 
     def __init__(self, timeline: Timeline) -> None:
         self._node = timeline
@@ -16,29 +16,29 @@ class Course:
 
     @property
     def decision(self) -> Decision | None:
-        """What is to be decided after the last segment."""
+        """The decision after the last segment; None: there is none."""
         return self._node.decision
 
     def choose(self, fulfilled: bool) -> None:
-        """Goes on in one of the two timelines."""
-        way = self._node.then if fulfilled else self._node.otherwise
-        if way is not None:  # a decision has both
-            self._node = way
-            self.segments.extend(way.segments)
+        """Continues in one of the two timelines."""
+        continuation = self._node.then if fulfilled else self._node.otherwise
+        if continuation is not None:  # a decision has both
+            self._node = continuation
+            self.segments.extend(continuation.segments)
 
-    def cut_after(self, index: int) -> int:
-        """The first take-off or landing from there on, or the end of what is known."""
+    def next_px4_segment(self, index: int) -> int:
+        """Index of the first take-off or landing at or after `index`, or of the end of the segments."""
         for at in range(index, len(self.segments)):
-            if _is_cut(self.segments[at]):
+            if _flown_by_px4(self.segments[at]):
                 return at
         return len(self.segments)
 
-    def is_cut(self, index: int) -> bool:
-        """Whether PX4 flies that segment in a mode of its own."""
-        return index < len(self.segments) and _is_cut(self.segments[index])
+    def flown_by_px4(self, index: int) -> bool:
+        """Whether PX4 flies the segment in one of its own modes (take-off or landing)."""
+        return index < len(self.segments) and _flown_by_px4(self.segments[index])
 
     def next_step(self, index: int) -> int:
-        """The first segment of the step after that of a segment; of a repeat, the next round's."""
+        """Index of the first segment of the next step, or of the next round of a repeat."""
         if index >= len(self.segments):
             return len(self.segments)
         visit = self.segments[index].visit
@@ -47,34 +47,34 @@ class Course:
         return index
 
     def remaining_s(self, index: int, t_s: float) -> float:
-        """By plan, on the longest way."""
+        """By plan, on the longest continuation."""
         left_s = sum(segment.duration_s for segment in self.segments[index:])
         if index < len(self.segments):
             left_s -= min(t_s, self.segments[index].duration_s)
         return left_s + self._node.duration_s - self._node.own_duration_s
 
 
-def _is_cut(segment: Segment) -> bool:
+def _flown_by_px4(segment: Segment) -> bool:
     return isinstance(segment, WaitSegment) and segment.kind in ("take_off", "land")
 
 
 class ConditionWatch:
-    """Whether a value has been above or below a bound for long enough."""
+    """Checks whether a value has been above or below a limit for long enough."""
 
     def __init__(self, value: str, above: float | None, below: float | None, for_s: float) -> None:
         self._value, self._above, self._below, self._for_s = value, above, below, for_s
         self._since_s: float | None = None
 
-    def holds_now(self, reading: Reading) -> bool:
-        """At this moment; an unknown value is none."""
+    def true_now(self, reading: Reading) -> bool:
+        """Whether the condition is true now; false if the value is unknown."""
         value = reading.value(self._value)
         if value is None:
             return False
         return (self._above is None or value > self._above) and (self._below is None or value < self._below)
 
     def fulfilled(self, now_s: float, reading: Reading) -> bool:
-        """Whether it has held without a break."""
-        if not self.holds_now(reading):
+        """Whether the condition has been true for its whole time without interruption."""
+        if not self.true_now(reading):
             self._since_s = None
             return False
         if self._since_s is None:

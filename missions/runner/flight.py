@@ -1,4 +1,4 @@
-"""What all parts of one flight share: its course, where it is on it, how it goes on from there."""
+"""Data that all parts of one flight share: its path, its progress, and the scripts to continue with."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from missions.trajectory.points import PassPoint
 from missions.trajectory.solve import through
 
 ON_PATH_M = 0.3
-"""A vehicle so near to its path needs no approach."""
+"""A vehicle within these tolerances of its path needs no approach."""
 ON_PATH_RAD = math.radians(5.0)
 MAX_AT_ONCE_BYTES = 400_000
-"""Of segments handed over in one message: the streams' process takes it between two setpoints."""
+"""Most bytes of segments in one message, because the stream process reads it between two setpoints."""
 MAX_AT_ONCE_S = 120.0
 ROW_BYTES = 150
-"""Of a table's row."""
+"""Bytes of one row of a table."""
 
 
 class Flight:
     """One mission in one flight.
 
     Args:
-        timeline: compiled for where the vehicle is.
-        name: of the mission.
-        motion: what approaches and pauses keep to, its speed the one wanted.
+        timeline: compiled for the vehicle's position.
+        name: name of the mission.
+        motion: limits for approaches and pauses, with the wanted speed.
     """
 
     def __init__(self, timeline: Timeline, name: str, motion: MotionLimits) -> None:
@@ -46,55 +46,55 @@ class Flight:
             motion.horizontal_acceleration_m_s2, motion.vertical_acceleration_m_s2, motion.jerk_m_s3
         )
         self.index = 0
-        """Of the segment that is flown, in `course.segments`."""
+        """Index of the current segment in `course.segments`."""
         self.t_s = 0.0
-        """The mission's own time in it."""
+        """Mission time since the start of the segment."""
         self.paused = False
         self.photo_index = 0
-        """Pictures before this segment …"""
+        """Segment up to which all pictures have been taken."""
         self.photos_taken = 0
-        """… and so many of its own have been taken."""
+        """Number of pictures already taken in that segment."""
         self.pointed: tuple[float, float, float] | None = None
-        """Where the gimbal was last pointed (pitch, yaw from north [rad]), and when; None: not at all."""
+        """Last gimbal request: pitch, yaw relative to north [rad], and its time; None: no request."""
         self._scripts = 0
 
     @property
     def segment(self) -> Segment | None:
-        """The present one; None after the last."""
+        """The current segment; None after the last one."""
         segments = self.course.segments
         return segments[self.index] if self.index < len(segments) else None
 
     def move_to(self, index: int) -> None:
-        """Goes on with another segment; the pictures of those between are not taken."""
+        """Continues with another segment; pictures of skipped segments are not taken."""
         self.index, self.t_s = index, 0.0
         self.photo_index, self.photos_taken = index, 0
 
-    def chunk_end(self, first: int, cut: int) -> int:
-        """Index after the segments that are handed over at once."""
+    def chunk_end(self, first: int, end_index: int) -> int:
+        """Index after the segments that fit into one message."""
         size, duration_s, end = 0, 0.0, first
-        while end < cut and (end == first or (size < MAX_AT_ONCE_BYTES and duration_s < MAX_AT_ONCE_S)):
+        while end < end_index and (end == first or (size < MAX_AT_ONCE_BYTES and duration_s < MAX_AT_ONCE_S)):
             size += _size(self.course.segments[end])
             duration_s += self.course.segments[end].duration_s
             end += 1
         return end
 
-    def script(self, reading: Reading, cut: int) -> tuple[Script, int, int]:
-        """From the present place on: the script, the index of its first segment, and the one after its last.
+    def script(self, reading: Reading, end_index: int) -> tuple[Script, int, int]:
+        """The script from the current position: the script, the index of its first segment, and after its
+        last.
 
         Raises:
-            PlanError: The way to the path cannot be flown, or it is not known where the vehicle is.
+            PlanError: The approach to the path cannot be flown, or the vehicle's position is unknown.
         """
-        here = reading.position_ned_m
+        position_ned_m = reading.position_ned_m
         self._scripts += 1
-        if (
-            self.index >= cut or self.segment is None
-        ):  # nothing to fly: hold here until it is known what follows
-            end = here or (0.0, 0.0, 0.0)
+        if self.index >= end_index or self.segment is None:
+            # No segment to fly: hold the position until the next one is known.
+            end = position_ned_m or (0.0, 0.0, 0.0)
             yaw_rad = reading.yaw_ned_rad or 0.0
-            held = HoldSegment("the end", "Hold", 0.0, end, yaw_rad)
-            script = Script(self.name, (held,), pace=self.pace, number=self._scripts, fence=self.fence)
+            hold = HoldSegment("the end", "Hold", 0.0, end, yaw_rad)
+            script = Script(self.name, (hold,), pace=self.pace, number=self._scripts, fence=self.fence)
             return script, self.index - 1, self.index
-        end = self.chunk_end(self.index, cut)
+        end = self.chunk_end(self.index, end_index)
         segments = tuple(self.course.segments[self.index : end])
         begin_s = self.t_s if isinstance(segments[0], CurveSegment | TableSegment | HoldSegment) else 0.0
         approach = self._approach(reading, segments[0], begin_s)
@@ -104,8 +104,8 @@ class Flight:
     def _approach(self, reading: Reading, segment: Segment, begin_s: float) -> CurveSegment | None:
         here, yaw_rad = reading.position_ned_m, reading.yaw_ned_rad
         if here is None:
-            raise PlanError(segment.place, "the vehicle's position is not known", "Wait for its estimate.")
-        begin, begin_yaw_rad = _begin_of(self.course.segments, self.index, segment, begin_s)
+            raise PlanError(segment.place, "the vehicle's position is unknown", "Wait for a valid estimate.")
+        begin, begin_yaw_rad = _start_of(self.course.segments, self.index, segment, begin_s)
         if begin is None:
             return None
         if begin_yaw_rad is None or yaw_rad is None:
@@ -118,8 +118,8 @@ class Flight:
         if self.fence is not None and self.fence.is_left_between(here[:2], begin[:2]):
             raise PlanError(
                 segment.place,
-                "the straight way there leaves the mission's geofence",
-                "Fly to where the straight way stays inside, then resume.",
+                "the straight path to it leaves the mission's geofence",
+                "Fly to a position from which the straight path stays inside, then resume.",
             )
         curve = through(ends, self.motion)
         end_yaw_rad = (yaw_rad or 0.0) if begin_yaw_rad is None else begin_yaw_rad
@@ -129,10 +129,10 @@ class Flight:
         )  # fmt: skip
 
 
-def _begin_of(
+def _start_of(
     segments: list[Segment], index: int, segment: Segment, begin_s: float
 ) -> tuple[Vector3 | None, float | None]:
-    """Place and heading where a segment begins."""
+    """Position and heading at the start of a segment."""
     setpoint = segment.at(begin_s)
     if isinstance(setpoint, Trajectory | Position):
         return complete(setpoint.position_ned_m), setpoint.yaw_ned_rad
@@ -142,7 +142,7 @@ def _begin_of(
 
 
 def _size(segment: Segment) -> int:
-    """About how many bytes its arrays have."""
+    """Approximate size of a segment's arrays in bytes."""
     if isinstance(segment, CurveSegment):
         return segment.curve.coefficients.nbytes + 5 * segment.curve.phase_start_s.nbytes
     if isinstance(segment, TableSegment):

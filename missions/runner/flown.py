@@ -1,4 +1,4 @@
-"""What was flown beside what was sent, kept while a mission flies."""
+"""Records the flown and the planned positions of a mission."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from missions.runner.status import RunnerStatus
 
 PERIOD_S = 0.5
 MAX_SAMPLES = 4000
-"""More are thinned to every other one: half an hour at 2 Hz, a longer flight more coarsely."""
+"""Half an hour at 2 Hz; after that every second sample is deleted and the period doubled."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlownSample:
-    """One moment."""
+    """One sample."""
 
     t_s: float
-    """Since the mission was started."""
+    """Time since the start of the mission."""
     place: str | None
-    """Which step: "step 3", "step 4.2"."""
+    """Current step: "step 3", "step 4.2"."""
     flown_ned_m: Vector3
-    """Where the vehicle was, by its own estimate, from its local origin."""
+    """The vehicle's position estimate, in its local frame."""
     planned_ned_m: Vector3 | None
-    """The place that was sent to it; null: PX4 flew by itself, or no place was sent."""
+    """The position setpoint; null: PX4 flew in one of its own modes, or no position was sent."""
     deviation_m: float | None
-    """Between the two."""
+    """Distance between the two."""
     outside_corridor_m: float | None
-    """How far it was outside the dry run's corridor, 0 inside; null: none was given at the start."""
+    """Distance outside the dry run's corridor, 0 inside; null: no corridor was given at the start."""
 
 
 class FlownTrack:
-    """Of one mission; bounded."""
+    """The samples of one mission, at most MAX_SAMPLES."""
 
     def __init__(self) -> None:
         self.samples: list[FlownSample] = []
         self._period_s = PERIOD_S
         self._next_s = 0.0
 
-    def keep(self, t_s: float, reading: Reading, status: RunnerStatus) -> None:
-        """Adds a moment, where one is due and it is known where the vehicle is."""
+    def record(self, t_s: float, reading: Reading, status: RunnerStatus) -> None:
+        """Adds a sample if one is due and the vehicle's position is known."""
         here, played = reading.position_ned_m, reading.played
         if here is None or t_s < self._next_s:
             return
@@ -59,5 +59,6 @@ class FlownTrack:
         self._next_s = t_s + self._period_s
 
 
-def _millimetres(place: Vector3) -> Vector3:
-    return (round(place[0], 3), round(place[1], 3), round(place[2], 3))
+def _millimetres(position_ned_m: Vector3) -> Vector3:
+    n, e, d = position_ned_m
+    return (round(n, 3), round(e, 3), round(d, 3))

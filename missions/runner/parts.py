@@ -1,7 +1,7 @@
-"""The modes of a mission's flight: take-off and landing, which PX4 flies itself, and the stretches between.
+"""The parts of a mission: take-off and landing in PX4's own modes, and the parts flown by setpoints.
 
-Each says what the vehicle does while the part is in charge (`expects`), asks for what it needs, and knows
-when it is done. A part that has failed says what is to be done about it: an action of the mission, and why.
+Each part knows which vehicle modes it expects (`expects`), returns its requests, and sets `done` at its end.
+A part that failed sets `failure`: an action of the mission and the reason.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from dataclasses import dataclass
 from missions.offboard.segments import WaitSegment
 from missions.runner.flight import Flight
 from missions.runner.reading import Reading
-from missions.runner.requests import Request, SetMode, TakeOff, Tell
+from missions.runner.requests import Notify, Request, SetMode, TakeOff
 
 DOWN_FOR_S = 10.0
-"""A vehicle that stays armed on the ground for so long has landed."""
+"""A vehicle that stays on the ground for this long has landed, even if it is still armed."""
 NEAR_HEIGHT_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why a part cannot go on as planned, and what is to be done."""
+    """Why a part cannot continue, and the action to execute."""
 
     action: str
-    """continue, hold, return, land; of a watch also pause."""
+    """continue, hold, return, land; from `FlightWatch` also pause."""
     text: str
 
 
@@ -32,11 +32,11 @@ class Part(ABC):
     """One part of the flight."""
 
     state: str
-    """For people and programs: taking_off, starting, flying, waiting, pausing, paused, landing."""
+    """State in the API: taking_off, starting, flying, waiting, pausing, paused, landing."""
     in_offboard = False
-    """Whether it flies by setpoints of ours."""
+    """Whether it flies by setpoints from the server."""
     question: str | None = None
-    """What a person is asked just now."""
+    """The question to the pilot; None: there is none."""
 
     def __init__(self, flight: Flight) -> None:
         self.flight = flight
@@ -45,36 +45,36 @@ class Part(ABC):
 
     @abstractmethod
     def begin(self, now_s: float, reading: Reading) -> list[Request]:
-        """Asks for what it begins with."""
+        """Starts the part; returns its first requests."""
 
     @abstractmethod
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
-        """Looks on; sets `done` or `failure`."""
+        """Updates the part; may set `done` or `failure`."""
 
     @abstractmethod
     def expects(self, reading: Reading) -> bool:
-        """Whether the vehicle does what this part asked for: else somebody else is in charge."""
+        """Whether the vehicle's mode is one this part requested; False: someone else controls the vehicle."""
 
 
 class TakeOffPart(Part):
-    """PX4's own take-off: done when it holds at its height."""
+    """PX4's own take-off; done when the vehicle holds at the take-off height."""
 
     state = "taking_off"
 
     def __init__(self, flight: Flight, segment: WaitSegment) -> None:
         super().__init__(flight)
         self._segment = segment
-        self._mode_before: str | None = None
-        self._seen = False
+        self._initial_mode: str | None = None
+        self._mode_reached = False
         self._began_s = 0.0
 
     def begin(self, now_s: float, reading: Reading) -> list[Request]:
-        self._mode_before, self._began_s = reading.mode, now_s
+        self._initial_mode, self._began_s = reading.mode, now_s
         return [TakeOff(self._segment.height_m or 0.0)]
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
-        self._seen |= reading.mode == "takeoff"
-        if self._seen and reading.mode == "hold" and reading.armed:
+        self._mode_reached |= reading.mode == "takeoff"
+        if self._mode_reached and reading.mode == "hold" and reading.armed:
             self.done = True
         elif now_s - self._began_s > self._segment.timeout_s:
             text = f"The take-off did not end within {self._segment.timeout_s:g} s"
@@ -82,9 +82,9 @@ class TakeOffPart(Part):
         return []
 
     def expects(self, reading: Reading) -> bool:
-        if reading.mode == "hold" and self._seen:
+        if reading.mode == "hold" and self._mode_reached:
             return reading.mode_source in (None, "vehicle") or self._is_up(reading)
-        return reading.mode == "takeoff" or (not self._seen and reading.mode == self._mode_before)
+        return reading.mode == "takeoff" or (not self._mode_reached and reading.mode == self._initial_mode)
 
     def _is_up(self, reading: Reading) -> bool:
         here = reading.position_ned_m
@@ -92,38 +92,38 @@ class TakeOffPart(Part):
 
 
 class LandPart(Part):
-    """PX4's own landing: done when the motors have stopped."""
+    """PX4's own landing; done when the motors have stopped."""
 
     state = "landing"
 
     def __init__(self, flight: Flight, segment: WaitSegment) -> None:
         super().__init__(flight)
         self._segment = segment
-        self._mode_before: str | None = None
-        self._seen = False
+        self._initial_mode: str | None = None
+        self._mode_reached = False
         self._began_s = 0.0
-        self._down_s: float | None = None
-        self._told = False
+        self._on_ground_since_s: float | None = None
+        self._late_reported = False
 
     def begin(self, now_s: float, reading: Reading) -> list[Request]:
-        self._mode_before, self._began_s = reading.mode, now_s
+        self._initial_mode, self._began_s = reading.mode, now_s
         return [SetMode("land")]
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
-        self._seen |= reading.mode == "land"
+        self._mode_reached |= reading.mode == "land"
         if not reading.on_ground:
-            self._down_s = None
-        elif self._down_s is None:
-            self._down_s = now_s
-        down_for_s = 0.0 if self._down_s is None else now_s - self._down_s
-        self.done = reading.armed is False or down_for_s >= DOWN_FOR_S
-        if not self.done and not self._told and now_s - self._began_s > self._segment.timeout_s:
-            self._told = True
+            self._on_ground_since_s = None
+        elif self._on_ground_since_s is None:
+            self._on_ground_since_s = now_s
+        on_ground_s = 0.0 if self._on_ground_since_s is None else now_s - self._on_ground_since_s
+        self.done = reading.armed is False or on_ground_s >= DOWN_FOR_S
+        if not self.done and not self._late_reported and now_s - self._began_s > self._segment.timeout_s:
+            self._late_reported = True
             text = f"The landing has taken longer than {self._segment.timeout_s:g} s; it continues."
-            return [Tell("landing_late", text, warning=True)]
+            return [Notify("landing_late", text, warning=True)]
         return []
 
     def expects(self, reading: Reading) -> bool:
         if reading.armed is False or reading.mode == "land":
             return True
-        return not self._seen and reading.mode == self._mode_before
+        return not self._mode_reached and reading.mode == self._initial_mode

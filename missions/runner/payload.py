@@ -1,4 +1,4 @@
-"""Pictures and the gimbal along the way."""
+"""Picture and gimbal requests during the flight."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from missions.runner.script import Played
 from missions.setpoints import Position
 
 LEAD_S = 0.05
-"""Half of the time between two looks: a picture is as often early as late."""
-SAME_RAD = math.radians(0.2)
-AGAIN_S = 1.0
-"""A gimbal that stands is pointed again so often: a request may be lost."""
+"""Half of the update period, so that pictures are early as often as late."""
+UNCHANGED_RAD = math.radians(0.2)
+REPEAT_S = 1.0
+"""Period in which an unchanged gimbal request is repeated, because a request may be lost."""
 
 
 def photos_due(flight: Flight) -> list[Request]:
-    """Pictures up to the present place that have not been taken."""
-    out: list[Request] = []
+    """Requests for the pictures up to the current mission time that have not been taken."""
+    requests: list[Request] = []
     segments = flight.course.segments
     while flight.photo_index < len(segments) and flight.photo_index <= flight.index:
-        present = flight.photo_index == flight.index
+        is_current = flight.photo_index == flight.index
         times = [e.t_s for e in segments[flight.photo_index].events if e.kind == "photo"]
-        due = sum(t <= flight.t_s + LEAD_S for t in times) if present else len(times)
-        out += [Photo()] * max(0, due - flight.photos_taken)
+        due = sum(t <= flight.t_s + LEAD_S for t in times) if is_current else len(times)
+        requests += [Photo()] * max(0, due - flight.photos_taken)
         flight.photos_taken = max(due, flight.photos_taken)
-        if present:
+        if is_current:
             break
         flight.photo_index, flight.photos_taken = flight.photo_index + 1, 0
-    return out
+    return requests
 
 
 def point_gimbal(flight: Flight, played: Played, now_s: float) -> list[Request]:
-    """Where the track wants the gimbal now, if that has changed."""
+    """The gimbal request of the current track, if it has changed or must be repeated."""
     segment = flight.segment
     if segment is None:
         return []
@@ -47,14 +47,14 @@ def point_gimbal(flight: Flight, played: Played, now_s: float) -> list[Request]:
     if flight.pointed is not None:
         pitch_before_rad, yaw_before_rad, at_s = flight.pointed
         turned_rad = max(abs(pitch_rad - pitch_before_rad), abs(wrap_pi(yaw_rad - yaw_before_rad)))
-        if turned_rad < SAME_RAD and now_s - at_s < AGAIN_S:
+        if turned_rad < UNCHANGED_RAD and now_s - at_s < REPEAT_S:
             return []
     flight.pointed = (pitch_rad, yaw_rad, now_s)
     return [PointGimbal(pitch_rad, yaw_rad)]
 
 
 def release_gimbal(flight: Flight) -> list[Request]:
-    """Where the mission has pointed it."""
+    """Releases the gimbal if the mission has pointed it."""
     if flight.pointed is None:
         return []
     flight.pointed = None

@@ -1,9 +1,10 @@
-"""Samples a script at each sending. Pure: it is told the time and where the vehicle is.
+"""Computes the setpoint of a script for each transmission; no I/O, time and position are inputs.
 
-A wait holds until it is over. A vehicle that is held back on its path is waited for. Paused, the mission's
-own time slows down to a standstill, so that the vehicle stays on its path, and speeds up again. A velocity or
-an attitude has no path: paused, the vehicle brakes and holds where it has stopped, and the flight goes on
-from there with another script. After the last segment its end is held.
+A wait holds the position until it ends. If the vehicle falls too far behind on its path, mission time stops
+until it has caught up. A pause slows mission time down to zero, so that the vehicle stays on its path;
+resuming speeds it up again. Velocity and attitude segments have no path: on a pause the vehicle brakes and
+holds where it stopped, and a new script continues from there. After the last segment its end position is
+held.
 """
 
 from __future__ import annotations
@@ -26,22 +27,23 @@ from missions.setpoints import Attitude, DirectSetpoint, Position, Setpoint, Tra
 from missions.setpoints import zeros_for_none as whole
 
 LONGEST_STEP_S = 0.3
-"""Where sending stood still for longer, the mission's time did, too: a setpoint must not run ahead."""
+"""Longest step of mission time after a gap in transmission, so that the setpoint does not jump ahead."""
 BACK_WITHIN_M = 1.0
-"""After a segment that holds no place: so near must the vehicle be to where the next one begins."""
+"""After a segment without position control, the vehicle must be this near to the start of the next
+segment."""
 BACK_WITHIN_S = 15.0
 HELD_BACK_M = 8.0
-"""A vehicle so far behind over the ground (an obstacle, a limit, wind) is waited for."""
+"""Horizontal distance behind the setpoint (obstacle, limit, wind) at which mission time stops."""
 ARRIVED_M = 2.0
-"""So near to its end, over the ground, is a path flown to its end."""
+"""Horizontal distance to the end of a path within which the path counts as flown."""
 STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
 class Player:
-    """One script.
+    """Plays one script.
 
     Args:
-        script: what is flown.
+        script: the script to fly.
         now_s: monotonic time.
     """
 
@@ -56,22 +58,22 @@ class Player:
         self._scale = TimeScale(script.pace, 0.0 if self._t_s > 0.0 else 1.0)
         self._last_s = now_s
         self._returning_s: float | None = None
-        """For how long the vehicle has been on its way back to the path."""
+        """How long the vehicle has been returning to the path."""
         self._braking_ned_m_s: Vector3 | None = None
-        """The velocity at which an interrupted attitude left the vehicle."""
+        """Velocity of the vehicle when a velocity or attitude segment was interrupted."""
         self._held: Position | None = None
-        """Where the vehicle stopped off its path."""
+        """Position setpoint where the vehicle stopped away from its path."""
         self._position: Vector3 | None = None
         self._held_back = False
         self.fence = script.fence
 
     def steer(self, steering: Steering) -> None:
-        """Takes effect at the next sampling."""
+        """Sets how the script is played; takes effect at the next setpoint."""
         self._segments.extend(steering.appended)
         self._steering = replace(steering, appended=())
 
-    def begin_anew(self, now_s: float) -> None:
-        """The flight begins now; the first setpoint was held so far."""
+    def restart_time(self, now_s: float) -> None:
+        """Starts mission time now; until now the first setpoint was held."""
         self._last_s = now_s
 
     def at(
@@ -82,13 +84,13 @@ class Player:
         *,
         waiting: bool = False,
     ) -> DirectSetpoint:
-        """What to send.
+        """The setpoint to send.
 
         Args:
-            now_s: the moment.
-            position_ned_m: where the vehicle is, as far as known.
-            velocity_ned_m_s: its velocity, as far as known.
-            waiting: the flight has not begun: the first setpoint is held.
+            now_s: monotonic time.
+            position_ned_m: position of the vehicle; None: unknown.
+            velocity_ned_m_s: velocity of the vehicle; None: unknown.
+            waiting: Offboard is not active yet, so the first setpoint is held.
         """
         dt_s = 0.0 if waiting else min(max(now_s - self._last_s, 0.0), LONGEST_STEP_S)
         self._last_s, self._held_back = now_s, False
@@ -97,40 +99,40 @@ class Player:
         else:
             self._advance(dt_s, position_ned_m)
             setpoint = self._slowed(self._sample())
-        place = setpoint.position_ned_m if isinstance(setpoint, Position | Trajectory) else None
-        self._position = None if place is None else complete(place)
+        position = setpoint.position_ned_m if isinstance(setpoint, Position | Trajectory) else None
+        self._position = None if position is None else complete(position)
         return setpoint
 
     def ahead(self, by_s: float) -> DirectSetpoint | None:
-        """The setpoint so much later by plan, at most up to the next wait; None: it is not known."""
+        """The planned setpoint `by_s` later, at most up to the next wait; None: unknown."""
         diverted = self._held is not None or self._braking_ned_m_s is not None
         if self._steering.paused or diverted:
             return None
-        t_s, found = self._t_s + by_s, None
-        ways = itertools.islice(self._segments, self._index, None)
+        t_s, setpoint = self._t_s + by_s, None
+        segments = itertools.islice(self._segments, self._index, None)
         if self._approach is not None:
-            found = self._approach.at(min(t_s, self._approach.duration_s))
+            setpoint = self._approach.at(min(t_s, self._approach.duration_s))
             if t_s <= self._approach.duration_s:
-                ways = iter(())
+                segments = iter(())
             t_s += self._begin_s - self._approach.duration_s
-        for segment in ways:
+        for segment in segments:
             if isinstance(segment, WaitSegment):
                 break
-            found = segment.at(min(t_s, segment.duration_s))
+            setpoint = segment.at(min(t_s, segment.duration_s))
             if t_s <= segment.duration_s:
                 break
             t_s -= segment.duration_s
-        return found if isinstance(found, Position | Trajectory) else None
+        return setpoint if isinstance(setpoint, Position | Trajectory) else None
 
     @property
     def avoids(self) -> bool:
-        """Whether the segment that is flown is to be led past obstacles."""
+        """Whether obstacle avoidance is active in the current segment."""
         segment = self._segment()
         return segment is not None and segment.avoidance
 
     @property
     def played(self) -> Played:
-        """As of the last sampling."""
+        """Progress at the last setpoint."""
         segment = self._segment()
         return Played(
             self._number,
@@ -191,9 +193,9 @@ class Player:
         self._t_s = 0.0
 
     def _is_back(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
-        """Whether the next segment may begin: the vehicle has arrived where the present one ends.
+        """Whether the next segment may start: the vehicle has arrived at the end of the current one.
 
-        After one that holds no place it returns there first.
+        After a segment without position control the vehicle first returns to its planned end.
         """
         if isinstance(segment, CurveSegment):
             self._held_back = self._away_m(segment.end_ned_m, position_ned_m) > ARRIVED_M
@@ -211,12 +213,14 @@ class Player:
         return True
 
     @staticmethod
-    def _away_m(place: Vector3 | None, position_ned_m: Vector3 | None) -> float:
-        """Over the ground; a detour over an obstacle changes the height only."""
-        return 0.0 if place is None or position_ned_m is None else math.dist(place[:2], position_ned_m[:2])
+    def _away_m(target_ned_m: Vector3 | None, position_ned_m: Vector3 | None) -> float:
+        """Horizontal distance, because a detour over an obstacle changes only the height."""
+        if target_ned_m is None or position_ned_m is None:
+            return 0.0
+        return math.dist(target_ned_m[:2], position_ned_m[:2])
 
     def _slowed(self, setpoint: Setpoint) -> DirectSetpoint:
-        """A setpoint of the path at the present rate."""
+        """A setpoint of the path at the current rate of mission time."""
         rate, change = self._scale.rate, self._scale.change
         if isinstance(setpoint, Trajectory):
             if rate == 1.0 and change == 0.0:
@@ -240,7 +244,7 @@ class Player:
     # --- off the path -----------------------------------------------------------------------------
 
     def _diverts(self, velocity_ned_m_s: Vector3 | None) -> bool:
-        """Whether a velocity or an attitude was interrupted."""
+        """Whether a velocity or attitude segment is interrupted."""
         if self._held is not None or self._braking_ned_m_s is not None:
             return True
         segment = self._segment()

@@ -1,4 +1,4 @@
-"""What the runner knows of the vehicle at one moment; None is not known."""
+"""The vehicle's state as input of the mission runner; None means unknown."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ StreamPhase = Literal["idle", "starting", "flying", "ending"]
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One moment."""
+    """The vehicle's state at one time."""
 
     mode: str | None = None
-    """As `Status.mode` of the API: offboard, hold, land, rtl, takeoff, position, …"""
+    """`Status.mode` of the API: offboard, hold, land, rtl, takeoff, position, …"""
     mode_source: str | None = None
-    """Who brought the vehicle into it: command, vehicle, failsafe, pilot, station, unknown."""
+    """Who changed the mode: command, vehicle, failsafe, pilot, station, unknown."""
     mode_text: str | None = None
-    """The same for people."""
+    """The same as text for messages."""
     armed: bool | None = None
     landed: str | None = None
     """on_ground, in_air, taking_off, landing."""
@@ -29,43 +29,43 @@ class Reading:
     velocity_ned_m_s: Vector3 | None = None
     yaw_ned_rad: float | None = None
     estimates: frozenset[Estimate] | None = None
-    """Those that are valid."""
-    link_heard: bool = True
+    """The valid estimates."""
+    link_active: bool = True
     holder: str | None = None
-    """Who has control: any name that tells one client from another; None: nobody."""
+    """The client in control, by any unique name; None: nobody."""
     holder_name: str | None = None
-    """The same for people."""
+    """The same as text for messages."""
     battery_share: float | None = None
     """0 to 1."""
     wind_speed_m_s: float | None = None
     distance_m: float | None = None
-    """Of the distance sensor."""
+    """Value of the distance sensor."""
     satellites: int | None = None
     horizontal_error_m: float | None = None
-    """Of the position estimate, one sigma."""
+    """Standard deviation of the position estimate."""
     stream: StreamPhase = "idle"
-    """Of the mission's own setpoint stream; `flying` once the vehicle is in Offboard."""
+    """Phase of the mission's setpoint stream; `flying` when the vehicle is in Offboard."""
     stream_text: str | None = None
     """Why the stream ends or has ended."""
     played: Played | None = None
-    """How far the stream has flown its script."""
+    """Progress of the stream in its script."""
 
     @property
     def on_ground(self) -> bool:
-        """As far as known."""
+        """Whether the vehicle is on the ground; False if unknown."""
         return self.armed is False or self.landed == "on_ground"
 
     @property
     def in_air(self) -> bool:
-        """For certain."""
+        """Whether the vehicle is in the air; False if unknown."""
         return self.armed is True and self.landed in ("in_air", "taking_off", "landing")
 
     def value(self, name: str) -> float | None:
-        """The value that a condition names."""
+        """The value of a condition, by name."""
         if name == "ground_speed_m_s":
             if self.velocity_ned_m_s is None:
                 return None
             north, east, _ = self.velocity_ned_m_s
             return (north * north + east * east) ** 0.5
-        found = getattr(self, name)
-        return None if found is None else float(found)
+        value = getattr(self, name)
+        return None if value is None else float(value)

@@ -1,4 +1,4 @@
-"""What the runner asks for: whoever drives it carries these out, and tells it which of them failed."""
+"""Requests of the mission runner; the caller executes them and reports those that failed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from missions.runner.script import Script, Steering
 
 Mode = Literal["hold", "land", "rtl"]
 MODE_OF: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
-"""By action of a mission."""
+"""PX4 mode for each action of a mission."""
 NAME_OF = {"hold": "holding here", "return": "returning", "land": "landing"}
 
 
@@ -18,43 +18,43 @@ class TakeOff:
     """Arm, and climb in PX4's own Takeoff mode."""
 
     height_m: float
-    """Above where the vehicle stands."""
+    """Height above the ground position."""
 
 
 @dataclass(frozen=True, slots=True)
 class Play:
-    """Stream this script and switch to Offboard; where a script is streamed already, fly this one instead."""
+    """Stream this script and switch to Offboard; it replaces a script that is being streamed."""
 
     script: Script
 
 
 @dataclass(frozen=True, slots=True)
 class Steer:
-    """Steers the script that is streamed."""
+    """Change how the current script is played."""
 
     steering: Steering
 
 
 @dataclass(frozen=True, slots=True)
 class SetMode:
-    """A mode that PX4 flies by itself; it ends the stream."""
+    """Switch to one of PX4's own modes; this ends the stream."""
 
     mode: Mode
 
 
 @dataclass(frozen=True, slots=True)
 class StopStream:
-    """Send no setpoints any more and command nothing: somebody else has the vehicle."""
+    """Stop the setpoint stream without a mode change, because someone else controls the vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """One picture, now."""
+    """Take one picture now."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointGimbal:
-    """Point the gimbal; asked for again while it is to move."""
+    """Point the gimbal; repeated while it moves."""
 
     pitch_rad: float
     """Up is positive."""
@@ -63,16 +63,16 @@ class PointGimbal:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseGimbal:
-    """The mission has no more use for the gimbal."""
+    """Release the gimbal."""
 
 
 @dataclass(frozen=True, slots=True)
-class Tell:
-    """Something people are to hear."""
+class Notify:
+    """Send a message to the pilot and to all clients."""
 
     code: str
     text: str
     warning: bool = False
 
 
-Request = TakeOff | Play | Steer | SetMode | StopStream | Photo | PointGimbal | ReleaseGimbal | Tell
+Request = TakeOff | Play | Steer | SetMode | StopStream | Photo | PointGimbal | ReleaseGimbal | Notify

@@ -1,8 +1,9 @@
 """Executes a compiled mission part by part, without clock, server or simulator.
 
-Whoever drives it calls `tick` about ten times a second with what is known of the vehicle, carries out what it
-asks for, and says which of it failed. It acts only while it is in charge: once somebody else flies the
-vehicle (its pilot, an operator's command, PX4's failsafe) it asks for nothing, until a person resumes it.
+The caller calls `tick` about ten times a second with the vehicle's state, executes the returned requests, and
+reports those that failed. The runner acts only while it is in charge. Once someone else flies the vehicle
+(the RC pilot, an operator's command, a PX4 failsafe), it requests nothing until an operator resumes the
+mission.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from missions.runner.requests import (
     StopStream,
     TakeOff,
 )
+from missions.runner.setpoint_part import SetpointPart
 from missions.runner.status import CannotDo, RunnerStatus
-from missions.runner.stretch import StretchPart
 from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate, who_took_over
 from missions.trajectory.limits import MotionLimits
 
 LOW_BATTERY_SHARE = 0.15
-"""BAT_LOW_THR."""
+"""Default of BAT_LOW_THR."""
 
 
 class Runner(Ending):
@@ -60,7 +61,7 @@ class Runner(Ending):
         self._part: Part | None = None
         self._had_link = True
         self._was_in_air = False
-        self._payload_told: set[str] = set()
+        self._reported_payload_failures: set[str] = set()
 
     # --- requests of clients ----------------------------------------------------------------------
 
@@ -71,12 +72,12 @@ class Runner(Ending):
             CannotDo: An estimate is missing that the mission needs.
         """
         self.require_startable(reading)
-        self._watch.answered_for(reading)
+        self._watch.set_owner(reading)
         self._begin_part(now_s, reading)
-        return self._taken()
+        return self._take_requests()
 
     def require_startable(self, reading: Reading) -> None:
-        """Raises CannotDo if it cannot begin now."""
+        """Raises CannotDo if the mission cannot start now."""
         missing = missing_estimate(self.flight, reading, self.flight.needs)
         if missing is not None:
             raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
@@ -84,40 +85,40 @@ class Runner(Ending):
     def pause(self, now_s: float, reading: Reading, by: str) -> list[Request]:
         """Pauses: on the path in Offboard, or in Hold during take-off and landing."""
         part = self._in_charge("pause")
-        if isinstance(part, StretchPart):
+        if isinstance(part, SetpointPart):
             self.flight.paused = True
-            self._tell("paused", f"{by} paused it.")
-            return self._taken()
-        self._suspend(f"{by} paused it")
+            self._notify("paused", f"{by} paused the mission.")
+            return self._take_requests()
+        self._suspend(f"{by} paused the mission")
         self._paused_in_hold = True
         if not reading.on_ground or reading.armed:
-            self._out.append(SetMode("hold"))
-        return self._taken()
+            self._requests.append(SetMode("hold"))
+        return self._take_requests()
 
     def resume(self, now_s: float, reading: Reading, by: str) -> list[Request]:
         """Resumes: along the path, or back to it if the vehicle has left it.
 
         Raises:
-            CannotDo: It is neither paused nor suspended, or an estimate is missing.
+            CannotDo: The mission is neither paused nor suspended, or an estimate is missing.
         """
         self.require_resumable(reading)
         part = self._part
-        if not self._suspended and isinstance(part, StretchPart):
+        if not self._suspended and isinstance(part, SetpointPart):
             part.resume()
         else:
             self._suspended, self._paused_in_hold, self._reason = False, False, None
             self.flight.paused = False
             self._begin_part(now_s, reading)
-        self._watch.answered_for(reading)
-        self._tell("resumed", f"{by} resumed it.")
-        return self._taken()
+        self._watch.set_owner(reading)
+        self._notify("resumed", f"{by} resumed the mission.")
+        return self._take_requests()
 
     def require_resumable(self, reading: Reading) -> None:
         """Raises CannotDo if it cannot be resumed now."""
         self._require_not_over("resume")
         if not self._suspended:
-            if not self.flight.paused or not isinstance(self._part, StretchPart):
-                raise CannotDo("it is not paused", "Pause it first.")
+            if not self.flight.paused or not isinstance(self._part, SetpointPart):
+                raise CannotDo("the mission is not paused", "Pause it first.")
             return
         missing = missing_estimate(self.flight, reading, IN_FLIGHT)
         if missing is not None and not reading.on_ground:
@@ -133,15 +134,15 @@ class Runner(Ending):
         flight, part = self.flight, self._part
         if isinstance(part, TakeOffPart) and reading.on_ground and not self._suspended:
             raise CannotDo("the vehicle is still on the ground", "Wait until it has lifted off, or abort.")
-        self._tell("skipped", f"{by} skipped {flight.segment.place if flight.segment else 'the end'}.")
+        self._notify("skipped", f"{by} skipped {flight.segment.place if flight.segment else 'the end'}.")
         if self._suspended:
             flight.move_to(flight.course.next_step(flight.index))
-        elif isinstance(part, StretchPart):
+        elif isinstance(part, SetpointPart):
             part.skip()
         else:
             flight.move_to(flight.index + 1)
             self._begin_part(now_s, reading)
-        return self._taken()
+        return self._take_requests()
 
     def go_on(self, by: str) -> list[Request]:
         """Continues after a wait for the operator.
@@ -150,12 +151,13 @@ class Runner(Ending):
             CannotDo: The mission is not waiting for the operator.
         """
         part = self._part
-        if self._suspended or not isinstance(part, StretchPart) or not part.answer():
+        if self._suspended or not isinstance(part, SetpointPart) or not part.answer():
             raise CannotDo(
-                "it is not waiting for the operator", "The mission's status says what it is waiting for."
+                "the mission is not waiting for the operator",
+                "The mission's status says what it is waiting for.",
             )
-        self._tell("answered", f"{by} continued the mission.")
-        return self._taken()
+        self._notify("answered", f"{by} continued the mission.")
+        return self._take_requests()
 
     def abort(self, reading: Reading, by: str, then: str = "hold") -> list[Request]:
         """Aborts the mission; the vehicle holds, returns or lands.
@@ -165,45 +167,45 @@ class Runner(Ending):
         self._require_not_over("abort")
         flies = not reading.on_ground or bool(reading.armed)
         if flies and (not self._suspended or then != "hold"):
-            self._out.append(SetMode(MODE_OF[then]))
-        self._end("aborted", f"{by} aborted it")
-        return self._taken()
+            self._requests.append(SetMode(MODE_OF[then]))
+        self._end("aborted", f"{by} aborted the mission")
+        return self._take_requests()
 
     # --- with other roles -------------------------------------------------------------------------
 
     @property
-    def stretch(self) -> StretchPart | None:
-        """What it flies between take-off and landing; None: it does not now."""
-        return self._part if self.in_charge and isinstance(self._part, StretchPart) else None
+    def setpoint_part(self) -> SetpointPart | None:
+        """The current part flown by setpoints; None: another kind of part, or not in charge."""
+        return self._part if self.in_charge and isinstance(self._part, SetpointPart) else None
 
     @property
     def paused(self) -> bool:
-        """Whether a person has paused it, or somebody has taken control."""
-        return self._over is None and (self._paused_in_hold or (self.in_charge and self.flight.paused))
+        """Whether the mission is paused, by an operator or because control changed."""
+        return self._final_state is None and (self._paused_in_hold or (self.in_charge and self.flight.paused))
 
     def stop(self, reading: Reading, reason: str) -> list[Request]:
-        """Ends it because another role has left the mission: the vehicle holds; a landing goes on."""
-        if self._over is not None:
+        """Ends the mission because another role has left it: the vehicle holds; a landing continues."""
+        if self._final_state is not None:
             return []
         lands = isinstance(self._part, LandPart) and not self._suspended
         begun = isinstance(self._part, TakeOffPart) or not reading.on_ground
         if self.in_charge and begun and not lands:
-            self._out.append(SetMode("hold"))
+            self._requests.append(SetMode("hold"))
         self._end("stopped", reason)
-        return self._taken()
+        return self._take_requests()
 
     # --- time -------------------------------------------------------------------------------------
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
-        """Updates with a reading; returns the requests to execute."""
-        self._look(now_s, reading)
-        return self._taken()
+        """Updates with the vehicle's state; returns the requests to execute."""
+        self._update(now_s, reading)
+        return self._take_requests()
 
     def failed(self, request: Request, reading: Reading, text: str) -> list[Request]:
         """Handles a failed request."""
         text = text.rstrip(".")
-        if self._over is not None:
-            self._tell("failed", f"{text}.", warning=True)
+        if self._final_state is not None:
+            self._notify("failed", f"{text}.", warning=True)
         elif isinstance(request, TakeOff):
             if not self._suspended:
                 self._suspend(f"The take-off failed: {text}")
@@ -214,44 +216,50 @@ class Runner(Ending):
             if not self._suspended:
                 self._suspend(f"The vehicle did not change its mode: {text}")
             else:
-                self._tell("failed", f"The vehicle did not change its mode: {text}.", warning=True)
+                self._notify("failed", f"The vehicle did not change its mode: {text}.", warning=True)
         else:
             self._payload_failed(request, text)
-        return self._taken()
+        return self._take_requests()
 
     def status(self, reading: Reading) -> RunnerStatus:
         """Status of the mission."""
         flight, part = self.flight, self._part
         segment, deviation_m = flight.segment, None
-        state = self._over or ("ready" if part is None else "suspended" if self._suspended else part.state)
-        if self._over is not None:
+        state = self._final_state or (
+            "ready" if part is None else "suspended" if self._suspended else part.state
+        )
+        if self._final_state is not None:
             segment = None
-        elif isinstance(part, StretchPart) and state not in ("suspended", "ready"):
+        elif isinstance(part, SetpointPart) and state not in ("suspended", "ready"):
             deviation_m = part.deviation_m(reading)
         return RunnerStatus(
             state=state,
             place=segment.place if segment else None,
             title=segment.title if segment else None,
             step=flight.index if segment else None,
-            remaining_s=None if self._over else flight.course.remaining_s(flight.index, flight.t_s),
+            remaining_s=None if self._final_state else flight.course.remaining_s(flight.index, flight.t_s),
             deviation_m=deviation_m,
-            outside_corridor_m=self._corridor.outside_m if self._corridor and self._over is None else None,
-            question=part.question if part is not None and not self._suspended and not self._over else None,
+            outside_corridor_m=self._corridor.outside_m
+            if self._corridor and self._final_state is None
+            else None,
+            question=part.question
+            if part is not None and not self._suspended and not self._final_state
+            else None,
             reason=self._reason,
         )
 
     @property
     def in_charge(self) -> bool:
         """Whether the mission flies the vehicle."""
-        return self._part is not None and not self._suspended and self._over is None
+        return self._part is not None and not self._suspended and self._final_state is None
 
     # --- inside: one update -----------------------------------------------------------------------
 
-    def _look(self, now_s: float, reading: Reading) -> None:
+    def _update(self, now_s: float, reading: Reading) -> None:
         part = self._part
-        if self._over is not None or part is None:
+        if self._final_state is not None or part is None:
             return
-        if not reading.link_heard:
+        if not reading.link_active:
             self._had_link = False
             return
         link_came_back, self._had_link = not self._had_link, True
@@ -264,7 +272,7 @@ class Runner(Ending):
             return
         if part.in_offboard and self._was_in_air and reading.armed is False:
             self._end("stopped", "The vehicle disarmed")
-            self._out.append(StopStream())
+            self._requests.append(StopStream())
             return
         if not part.expects(reading):
             self._taken_over(reading)
@@ -274,12 +282,12 @@ class Runner(Ending):
             if self._suspended:
                 return
         self._watch_corridor(now_s, reading)
-        self._out += part.tick(now_s, reading)
+        self._requests += part.tick(now_s, reading)
         if part.failure is not None:
             failure, part.failure = part.failure, None
             self._act(failure.action, failure.text, reading)
         elif part.done:
-            if not isinstance(part, StretchPart):
+            if not isinstance(part, SetpointPart):
                 self.flight.move_to(self.flight.index + 1)
             self._begin_part(now_s, reading)
 
@@ -287,12 +295,12 @@ class Runner(Ending):
         watch = self._corridor
         if watch is None or not reading.in_air or not watch.update(now_s, reading.position_ned_m):
             return
-        self._out.append(watch.told())
+        self._requests.append(watch.notification())
 
     def _begin_part(self, now_s: float, reading: Reading) -> None:
-        """Of the present place, with whatever needs nothing to be done left out."""
+        """Starts the part of the current segment; skips a take-off or landing that is already done."""
         flight = self.flight
-        while isinstance(segment := flight.segment, WaitSegment) and flight.course.is_cut(flight.index):
+        while isinstance(segment := flight.segment, WaitSegment) and flight.course.flown_by_px4(flight.index):
             done = reading.on_ground if segment.kind == "land" else not reading.on_ground
             if not done:
                 part = (TakeOffPart if segment.kind == "take_off" else LandPart)(flight, segment)
@@ -302,26 +310,26 @@ class Runner(Ending):
             if flight.segment is None and flight.course.decision is None:
                 self._complete(reading)
                 return
-            part = StretchPart(flight)
+            part = SetpointPart(flight)
         self._part = part
         self._watch.begin_part()
         self._was_in_air = reading.in_air
-        self._out += part.begin(now_s, reading)
+        self._requests += part.begin(now_s, reading)
         if part.failure is not None:
             failure, part.failure = part.failure, None
             self._act(failure.action, failure.text, reading)
 
     def _complete(self, reading: Reading) -> None:
         if not reading.on_ground:
-            self._out.append(SetMode("hold"))
-        self._out += release_gimbal(self.flight)
+            self._requests.append(SetMode("hold"))
+        self._requests += release_gimbal(self.flight)
         self._end("done", None)
 
     # --- inside: mode changes ---------------------------------------------------------------------
 
     def _taken_over(self, reading: Reading) -> None:
         """Suspends: another party flies the vehicle, so nothing is commanded."""
-        self._out.append(StopStream())
+        self._requests.append(StopStream())
         self._suspend(who_took_over(reading))
 
     def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
@@ -333,13 +341,13 @@ class Runner(Ending):
         if not part.in_offboard or reading.stream == "flying":
             return False
         action = self.flight.actions.link_loss
-        ours = reading.mode == "offboard" or (
+        own_mode = reading.mode == "offboard" or (
             reading.mode == "hold" and reading.mode_source not in ("pilot", "failsafe", "station")
         )
-        if not ours or reading.on_ground:
+        if not own_mode or reading.on_ground:
             self._taken_over(reading)
         elif action == "continue":
-            self._tell("link_back", "The link was lost and is back: continuing.")
+            self._notify("link_back", "The link was lost and is back: continuing.")
             self._begin_part(now_s, reading)
         else:
             self._act(action, "The link was lost and is back", reading)
@@ -351,10 +359,10 @@ class Runner(Ending):
         """Executes the mission's action for a problem; a landing always continues."""
         if action == "pause":
             self.flight.paused = True
-            self._tell("control_taken", f"{why}: paused.", warning=True)
+            self._notify("control_taken", f"{why}: paused.", warning=True)
             return
         if action == "continue" or isinstance(self._part, LandPart):
-            self._tell("continued", f"{why}: continuing.", warning=True)
+            self._notify("continued", f"{why}: continuing.", warning=True)
             return
         if reading.on_ground and not reading.armed:
             self._suspend(why)
@@ -362,20 +370,20 @@ class Runner(Ending):
         if missing_estimate(self.flight, reading, ("position",)) is not None:
             action = "land"
         self._suspend(f"{why}: {NAME_OF[action]}")
-        self._out.append(SetMode(MODE_OF[action]))
+        self._requests.append(SetMode(MODE_OF[action]))
 
     def _payload_failed(self, request: Request, text: str) -> None:
         what = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
-        if what not in self._payload_told:
-            self._payload_told.add(what)
-            self._tell("payload", f"{what}: {text}. The mission continues.", warning=True)
+        if what not in self._reported_payload_failures:
+            self._reported_payload_failures.add(what)
+            self._notify("payload", f"{what}: {text}. The mission continues.", warning=True)
 
     def _in_charge(self, what: str) -> Part:
         self._require_not_over(what)
         if self._part is None or self._suspended:
-            raise CannotDo("it does not fly the vehicle now", "Resume it first.")
+            raise CannotDo("the mission does not fly the vehicle now", "Resume it first.")
         return self._part
 
     def _require_not_over(self, what: str) -> None:
-        if self._over is not None:
-            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it anew.")
+        if self._final_state is not None:
+            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it again.")

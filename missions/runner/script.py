@@ -1,6 +1,6 @@
-"""What the streams' process needs to fly a stretch of a mission: segments, and how they are steered.
+"""Messages to the stream process: the segments to fly, and how to play them.
 
-Plain frozen values, handed over once; the rest is appended while the vehicle flies.
+Frozen values; the first segments are sent at once, later segments are appended during the flight.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from missions.setpoints import Estimate
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How hard the vehicle may brake and speed up along its path when a mission is paused and resumed."""
+    """Limits for braking and accelerating along the path when a mission is paused and resumed."""
 
     acceleration_m_s2: float = 3.0
     """Horizontal."""
@@ -26,32 +26,32 @@ class Pace:
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """Segments that are flown one after the other without leaving Offboard."""
+    """Segments that are flown in order without leaving Offboard."""
 
     type: ClassVar[str] = "mission"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
     name: str
-    """Of the mission."""
+    """Name of the mission."""
     segments: tuple[Segment, ...]
     begin_s: float = 0.0
-    """Where in the first segment the flight begins: a mission that is resumed goes on there."""
+    """Time in the first segment at which the flight starts; not 0 when a mission is resumed."""
     approach: CurveSegment | None = None
-    """Flown before the first segment: from where the vehicle is to where the segment begins."""
+    """Flown before the first segment, from the vehicle's position to the start of the segment."""
     pace: Pace = Pace()
     number: int = 0
-    """Tells a mission's scripts apart."""
+    """Number of the script in the mission."""
     fence: FenceArea | None = None
-    """The mission's own geofence, which a detour around an obstacle keeps to."""
+    """The mission's own geofence, which also limits detours around obstacles."""
 
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """How a script is flown from now on."""
+    """How to play a script from now on."""
 
     paused: bool = False
-    """Stand still on the path."""
+    """Stop on the path."""
     go_past: int = 0
-    """Waits before this index of the script are over."""
+    """Waits before this segment index have ended."""
     appended: tuple[Segment, ...] = ()
     """Segments added to the end of the script."""
 
@@ -61,20 +61,20 @@ class Played:
     """How far a script has been flown."""
 
     number: int = 0
-    """Of the script."""
+    """Number of the script."""
     index: int = 0
-    """Of the segment that is flown; as many as there are segments: all are flown, the end is held."""
+    """Index of the current segment; equal to the number of segments: all are flown, the end is held."""
     t_s: float = 0.0
-    """The mission's own time since that segment began; it stands still while paused."""
+    """Mission time since the start of the segment; it stops while paused."""
     rate: float = 1.0
-    """Of the mission's time to real time: 1 flies as planned, 0 stands still."""
+    """Rate of mission time: 1 is as planned, 0 is stopped."""
     approaching: bool = False
-    """It flies to where the first segment begins."""
+    """Flies to the start of the first segment."""
     waiting: bool = False
-    """It holds at a wait that is not over."""
+    """Holds at a wait that has not ended."""
     diverted: bool = False
-    """A velocity or attitude was interrupted: the vehicle holds where it has stopped, off its path."""
+    """A velocity or attitude was interrupted; the vehicle holds where it stopped, away from its path."""
     position_ned_m: Vector3 | None = None
-    """The position that is sent; None while none is."""
+    """The position setpoint; None: no position is sent."""
     held_back: bool = False
-    """The vehicle is too far behind on its path: the mission's own time waits for it."""
+    """The vehicle is too far behind on its path, so mission time has stopped."""

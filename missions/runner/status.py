@@ -1,4 +1,4 @@
-"""What the runner answers: how the mission stands, or why a request is not possible now."""
+"""The status of a mission, and the error of a request that is not possible now."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 class CannotDo(Exception):
-    """A person's request that is not possible now.
+    """A request of a client that is not possible now.
 
     Attributes:
         remedy: what to do.
@@ -19,23 +19,23 @@ class CannotDo(Exception):
 
 @dataclass(frozen=True, slots=True)
 class RunnerStatus:
-    """How the mission stands."""
+    """Status of a mission."""
 
     state: str
     """ready, taking_off, starting, flying, waiting, pausing, paused, landing, suspended, done, aborted,
-    stopped. `suspended`: not in charge, to be resumed by a person; the last three are over."""
+    stopped. `suspended`: not in charge until an operator resumes it; the last three are final."""
     place: str | None
-    """Which step: "step 3", "step 4.2"."""
+    """Current step: "step 3", "step 4.2"."""
     title: str | None
     step: int | None
     """Index of the segment, from 0."""
     remaining_s: float | None
-    """By plan, on the longest way."""
+    """Planned remaining time of the longest path."""
     deviation_m: float | None
-    """From the position that is sent."""
+    """Distance from the position setpoint."""
     outside_corridor_m: float | None
-    """How far it is outside the dry run's corridor, 0 inside; None: none was given."""
+    """Distance outside the dry run's corridor, 0 inside; None: no corridor was given."""
     question: str | None
-    """What a person is asked."""
+    """The question to the pilot."""
     reason: str | None
-    """Why it is suspended or over."""
+    """Why the mission is suspended or has ended."""

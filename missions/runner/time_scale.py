@@ -12,7 +12,7 @@ from missions.frames import Vector3
 from missions.runner.script import Pace
 
 MAX_RATE_CHANGE = 1.0
-"""Largest change of the rate [1/s], which a slow vehicle also keeps."""
+"""Largest change of the rate [1/s], for slow vehicles too."""
 MAX_RATE_JERK = 4.0
 """Largest change of that change [1/s²]."""
 BRAKING = 1.1
@@ -63,8 +63,8 @@ class TimeScale:
             return
         speed = max(math.hypot(*velocity), 1e-6)
         jerk = min(MAX_RATE_JERK, self.pace.jerk_m_s3 / speed)
-        most = min(MAX_RATE_CHANGE, self.pace.acceleration_m_s2 / speed)
-        wanted = math.copysign(min(most, math.sqrt(2.0 * MARGIN * jerk * abs(gap))), gap)
+        limit = min(MAX_RATE_CHANGE, self.pace.acceleration_m_s2 / speed)
+        wanted = math.copysign(min(limit, math.sqrt(2.0 * MARGIN * jerk * abs(gap))), gap)
         change = min(max(wanted, self.change - jerk * dt_s), self.change + jerk * dt_s)
         low, high = self._change_bounds(velocity, acceleration)
         self.change = min(max(change, low), high)
@@ -83,11 +83,11 @@ class TimeScale:
         across = (math.hypot(velocity[0], velocity[1]), n * velocity[0] + e * velocity[1], math.hypot(n, e))
         upward = (abs(velocity[2]), d * velocity[2], abs(d))
         limits = (self.pace.acceleration_m_s2, self.pace.vertical_acceleration_m_s2)
-        for (speed, along, flown), most in zip((across, upward), limits, strict=True):
+        for (speed, along, flown), limit in zip((across, upward), limits, strict=True):
             if speed > 1e-6:
-                most = max(most, flown)
-                slower = math.hypot(along, speed * math.sqrt((BRAKING * most) ** 2 - flown**2))
-                faster = math.hypot(along, speed * math.sqrt(most**2 - flown**2))
+                limit = max(limit, flown)
+                slower = math.hypot(along, speed * math.sqrt((BRAKING * limit) ** 2 - flown**2))
+                faster = math.hypot(along, speed * math.sqrt(limit**2 - flown**2))
                 low = max(low, (-along - slower) / speed**2)
                 high = min(high, (-along + faster) / speed**2)
         return low, high

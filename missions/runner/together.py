@@ -1,7 +1,8 @@
-"""The runners of one mission of several vehicles: they leave each meeting together, and end together.
+"""Coordinates the runners of a mission of several vehicles: they leave each meeting together, and end
+together.
 
-Each role's runner flies its own vehicle. This looks at all of them after each has looked at its own: where
-one has left the mission early, all others hold and the mission is over; where one is paused, all are.
+Each role's runner flies its own vehicle. `Together` is updated after all runners. If one vehicle leaves the
+mission early, all others hold and the mission ends. If one is paused, all are paused.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from missions.runner.runner import Runner
 from missions.runner.status import CannotDo
 
 Requests = dict[str, list[Request]]
-"""By role."""
+"""Requests of each runner, by role."""
 
 
 class Together:
     """All roles of one mission.
 
     Args:
-        runners: by role.
+        runners: the runners, by role.
     """
 
     def __init__(self, runners: Mapping[str, Runner]) -> None:
@@ -29,21 +30,21 @@ class Together:
 
     @property
     def over(self) -> bool:
-        """Whether no role flies any more."""
+        """Whether all roles have ended."""
         return all(runner.over for runner in self.runners.values())
 
     def start(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
-        """Begins all, which wait for each other at their common start.
+        """Starts all roles; they wait for each other at their common start.
 
         Raises:
-            CannotDo: One cannot; then none begins.
+            CannotDo: One role cannot start; then none starts.
         """
         for role, runner in self.runners.items():
-            self._or_say_who(role, runner.require_startable, readings[role])
+            self._check_role(role, runner.require_startable, readings[role])
         return {role: runner.start(now_s, readings[role]) for role, runner in self.runners.items()}
 
     def look(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
-        """What is to be done beyond what each runner asks for."""
+        """Requests in addition to those of each runner."""
         left = {role: why for role, runner in self.runners.items() if (why := runner.left_early) is not None}
         if left:
             role, why = next(iter(left.items()))
@@ -51,38 +52,38 @@ class Together:
         flying = {role: runner for role, runner in self.runners.items() if not runner.over}
         if any(runner.paused for runner in flying.values()):
             return self._pause(now_s, readings, "The pause of another vehicle")
-        stretches = [runner.stretch for runner in self.runners.values()]
-        come = [part for part in stretches if part is not None and part.meeting is not None]
-        if len(come) == len(stretches) and len({part.meeting for part in come}) == 1:
-            for part in come:
+        parts = [runner.setpoint_part for runner in self.runners.values()]
+        arrived = [part for part in parts if part is not None and part.meeting is not None]
+        if len(arrived) == len(parts) and len({part.meeting for part in arrived}) == 1:
+            for part in arrived:
                 part.leave_meeting()
         return {}
 
     def stop(self, readings: Mapping[str, Reading], reason: str) -> Requests:
-        """All that still fly hold, and the mission is over."""
+        """Ends the mission; the vehicles that still fly hold."""
         return {role: runner.stop(readings[role], reason) for role, runner in self.runners.items()}
 
     # --- what people ask for ----------------------------------------------------------------------
 
     def pause(self, now_s: float, readings: Mapping[str, Reading], by: str) -> Requests:
-        """Pauses all.
+        """Pauses all roles.
 
         Raises:
-            CannotDo: The mission is over.
+            CannotDo: The mission has ended.
         """
         self._require_not_over("pause")
         return self._pause(now_s, readings, by)
 
     def resume(self, now_s: float, readings: Mapping[str, Reading], by: str) -> Requests:
-        """Resumes all.
+        """Resumes all roles.
 
         Raises:
-            CannotDo: One cannot; then none is resumed.
+            CannotDo: One role cannot be resumed; then none is.
         """
         self._require_not_over("resume")
         for role, runner in self.runners.items():
             if not runner.over:
-                self._or_say_who(role, runner.require_resumable, readings[role])
+                self._check_role(role, runner.require_resumable, readings[role])
         return {
             role: runner.resume(now_s, readings[role], by)
             for role, runner in self.runners.items()
@@ -90,10 +91,10 @@ class Together:
         }
 
     def abort(self, readings: Mapping[str, Reading], by: str, then: str) -> Requests:
-        """Ends it; the vehicles hold, or land where they are (`then`: hold, land).
+        """Aborts the mission; the vehicles hold, or land at their positions (`then`: hold, land).
 
         Raises:
-            CannotDo: The mission is over.
+            CannotDo: The mission has ended.
         """
         self._require_not_over("abort")
         return {
@@ -113,10 +114,10 @@ class Together:
 
     def _require_not_over(self, what: str) -> None:
         if self.over:
-            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it anew.")
+            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it again.")
 
     @staticmethod
-    def _or_say_who(role: str, check: Callable[[Reading], None], reading: Reading) -> None:
+    def _check_role(role: str, check: Callable[[Reading], None], reading: Reading) -> None:
         try:
             check(reading)
         except CannotDo as error:

@@ -1,4 +1,4 @@
-"""What a mission relies on while it flies: somebody in control, the battery, the estimates."""
+"""Checks during a mission: a client in control, the battery, the estimates."""
 
 from __future__ import annotations
 
@@ -11,59 +11,59 @@ from missions.setpoints import Estimate
 
 ESTIMATE_LOST_S = 1.0
 IN_FLIGHT: tuple[Estimate, ...] = ("position", "velocity", "heading")
-"""Estimates that are needed all the time; places on the earth are local ones by then."""
+"""Estimates that are needed during the whole flight; global positions are already converted to local ones."""
 
 
-def missing_estimate(flight: Flight, reading: Reading, wanted: tuple[Estimate, ...]) -> str | None:
-    """One of these that the mission needs and the vehicle does not have."""
+def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimate, ...]) -> str | None:
+    """The first of these estimates that the mission needs and the vehicle does not have."""
     if reading.estimates is None:
         return None
-    needed = (each for each in flight.needs if each in wanted)
+    needed = (each for each in flight.needs if each in candidates)
     return next((each.replace("_", " ") for each in needed if each not in reading.estimates), None)
 
 
 def who_took_over(reading: Reading) -> str:
-    """Who flies the vehicle instead of the mission, and how."""
+    """Text about who took the vehicle over from the mission, and with which mode."""
     name = (reading.mode or "another mode").capitalize()
     who = {
         "command": reading.mode_text or "A command",
-        "pilot": "The pilot",
+        "pilot": "The RC pilot",
         "failsafe": "The vehicle's failsafe",
         "station": "Another ground station",
-    }.get(reading.mode_source or "", "Somebody else (pilot, another station, or the vehicle itself)")
+    }.get(reading.mode_source or "", "Someone else (RC pilot, another station, or the vehicle itself)")
     return who if reading.mode_source == "command" else f"{who} switched to {name}"
 
 
 class FlightWatch:
-    """Of one mission.
+    """Checks one mission.
 
     Args:
-        flight: what is flown.
-        low_battery_share: below this the mission's action for low battery is taken.
+        flight: the flight to check.
+        low_battery_share: at or below this charge the mission's action for low battery is executed.
     """
 
     def __init__(self, flight: Flight, low_battery_share: float) -> None:
         self._flight = flight
         self._low_battery_share = low_battery_share
         self._owner: str | None = None
-        self._control_lost_told = self._low_battery_told = False
+        self._control_lost_reported = self._low_battery_reported = False
         self._estimate_lost_s: float | None = None
 
-    def answered_for(self, reading: Reading) -> None:
-        """Who has control now has started or resumed the mission."""
-        self._owner, self._control_lost_told = reading.holder, False
+    def set_owner(self, reading: Reading) -> None:
+        """Records the client in control, which has started or resumed the mission."""
+        self._owner, self._control_lost_reported = reading.holder, False
 
     def begin_part(self) -> None:
-        """Another part of the flight begins."""
+        """Resets the checks for a new part of the flight."""
         self._estimate_lost_s = None
 
     def look(self, now_s: float, reading: Reading, *, by_setpoints: bool) -> Iterator[Failure]:
-        """What is wrong now, one after the other; whoever acts on one may leave out the rest.
+        """Yields each current problem; the caller may stop after the first.
 
         Args:
             now_s: monotonic.
-            reading: the vehicle.
-            by_setpoints: whether it is flown by setpoints of ours, which need its estimates.
+            reading: the vehicle's state.
+            by_setpoints: whether the server's setpoints fly the vehicle, which requires its estimates.
         """
         yield from self._control(reading)
         yield from self._battery(reading)
@@ -76,19 +76,19 @@ class FlightWatch:
             return
         if holder is None:
             self._owner = None
-            if not self._control_lost_told:
-                self._control_lost_told = True
+            if not self._control_lost_reported:
+                self._control_lost_reported = True
                 yield Failure(self._flight.actions.control_lost, "No client has control")
             return
-        taken, self._owner = self._owner is not None, holder
-        self._control_lost_told = False
-        if taken:
+        control_changed, self._owner = self._owner is not None, holder
+        self._control_lost_reported = False
+        if control_changed:
             yield Failure("pause", f"{reading.holder_name or 'Another client'} has control now")
 
     def _battery(self, reading: Reading) -> Iterator[Failure]:
         share = reading.battery_share
-        if share is not None and share <= self._low_battery_share and not self._low_battery_told:
-            self._low_battery_told = True
+        if share is not None and share <= self._low_battery_share and not self._low_battery_reported:
+            self._low_battery_reported = True
             yield Failure(self._flight.actions.low_battery, f"Battery at {share:.0%}")
 
     def _estimates(self, now_s: float, reading: Reading) -> Iterator[Failure]:

@@ -1,7 +1,7 @@
-"""A trajectory that can be sampled at any moment: plain arrays without state, to be sent to another process.
+"""A trajectory that can be sampled at any time; arrays without state, which can be sent to another process.
 
-Position, velocity and acceleration are continuous; the jerk is limited and may jump. Yaw and yaw rate are
-continuous. It begins and ends at rest.
+Position, velocity, acceleration, yaw and yaw rate are continuous; the jerk is limited, but not continuous.
+The trajectory starts and ends at rest.
 """
 
 from __future__ import annotations
@@ -26,36 +26,38 @@ class Samples:
     velocity_ned_m_s: Array
     acceleration_ned_m_s2: Array
     yaw_ned_rad: Array
-    """(N,), without jumps of a whole turn."""
+    """(N,), without jumps of a full turn."""
     yaw_rate_ned_rad_s: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedCurve:
-    """A path of polynomial pieces and its parameter over time."""
+    """A path of polynomial pieces, and the path parameter as a function of time."""
 
     coefficients: Array
-    """(N, 6, 4): powers 0 to 5 of the share of a piece; north, east, down [m], yaw [rad]."""
+    """(N, 6, 4): coefficients of powers 0 to 5 of the fraction of a piece; north, east, down [m], yaw
+    [rad]."""
     begins: Array
-    """(N,) the path's parameter where each piece begins."""
+    """(N,) path parameter at the start of each piece."""
     spans: Array
-    """(N,) its length in the parameter."""
+    """(N,) length of each piece in the path parameter."""
     phase_start_s: Array
-    """(K,) phases of constant jerk of the parameter: their start …"""
+    """(K,) start time of each phase; the path parameter has constant jerk in a phase."""
     phase_parameter: Array
-    """… and there the parameter, its first and second derivative by time; the third throughout."""
+    """(K,) path parameter at the start of each phase, then its first and second time derivative; the jerk."""
     phase_speed: Array
     phase_acceleration: Array
     phase_jerk: Array
     duration_s: float
     length_m: float
-    """Along the path."""
+    """Length of the path."""
     point_times_s: tuple[float, ...]
-    """When it passes each point it was made of, or the middle of the bend there."""
+    """Time at which each given point is passed, or the middle of the bend at the point."""
     has_yaw: bool
 
     def at(self, t_s: float) -> Trajectory:
-        """The setpoint `t_s` after the start; before the start and after the end: that point, at rest."""
+        """The setpoint `t_s` after the start; before the start and after the end: the first or last point, at
+        rest."""
         ended = t_s >= self.duration_s
         if ended or t_s <= 0.0:
             u, v, a = (float(self.begins[-1] + self.spans[-1]) if ended else 0.0), 0.0, 0.0
@@ -90,8 +92,8 @@ class TimedCurve:
             first[3] * v if self.has_yaw else None,
         )
 
-    def many(self, times_s: Array) -> Samples:
-        """The same at many times at once."""
+    def sample(self, times_s: Array) -> Samples:
+        """The trajectory at many times; the same values as `at`."""
         t = np.clip(np.asarray(times_s, dtype=float), 0.0, self.duration_s)
         if len(self.phase_start_s):
             k = np.maximum(self.phase_start_s.searchsorted(t, side="right") - 1, 0)
@@ -114,7 +116,7 @@ class TimedCurve:
         return Samples(position[:, :3], velocity[:, :3], acceleration[:, :3], position[:, 3], velocity[:, 3])
 
     def time_at(self, parameter: float) -> float:
-        """When the path's parameter is passed [s]."""
+        """The time at which the path parameter is reached [s]."""
         if not len(self.phase_start_s) or parameter <= 0.0:
             return 0.0
         if parameter >= float(self.begins[-1] + self.spans[-1]):

@@ -1,6 +1,6 @@
-"""The yaw of a trajectory, as the fourth coordinate of its path: so its rate slows the flight where it must.
+"""The yaw of a trajectory, as the fourth coordinate of its path, so that the yaw rate can limit the speed.
 
-On each piece the yaw is a cubic that has the wanted heading and its change at both ends.
+On each piece the yaw is a cubic polynomial with the wanted heading and its derivative at both ends.
 """
 
 from __future__ import annotations
@@ -14,82 +14,84 @@ from missions.frames import Vector3
 from missions.trajectory.pieces import Array, Pieces
 
 PART_RAD = 0.2
-"""A piece is cut into parts over which the heading turns no more than this; it is met at the ends of each."""
+"""Largest heading change of one part of a piece; the yaw is exact at the ends of each part."""
 MAX_PARTS = 64
 MAX_HALVINGS = 16
 NEAREST_M = 0.5
-"""Over the ground; nearer to the point it looks at the vehicle keeps its heading."""
+"""Horizontal distance to the position to look at, below which the vehicle keeps its heading."""
 TURN_RAD = 1e-6
-"""Smaller differences need no turn on the spot."""
+"""Smaller heading differences need no turn on the spot."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlongPath:
-    """The nose along the horizontal direction of flight."""
+    """Heading along the horizontal direction of flight."""
 
     start_yaw_ned_rad: float | None = None
-    """The heading before a path that begins vertically."""
+    """The heading at the start of a path that starts vertically."""
 
 
 @dataclass(frozen=True, slots=True)
 class LookAt:
-    """The nose towards a place."""
+    """Heading towards a position."""
 
     position_ned_m: Vector3
 
 
 def through_points(pieces: Pieces, yaws: list[float | None]) -> Pieces:
-    """The yaws of the points, and between them the shorter way round with zero rate at each.
+    """The yaws of the points; between them the yaw turns in the shorter direction, with zero rate at each
+    point.
 
-    A point without a yaw lies between those of its neighbours; before the first and after the last yaw, and
-    within turns on the spot, it does not change.
+    A point without a yaw has an interpolated one. Before the first and after the last yaw the yaw is
+    constant.
     """
     ends = np.concatenate(([0.0], np.cumsum(pieces.spans)))
     known = [(float(ends[pieces.marks[k]]), yaw) for k, yaw in enumerate(yaws) if yaw is not None]
-    places = np.array([place for place, _ in known])
+    parameters = np.array([parameter for parameter, _ in known])
     values = np.unwrap(np.array([yaw for _, yaw in known]))
-    left, left_rate = _steps(places, values, ends[:-1], "right")
-    right, right_rate = _steps(places, values, ends[1:], "left")
+    left, left_rate = _steps(parameters, values, ends[:-1], "right")
+    right, right_rate = _steps(parameters, values, ends[1:], "left")
     return _with_yaw(pieces, left, left_rate, right, right_rate)
 
 
-def _steps(places: Array, values: Array, at: Array, side: str) -> tuple[Array, Array]:
-    """A cubic from each value to the next, flat at both: value and derivative."""
-    if len(places) == 1:
+def _steps(parameters: Array, values: Array, at: Array, side: str) -> tuple[Array, Array]:
+    """A cubic from each value to the next, with zero slope at both: value and derivative."""
+    if len(parameters) == 1:
         return np.full_like(at, values[0]), np.zeros_like(at)
-    k = np.clip(places.searchsorted(at, side=side) - 1, 0, len(places) - 2)  # type: ignore[arg-type]
-    width = places[k + 1] - places[k]
-    x = np.clip((at - places[k]) / width, 0.0, 1.0)
+    k = np.clip(parameters.searchsorted(at, side=side) - 1, 0, len(parameters) - 2)  # type: ignore[arg-type]
+    width = parameters[k + 1] - parameters[k]
+    x = np.clip((at - parameters[k]) / width, 0.0, 1.0)
     change = values[k + 1] - values[k]
     return values[k] + change * x * x * (3.0 - 2.0 * x), change * 6.0 * x * (1.0 - x) / width
 
 
 def along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
-    """The nose along the path; at stops it turns on the spot to the next direction."""
+    """Heading along the path; at stops the vehicle turns on the spot to the next direction."""
     first = pieces.derivative(1)
     level = (np.hypot(first[..., 0], first[..., 1]) > 1e-6 * np.abs(first[..., 2])).all(axis=1)
-    turns = np.where(level, _turned(np.arctan2(first[..., 1], first[..., 0])), 0.0)
+    turns = np.where(level, _total_turn(np.arctan2(first[..., 1], first[..., 0])), 0.0)
     pieces = pieces.split(_parts(turns))
     (left, left_rate), (right, right_rate) = (
         _direction(first, second) for first, second in zip(pieces.ends(1), pieces.ends(2), strict=True)
     )
-    return _turning(pieces, left, left_rate, right, right_rate, heading.start_yaw_ned_rad)
+    return _with_turns(pieces, left, left_rate, right, right_rate, heading.start_yaw_ned_rad)
 
 
 def look_at(pieces: Pieces, heading: LookAt) -> Pieces:
-    """The nose towards a place; where the path passes over the place the nose turns within a metre or so."""
+    """Heading towards a position; if the path passes over it, the vehicle turns within about a metre."""
     north, east, _ = heading.position_ned_m
     for _ in range(MAX_HALVINGS):
         n, e = north - pieces.points[..., 0], east - pieces.points[..., 1]
         over = np.minimum(np.hypot(n, e)[:, 0], np.hypot(n, e)[:, -1]) < NEAREST_M
-        wide = ((_turned(np.arctan2(e, n)) > PART_RAD) | over) & (pieces.spans > 2.0 * NEAREST_M)
+        wide = ((_total_turn(np.arctan2(e, n)) > PART_RAD) | over) & (pieces.spans > 2.0 * NEAREST_M)
         if not wide.any():
             break
         pieces = pieces.split(np.where(wide, 2, 1))
     (left, left_rate), (right, right_rate) = (
-        _bearing(place, first, heading) for place, first in zip(pieces.ends(0), pieces.ends(1), strict=True)
+        _bearing(position, first, heading)
+        for position, first in zip(pieces.ends(0), pieces.ends(1), strict=True)
     )
-    return _turning(pieces, left, left_rate, right, right_rate, None)
+    return _with_turns(pieces, left, left_rate, right, right_rate, None)
 
 
 def _direction(first: Array, second: Array) -> tuple[Array, Array]:
@@ -101,16 +103,16 @@ def _direction(first: Array, second: Array) -> tuple[Array, Array]:
     return np.where(level, np.arctan2(e, n), np.nan), np.where(level, rate, 0.0)
 
 
-def _bearing(place: Array, first: Array, heading: LookAt) -> tuple[Array, Array]:
-    n, e = heading.position_ned_m[0] - place[:, 0], heading.position_ned_m[1] - place[:, 1]
+def _bearing(position: Array, first: Array, heading: LookAt) -> tuple[Array, Array]:
+    n, e = heading.position_ned_m[0] - position[:, 0], heading.position_ned_m[1] - position[:, 1]
     size = n**2 + e**2
     far = size >= NEAREST_M**2
     rate = (e * first[:, 0] - n * first[:, 1]) / np.where(far, size, 1.0)
     return np.where(far, np.arctan2(e, n), np.nan), np.where(far, rate, 0.0)
 
 
-def _turned(bearings: Array) -> Array:
-    """How far a direction turns over each piece, from its control points (N, 6 or 5) [rad]."""
+def _total_turn(bearings: Array) -> Array:
+    """Total change of a direction over each piece, from its control points (N, 6 or 5) [rad]."""
     return np.abs(np.diff(np.unwrap(bearings, axis=1), axis=1)).sum(axis=1)
 
 
@@ -118,10 +120,11 @@ def _parts(turns_rad: Array) -> NDArray[np.int64]:
     return np.clip(np.ceil(turns_rad / PART_RAD), 1, MAX_PARTS).astype(np.int64)
 
 
-def _turning(
+def _with_turns(
     pieces: Pieces, left: Array, left_rate: Array, right: Array, right_rate: Array, start: float | None
 ) -> Pieces:
-    """With turns on the spot where a stop joins two headings; an unknown heading is the one before it."""
+    """Adds turns on the spot at stops between two headings; an undefined heading is that of the previous
+    piece."""
     both = np.stack((left, right), axis=1).ravel()
     known = ~np.isnan(both)
     if start is not None and not known[:1].any():
@@ -150,16 +153,16 @@ def _turning(
 
 
 def _with_yaw(pieces: Pieces, left: Array, left_rate: Array, right: Array, right_rate: Array) -> Pieces:
-    """A cubic of yaw over each piece, in the piece's own form."""
+    """Adds a cubic of yaw to each piece, as control points."""
     third = pieces.spans / 3.0
     cubic = (left, left + left_rate * third, right - right_rate * third, right)
     points = pieces.points.copy()
-    points[:, :, 3] = _raised(np.stack(cubic, axis=1))
+    points[:, :, 3] = _elevated(np.stack(cubic, axis=1))
     return Pieces(points, pieces.spans, pieces.stops, pieces.marks)
 
 
-def _raised(control: Array) -> Array:
-    """Control points of the same polynomial at degree five; from degree three."""
+def _elevated(control: Array) -> Array:
+    """Degree elevation: control points of the same polynomial with degree five."""
     while control.shape[1] < 6:
         count = control.shape[1]
         share = np.arange(count + 1) / count

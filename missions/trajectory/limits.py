@@ -12,24 +12,24 @@ from missions.vehicle import GRAVITY_M_S2
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """Limits that a trajectory never exceeds; the defaults are PX4 v1.16's (parameter names beside)."""
+    """Limits that a trajectory never exceeds; the defaults are those of the PX4 v1.16 parameters."""
 
     speed_m_s: float = 12.0  # MPC_XY_VEL_MAX
-    """Over the ground."""
+    """Horizontal speed."""
     climb_m_s: float = 3.0  # MPC_Z_VEL_MAX_UP
     descent_m_s: float = 1.5  # MPC_Z_VEL_MAX_DN
     acceleration_m_s2: float = 3.0  # MPC_ACC_HOR
-    """Horizontal."""
+    """Horizontal acceleration."""
     acceleration_up_m_s2: float = 4.0  # MPC_ACC_UP_MAX
     acceleration_down_m_s2: float = 3.0  # MPC_ACC_DOWN_MAX
     jerk_m_s3: float = 4.0  # MPC_JERK_AUTO
-    """Length of the vector."""
+    """Magnitude of the jerk vector."""
     tilt_rad: float = math.radians(45.0)  # MPC_TILTMAX_AIR
     yaw_rate_rad_s: float = math.radians(45.0)  # MPC_YAWRAUTO_MAX
     yaw_acceleration_rad_s2: float = math.radians(60.0)  # MPC_YAWRAUTO_ACC
 
     def __post_init__(self) -> None:
-        """Refuses what is no limit.
+        """Checks each limit.
 
         Raises:
             PlanError: A limit is not finite, not positive, or the tilt is not below 90°.
@@ -44,29 +44,29 @@ class MotionLimits:
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, float]) -> MotionLimits:
-        """With the vehicle's own values, where it has them and they are finite and positive."""
-        found: dict[str, float] = {}
+        """Uses the vehicle's parameters that are finite and positive, otherwise the defaults."""
+        values: dict[str, float] = {}
         for field, name in PARAMETERS.items():
             value = parameters.get(name, math.nan)
             value = math.radians(value) if field.endswith(("_rad", "_rad_s", "_rad_s2")) else value
             if 1e-3 <= value <= 1e4:
-                found[field] = min(value, math.radians(89.0)) if field == "tilt_rad" else value
-        return cls(**found)
+                values[field] = min(value, math.radians(89.0)) if field == "tilt_rad" else value
+        return cls(**values)
 
     @property
     def vertical_acceleration_m_s2(self) -> float:
-        """Up and down alike: the smaller of the two limits."""
+        """The smaller of the limits upwards and downwards."""
         return min(self.acceleration_up_m_s2, self.acceleration_down_m_s2)
 
     @property
     def horizontal_acceleration_m_s2(self) -> float:
-        """The limit itself, or what the tilt allows while the vehicle accelerates downwards at its limit."""
+        """The smaller of the limit and of what the tilt allows while the vehicle accelerates downwards."""
         lift_m_s2 = GRAVITY_M_S2 - min(self.vertical_acceleration_m_s2, 0.9 * GRAVITY_M_S2)
         return min(self.acceleration_m_s2, lift_m_s2 * math.tan(self.tilt_rad))
 
     @property
     def yaw_jerk_rad_s3(self) -> float:
-        """The yaw acceleration builds up in a quarter of a second: a yaw that jumps is not flown."""
+        """Yaw jerk that reaches the yaw acceleration limit in a quarter of a second."""
         return 4.0 * self.yaw_acceleration_rad_s2
 
 

@@ -1,4 +1,4 @@
-"""Points as straight legs with rounded corners, or as one smooth curve through all of them."""
+"""Paths through points: straight legs with rounded corners, or one smooth curve."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from missions.trajectory.pieces import Array, Pieces, hermite
 from missions.trajectory.points import SAME_POINT_M, PassPoint
 
 REVERSAL = math.cos(math.radians(170.0))
-"""Sharper turns are stops: a bend there would be all but a cusp."""
+"""The vehicle stops at sharper turns, because a bend would be nearly a cusp."""
 STRAIGHT = 1e-9
-"""Directions this near to each other make no corner."""
+"""Smaller changes of direction are no corner."""
 SHORTEST_CORNER_M = 0.01
 BEND = 0.1
-"""Where the third control point of a bend lies, as a share of its cut; 0.1 lost least time over bends of 30°
-to 150°, both with a given corner and with a given cut."""
+"""Position of the third control point of a bend, as a fraction of its cut. 0.1 gave the shortest flight times
+for bends of 30° to 150°."""
 NEAR = (1.0 + BEND) / 2.0
-"""The second control point: halfway, so that the curvature begins at zero."""
+"""The second control point is halfway, so that the curvature starts at zero."""
 DEVIATION = (1.0 + 5.0 * NEAR + 10.0 * BEND) / 32.0
-"""Distance of a bend's middle from the corner, by its cut and the difference of the directions."""
+"""Distance of a bend's middle from the corner, divided by its cut and by the difference of the directions."""
 PARTS = 4
-"""Of each leg of a smooth curve, each with its own ceiling of speed."""
+"""Parts of each leg of a smooth curve; each part has its own speed limit."""
 
 
 def straight(points: Sequence[PassPoint]) -> Pieces:
-    """Straight legs; each corner is cut at most so far that the bend passes the point within `corner_m`.
+    """Straight legs with rounded corners; each bend passes its point within `corner_m`.
 
-    Points at one place (made by `merge_same`) become a turn on the spot; its yaw is filled in later.
+    Points at the same position (made by `merge_same`) become a turn on the spot; its yaw is set later.
     """
     where = np.array([point.position_ned_m for point in points])
     steps = np.diff(where, axis=0)
@@ -40,13 +40,13 @@ def straight(points: Sequence[PassPoint]) -> Pieces:
     cuts, stops = _corners(points, directions, sizes, moves)
     controls: list[Array] = []
     spans: list[float] = []
-    halts = [True]
+    stops_at = [True]
     marks = [0]
 
     def add(points_3: Array, span: float, halt: bool) -> None:
         controls.append(points_3)
         spans.append(span)
-        halts.append(halt)
+        stops_at.append(halt)
 
     share = np.linspace(0.0, 1.0, 6)[:, None]
     for leg in range(len(sizes)):
@@ -69,13 +69,13 @@ def straight(points: Sequence[PassPoint]) -> Pieces:
             add(right, span / 2.0, False)
         else:
             marks.append(len(spans))
-    return _pieces(controls, spans, halts, marks)
+    return _pieces(controls, spans, stops_at, marks)
 
 
 def _corners(
     points: Sequence[PassPoint], directions: Array, sizes: Array, moves: NDArray[np.bool_]
 ) -> tuple[list[float], list[bool]]:
-    """How much of its legs each corner takes [m], and where the vehicle stops."""
+    """The length that each corner cuts off its legs [m], and whether the vehicle stops there."""
     cuts, stops = [0.0] * len(points), [True] * len(points)
     for k in range(1, len(points) - 1):
         difference = float(np.sqrt(((directions[k] - directions[k - 1]) ** 2).sum()))
@@ -92,7 +92,7 @@ def _corners(
 
 
 def _halves(control: Array) -> tuple[Array, Array]:
-    """De Casteljau's construction at the middle."""
+    """Splits a curve in the middle, by De Casteljau's algorithm."""
     left, right = [control[0]], [control[-1]]
     while len(control) > 1:
         control = (control[:-1] + control[1:]) / 2.0
@@ -104,11 +104,12 @@ def _halves(control: Array) -> tuple[Array, Array]:
 def smooth(points: Sequence[PassPoint]) -> Pieces:
     """One curve exactly through all points: a cubic spline over chord length from stop to stop.
 
-    Its second derivative is continuous, and zero at stops. It swings out of the straight legs.
+    Its second derivative is continuous, and zero at stops. The curve leaves the straight lines between
+    points.
     """
     controls: list[Array] = []
     spans: list[float] = []
-    halts = [True]
+    stops_at = [True]
     marks = [0]
     start = 0
     while start < len(points) - 1:
@@ -117,7 +118,7 @@ def smooth(points: Sequence[PassPoint]) -> Pieces:
         if math.dist(points[start].position_ned_m, points[end].position_ned_m) < SAME_POINT_M:
             controls.append(np.repeat(here[None], 6, axis=0))
             spans.append(1.0)
-            halts.append(True)
+            stops_at.append(True)
             marks.append(len(spans))
             start = end
             continue
@@ -133,15 +134,15 @@ def smooth(points: Sequence[PassPoint]) -> Pieces:
         right = np.stack((where[1:], first_end, second[1:]), axis=1)
         controls += list(hermite(left, right, h))
         spans += h.tolist()
-        halts += [False] * (len(h) - 1) + [True]
+        stops_at += [False] * (len(h) - 1) + [True]
         marks += range(marks[-1] + 1, marks[-1] + len(h) + 1)
         start = end
-    whole = _pieces(controls, spans, halts, marks)
+    whole = _pieces(controls, spans, stops_at, marks)
     return whole.split(np.full(len(spans), PARTS))
 
 
 def _spline(where: Array, h: Array) -> Array:
-    """The second derivatives of the natural cubic spline (tridiagonal system, solved forwards and back)."""
+    """The second derivatives of the natural cubic spline (solves the tridiagonal system)."""
     count = len(where)
     second = np.zeros_like(where)
     if count < 3:
@@ -160,7 +161,7 @@ def _spline(where: Array, h: Array) -> Array:
     return second
 
 
-def _pieces(controls: list[Array], spans: list[float], halts: list[bool], marks: list[int]) -> Pieces:
+def _pieces(controls: list[Array], spans: list[float], stops_at: list[bool], marks: list[int]) -> Pieces:
     points = np.zeros((len(controls), 6, 4))
     points[:, :, :3] = np.array(controls)
-    return Pieces(points, np.array(spans), np.array(halts), np.array(marks))
+    return Pieces(points, np.array(spans), np.array(stops_at), np.array(marks))

@@ -1,9 +1,9 @@
-"""A path as polynomial pieces, and bounds of its derivatives that hold everywhere, not only at samples.
+"""A path as polynomial pieces, and bounds of its derivatives that are valid everywhere, not only at samples.
 
-Each piece is of degree five in Bernstein form, with four coordinates: north, east, down [m] and yaw [rad].
-Its parameter runs from 0 to `spans`, roughly the metres along the path. A polynomial lies within the hull of
-its control points, so the longest control point of a derivative bounds it (G. Farin, Curves and Surfaces for
-CAGD, chapter 5); each piece is cut in four first, which makes the bounds tight.
+Each piece has degree five in Bernstein form, with four coordinates: north, east, down [m] and yaw [rad]. Its
+parameter is 0 to `spans`, roughly the distance along the path in metres. A polynomial is inside the convex
+hull of its control points, so the longest control point of a derivative is an upper bound (G. Farin, Curves
+and Surfaces for CAGD, chapter 5). Each piece is first cut in four, which makes the bounds tighter.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 DEGREE = 5
 CUTS = 4
-"""Parts of a piece for bounds."""
+"""Number of parts of a piece for the bounds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """N pieces, one after the other."""
+    """N successive pieces."""
 
     points: Array
     """Control points, (N, 6, 4)."""
     spans: Array
-    """Length of each piece in the path's parameter, (N,)."""
+    """Length of each piece in the path parameter, (N,)."""
     stops: NDArray[np.bool_]
-    """Where the vehicle stands still, (N + 1,): before each piece and after the last."""
+    """Whether the vehicle stops before each piece, and after the last one, (N + 1,)."""
     marks: NDArray[np.int64]
-    """Of each point that the path was made of: the index of its place between pieces, 0 to N."""
+    """For each given point, its index between the pieces, 0 to N."""
 
     def split(self, counts: NDArray[np.int64]) -> Pieces:
         """The same path with piece n cut into `counts[n]` equal parts."""
@@ -50,12 +50,13 @@ class Pieces:
         return Pieces(points, (self.spans / counts)[owner], stops, first[self.marks])
 
     def ends(self, order: int) -> tuple[Array, Array]:
-        """Position (0) or derivative by the parameter (1, 2) at the start and end of each piece, (N, 4)."""
+        """Position (order 0) or derivative by the path parameter (1, 2) at start and end of each piece, (N,
+        4)."""
         points = self.derivative(order)
         return points[:, 0], points[:, -1]
 
     def derivative(self, order: int) -> Array:
-        """Control points of a derivative by the path's parameter, (N, 6 - order, 4)."""
+        """Control points of a derivative by the path parameter, (N, 6 - order, 4)."""
         points = self.points
         for done in range(order):
             points = np.diff(points, axis=1) * ((DEGREE - done) / self.spans)[:, None, None]
@@ -64,21 +65,21 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """Upper bounds of each piece's derivatives by the path's parameter; all (N,)."""
+    """Upper bounds of each piece's derivatives by the path parameter; all (N,)."""
 
     across: tuple[Array, Array, Array]
-    """First, second and third derivative over the ground."""
+    """First, second and third derivative, horizontal."""
     up: Array
     """First derivative upwards."""
     down: Array
     vertical: tuple[Array, Array, Array]
     space: tuple[Array, Array, Array]
-    """The vector of all three axes."""
+    """Magnitude of the vector of all three axes."""
     yaw: tuple[Array, Array, Array]
 
     @classmethod
     def of(cls, pieces: Pieces) -> Bounds:
-        """For all pieces."""
+        """The bounds of all pieces."""
         hulls = [_refined(pieces.derivative(order)) for order in (1, 2, 3)]
         across, vertical, space, yaw = (
             (measure(hulls[0]), measure(hulls[1]), measure(hulls[2]))
@@ -113,7 +114,7 @@ def _refined(points: Array) -> Array:
 
 @functools.cache
 def _part(degree: int, start: float, end: float) -> Array:
-    """The matrix that gives the control points of a polynomial between two parameters (blossoming)."""
+    """The matrix for the control points of a polynomial between two parameters (blossoming)."""
     matrix = np.zeros((degree + 1, degree + 1))
     for row in range(degree + 1):
         blossom = np.eye(degree + 1)
@@ -125,7 +126,7 @@ def _part(degree: int, start: float, end: float) -> Array:
 
 
 def power_basis(pieces: Pieces) -> Array:
-    """Coefficients (N, 6, 4) of powers 0 to 5 of the share of a piece, 0 to 1."""
+    """Coefficients (N, 6, 4) of powers 0 to 5 of the fraction of a piece, 0 to 1."""
     matrix = np.zeros((DEGREE + 1, DEGREE + 1))
     for power in range(DEGREE + 1):
         for index in range(power + 1):
@@ -134,7 +135,7 @@ def power_basis(pieces: Pieces) -> Array:
 
 
 def hermite(start: Array, end: Array, spans: Array) -> Array:
-    """Control points (N, 6, D) that have value, first and second derivative (N, 3, D) at both ends."""
+    """Control points (N, 6, D) from value, first and second derivative (N, 3, D) at both ends."""
     h = spans[:, None]
     return np.stack(
         (

@@ -1,4 +1,4 @@
-"""The points that a trajectory passes, checked."""
+"""The points that a trajectory passes, and their checks."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class PassPoint:
 
     position_ned_m: Vector3
     yaw_ned_rad: float | None = None
-    """Heading at the point; None: interpolated between the points before and after."""
+    """Heading at the point; None: interpolated between the points previous and after."""
     stop: bool = False
     """Whether the vehicle stops exactly at the point."""
     corner_m: float = 1.0
-    """Largest distance of a bend from the point, with straight legs; 0, or if that is faster: a stop."""
+    """Largest distance of a bend from the point; 0: stop at the point. A slow bend also becomes a stop."""
 
 
 def check_points(points: Sequence[PassPoint]) -> None:
@@ -64,15 +64,15 @@ def merge_same(points: Sequence[PassPoint]) -> tuple[list[PassPoint], list[int]]
     merged_index: list[int] = []
     for point in points:
         if kept and math.dist(kept[-1].position_ned_m, point.position_ned_m) < SAME_POINT_M:
-            before = kept[-1]
-            if before.yaw_ned_rad is None or point.yaw_ned_rad in (None, before.yaw_ned_rad):
-                yaw = before.yaw_ned_rad if point.yaw_ned_rad is None else point.yaw_ned_rad
-                corner_m = min(before.corner_m, point.corner_m)
-                kept[-1] = PassPoint(before.position_ned_m, yaw, before.stop or point.stop, corner_m)
+            previous = kept[-1]
+            if previous.yaw_ned_rad is None or point.yaw_ned_rad in (None, previous.yaw_ned_rad):
+                yaw = previous.yaw_ned_rad if point.yaw_ned_rad is None else point.yaw_ned_rad
+                corner_m = min(previous.corner_m, point.corner_m)
+                kept[-1] = PassPoint(previous.position_ned_m, yaw, previous.stop or point.stop, corner_m)
                 merged_index.append(len(kept) - 1)
                 continue
-            point = PassPoint(before.position_ned_m, point.yaw_ned_rad, True, 0.0)
-            kept[-1] = PassPoint(before.position_ned_m, before.yaw_ned_rad, True, 0.0)
+            point = PassPoint(previous.position_ned_m, point.yaw_ned_rad, True, 0.0)
+            kept[-1] = PassPoint(previous.position_ned_m, previous.yaw_ned_rad, True, 0.0)
         kept.append(point)
         merged_index.append(len(kept) - 1)
     return kept, merged_index

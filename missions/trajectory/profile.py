@@ -1,12 +1,11 @@
-"""How fast a path is flown: speed along its parameter, within all limits, from stop to stop.
+"""The speed profile of a path: speed along its parameter, within all limits, from stop to stop.
 
-The path is cut into zones. Within a zone the speed has one ceiling, one acceleration and one jerk that keep
-every limit of the vehicle at every place of the zone; at its ends the acceleration is zero. The speeds
-between zones are the highest from which the vehicle can still slow down (one pass backwards) and which it
-can reach (one pass forwards). On a straight leg between two stops that is the jerk-limited optimum itself.
-
-How much of the acceleration and jerk a bend may use, and which pieces make a zone, is tried in several ways
-(`WAYS`); between every two stops the fastest counts.
+The path is divided into zones. Each zone has one maximum speed, one acceleration and one jerk, which keep all
+limits of the vehicle anywhere in the zone; the acceleration is zero at both ends. The speeds between zones
+are the highest from which the vehicle can still brake (one pass backwards) and which it can reach (one pass
+forwards). On a straight leg between two stops this is the jerk-limited optimum. Several variants (`VARIANTS`)
+are computed, which differ in the acceleration and jerk for bends and in the zones; between every two stops
+the fastest variant is used.
 """
 
 from __future__ import annotations
@@ -22,23 +21,23 @@ from missions.trajectory.limits import MotionLimits
 from missions.trajectory.pieces import Bounds, Pieces
 
 Array = NDArray[np.float64]
-WAYS = (
+VARIANTS = (
     (1.0, 1.0, 2.0), (0.9, 0.4, 2.0), (0.9, 0.8, 0.9), (0.8, 0.3, 0.95), (0.7, 0.3, 0.9), (0.8, 0.6, 0.75),
     (0.6, 0.4, 0.5), (0.4, 0.3, 0.0),
 )  # fmt: skip
-"""Share of acceleration and of jerk for bends, and how alike the ceilings of pieces in one zone are (2: a
-zone for each piece, 0: one zone from stop to stop)."""
+"""Fraction of acceleration and of jerk for bends, and smallest ratio of the maximum speeds in one zone (2:
+one zone for each piece, 0: one zone from stop to stop)."""
 MARGIN = 1.05
-"""A bend is kept until it loses this much more time than a stop."""
+"""A bend is used unless it takes this factor more time than a stop."""
 COUPLING = 0.5
-"""Share of the remaining jerk for changing speed within a bend."""
+"""Fraction of the remaining jerk that may change the speed within a bend."""
 COARSE, FINE = 10, 48
-"""Bisections for the peak of a zone: to compare the ways, and for the one that is flown."""
+"""Bisections for the peak speed of a zone: to compare variants, and for the one that is flown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeLaw:
-    """The path's parameter over time: phases of constant jerk; all (K,)."""
+    """The path parameter as a function of time, in phases of constant jerk; all (K,)."""
 
     start_s: Array
     parameter: Array
@@ -50,12 +49,12 @@ class TimeLaw:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Zones:
-    """Runs of pieces; all (Z,)."""
+    """Zones of successive pieces; all (Z,)."""
 
     first: NDArray[np.int64]
     """Index of the first piece."""
     start: Array
-    """The path's parameter where it begins."""
+    """Path parameter at the start of the zone."""
     length: Array
     ceiling: Array
     acceleration: Array
@@ -71,16 +70,16 @@ class _Zones:
 
 
 def time_law(pieces: Pieces, limits: MotionLimits) -> TimeLaw:
-    """The fastest of the ways to fly a path, from rest at every stop to rest at the next."""
+    """The fastest variant to fly a path, from rest at every stop to rest at the next."""
     bounds = Bounds.of(pieces)
     stops = np.flatnonzero(pieces.stops)
-    tried = [_zones(pieces, bounds, limits, stops, *way) for way in WAYS]
-    times = np.stack([_between_stops(zones, stops) for zones in tried])
+    variants = [_zones(pieces, bounds, limits, stops, *variant) for variant in VARIANTS]
+    times = np.stack([_between_stops(zones, stops) for zones in variants])
     best = times.argmin(axis=0)
     columns: list[list[Any]] = []
-    for way, zones in enumerate(tried):
+    for variant, zones in enumerate(variants):
         section = np.searchsorted(stops, zones.first, side="right") - 1
-        columns.append(zones.select(best[section] == way))
+        columns.append(zones.select(best[section] == variant))
     merged = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
     order = np.argsort(merged[0], kind="stable")
     zones = _Zones(*(values[order] for values in merged))
@@ -99,10 +98,10 @@ def _zones(
     stops: NDArray[np.int64],
     bend_share: float,
     jerk_share: float,
-    likeness: float,
+    min_ratio: float,
 ) -> _Zones:
     ceilings = _ceilings(bounds, limits, bend_share, jerk_share)
-    first = _runs(ceilings, pieces.stops, likeness)
+    first = _first_pieces(ceilings, pieces.stops, min_ratio)
     counts = np.diff(np.append(first, len(ceilings)))
     ceiling = np.minimum.reduceat(ceilings, first)
     accelerations, jerks = _budgets(bounds, limits, np.repeat(ceiling, counts))
@@ -118,7 +117,7 @@ def _zones(
 
 
 def _ceilings(bounds: Bounds, limits: MotionLimits, bend_share: float, jerk_share: float) -> Array:
-    """The highest speed of each piece."""
+    """The maximum speed of each piece."""
     with np.errstate(divide="ignore"):
         steady = (
             limits.speed_m_s / bounds.across[0],
@@ -136,7 +135,7 @@ def _ceilings(bounds: Bounds, limits: MotionLimits, bend_share: float, jerk_shar
 
 
 def _budgets(bounds: Bounds, limits: MotionLimits, speed: Array) -> tuple[Array, Array]:
-    """Acceleration and jerk along the parameter that each piece leaves at a speed."""
+    """Acceleration and jerk along the path parameter that remain for each piece at a speed."""
     square = speed * speed
     with np.errstate(divide="ignore", invalid="ignore"):
         jerk_left = np.maximum(limits.jerk_m_s3 - bounds.space[2] * square * speed, 0.0)
@@ -157,17 +156,17 @@ def _budgets(bounds: Bounds, limits: MotionLimits, speed: Array) -> tuple[Array,
     return acceleration, np.maximum(jerk, ramps.STANDSTILL)
 
 
-def _runs(ceilings: Array, stops: NDArray[np.bool_], likeness: float) -> NDArray[np.int64]:
-    """The first piece of each zone: it ends at a stop, and where the ceilings are no longer alike."""
-    if likeness > 1.0:
+def _first_pieces(ceilings: Array, stops: NDArray[np.bool_], min_ratio: float) -> NDArray[np.int64]:
+    """The first piece of each zone; a zone ends at a stop, or where the maximum speeds differ too much."""
+    if min_ratio > 1.0:
         return np.arange(len(ceilings))
-    if likeness == 0.0:
+    if min_ratio == 0.0:
         return np.flatnonzero(stops[:-1])
     first: list[int] = []
     low = high = 0.0
     for index, (ceiling, stop) in enumerate(zip(ceilings.tolist(), stops[:-1].tolist(), strict=True)):
         low, high = min(low, ceiling), max(high, ceiling)
-        if stop or low < likeness * high:
+        if stop or low < min_ratio * high:
             first.append(index)
             low = high = ceiling
     return np.array(first)
@@ -189,31 +188,31 @@ def _junctions(
     for k in range(len(zones)):
         if speeds[k + 1] > speeds[k]:
             speeds[k + 1] = min(speeds[k + 1], ramps.reachable(speeds[k], *zones[k]))
-    found = np.array(speeds)
-    return found[:-1], found[1:]
+    junctions = np.array(speeds)
+    return junctions[:-1], junctions[1:]
 
 
 def _peaks(zones: _Zones, bisections: int) -> Array:
-    """The highest speed within each zone from which its end speed is still reached; never above it."""
+    """The highest speed in each zone from which its end speed can still be reached."""
     low = np.maximum(zones.v0, zones.v1)
     high = np.maximum(zones.ceiling, low)
     fits = _ramps(zones, high) <= zones.length
     peak = np.where(fits, high, low)
-    open_ones = np.flatnonzero(~fits)
-    if not len(open_ones):
+    unsolved = np.flatnonzero(~fits)
+    if not len(unsolved):
         return peak
-    rest = _Zones(*zones.select(open_ones))
-    low, high = low[open_ones], high[open_ones]
+    rest = _Zones(*zones.select(unsolved))
+    low, high = low[unsolved], high[unsolved]
     for _ in range(bisections):
         middle = 0.5 * (low + high)
         fits = _ramps(rest, middle) <= rest.length
         low, high = np.where(fits, middle, low), np.where(fits, high, middle)
-    peak[open_ones] = low
+    peak[unsolved] = low
     return peak
 
 
 def _ramps(zones: _Zones, peak: Array) -> Array:
-    """Length of the changes of speed up to a peak and down from it."""
+    """Distance needed to change the speed up to a peak and down from it."""
     up = ramps.lengths(zones.v0, peak, zones.acceleration, zones.jerk)
     return up + ramps.lengths(zones.v1, peak, zones.acceleration, zones.jerk)
 
@@ -232,7 +231,7 @@ def _phase_table(zones: _Zones) -> tuple[Array, Array]:
 
 
 def _phases(zones: _Zones) -> TimeLaw:
-    """All phases of all zones in order; each zone begins exactly where it belongs."""
+    """All phases of all zones in order; each zone starts at its exact path parameter."""
     times, jerks = _phase_table(zones)
     count = len(zones.length)
     u, v, a = np.empty((7, count)), np.empty((7, count)), np.empty((7, count))
@@ -252,15 +251,15 @@ def _phases(zones: _Zones) -> TimeLaw:
 
 
 def slow_bends(pieces: Pieces, limits: MotionLimits) -> set[int]:
-    """The points (as in `marks`) whose bends take longer than a stop would; each is two pieces long.
+    """The points (index in `marks`) whose bends, of two pieces each, take longer than a stop would.
 
-    Compared is the time lost against passing at the speed of the legs, as far as they are long enough for it.
+    The function compares the time lost relative to passing at the speed of the legs.
     """
     bounds = Bounds.of(pieces)
     ceilings = _ceilings(bounds, limits, 1.0, 1.0)
     accelerations, jerks = _budgets(bounds, limits, ceilings)
     curved = bounds.space[1] > 1e-9
-    found: set[int] = set()
+    slow: set[int] = set()
     for index, mark in enumerate(pieces.marks.tolist()):
         if not 0 < mark < len(ceilings) or pieces.stops[mark] or not (curved[mark] and curved[mark - 1]):
             continue
@@ -278,5 +277,5 @@ def slow_bends(pieces: Pieces, limits: MotionLimits) -> set[int]:
         corner_m = float(np.sqrt(((pieces.points[mark, -1, :3] - pieces.points[mark, 0, :3]) ** 2).sum()))
         lost_s = bend_m / bend - 2.0 * corner_m / speed + slow_s * (1.0 - bend / speed)
         if lost_s > MARGIN * stop_s:
-            found.add(index)
-    return found
+            slow.add(index)
+    return slow

@@ -1,7 +1,7 @@
-"""The fastest changes of speed within acceleration and jerk; at both ends the acceleration is zero.
+"""The fastest changes of speed with limited acceleration and jerk; the acceleration is zero at both ends.
 
-A change by Δ takes Δ / A + A / J where the acceleration A is reached (Δ ≥ A² / J), else 2 √(Δ / J). Its
-speed is symmetric about the middle, so its length is mean speed · time. Any unit of length.
+A change by Δ takes Δ / A + A / J if the acceleration A is reached (Δ ≥ A² / J), otherwise 2 √(Δ / J). The
+speed is symmetric about the middle, so the distance is mean speed · time. Any unit of length.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STANDSTILL = 1e-9
-"""Accelerations below this change no speed [1/s²]."""
+"""Accelerations below this count as zero [1/s²]."""
 
 
 def reachable(speed: float, length: float, acceleration: float, jerk: float) -> float:
-    """The highest speed after a length that begins with `speed`."""
+    """The highest speed that can be reached over a distance, starting with `speed`."""
     if acceleration < STANDSTILL:
         return speed
     full = acceleration * acceleration / jerk
@@ -41,7 +41,7 @@ def _root(p: float, q: float) -> float:
 
 
 def lengths(start: Array, end: Array, acceleration: Array, jerk: Array) -> Array:
-    """Length of each change of speed, (N,)."""
+    """Distance of each change of speed, (N,)."""
     return 0.5 * (start + end) * durations(np.abs(end - start), acceleration, jerk)
 
 
@@ -52,8 +52,8 @@ def durations(change: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def phases(change: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
-    """Durations of the part with jerk (twice) and of the part at full acceleration between [s], (N,) each."""
+    """Durations of each phase with jerk and of the phase at full acceleration between them [s], (N,) each."""
     a = np.maximum(acceleration, STANDSTILL)
     reached = change * jerk >= a * a
-    bending_s = np.where(reached, a / jerk, np.sqrt(change / jerk))
-    return bending_s, np.where(reached, np.maximum(change / a - a / jerk, 0.0), 0.0)
+    jerk_s = np.where(reached, a / jerk, np.sqrt(change / jerk))
+    return jerk_s, np.where(reached, np.maximum(change / a - a / jerk, 0.0), 0.0)

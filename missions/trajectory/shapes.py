@@ -1,7 +1,7 @@
 """Orbit, figure-eight, helix and spiral as paths whose parameter is the distance flown.
 
-A shape is a function of one angle; its pieces meet it in position, first and second derivative by length.
-The shapes lie in a level frame that is turned by a heading: first axis along it, second to its right.
+A shape is a function of one angle. At the ends of each piece, position and first and second derivative are
+exact. Shapes are defined in a level frame, rotated by a heading: first axis along it, second to its right.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from missions.frames import Vector3
 from missions.trajectory.pieces import Array, Pieces, hermite
 from missions.trajectory.points import MAX_COORDINATE_M
 
-PIECES_A_TURN = 32
-"""A circle of 100 m radius is met to less than a millimetre."""
+PIECES_PER_TURN = 32
+"""Gives an error below a millimetre for a circle of 100 m radius."""
 MAX_TURNS = 200.0
-DENSE = 64
-"""Samples a piece from which lengths are summed."""
+SAMPLES_PER_PIECE = 64
+"""Samples per piece to compute its length."""
 
 Shape = Callable[[Array], tuple[Array, Array, Array]]
 """Positions, first and second derivatives by the angle, (N, 3) each."""
@@ -39,40 +39,40 @@ def arc(
     """An orbit; with a climb a helix, with another end radius a spiral.
 
     Args:
-        center_ned_m: the middle, and the height at which it begins.
-        radius_m: at the beginning.
-        turns: how many rounds, parts of one included.
-        start_angle_ned_rad: bearing of the start from the middle, clockwise from north.
-        clockwise: seen from above.
-        climb_m: over the whole shape; negative descends.
-        end_radius_m: at the end; None: the same.
+        center_ned_m: centre, at the altitude of the start.
+        radius_m: radius at the start.
+        turns: number of rounds; may be fractional.
+        start_angle_ned_rad: bearing of the start from the centre, clockwise from north.
+        clockwise: direction as seen from above.
+        climb_m: total climb; negative descends.
+        end_radius_m: radius at the end; None: the same.
 
     Raises:
-        PlanError: A value that makes no shape.
+        PlanError: A value is out of range.
     """
     end_m = radius_m if end_radius_m is None else end_radius_m
     _check("turns", turns, 0.01, MAX_TURNS)
     _check("radius_m", radius_m, 0.1, 10_000.0)
     _check("end_radius_m", end_m, 0.1, 10_000.0)
     _check("climb_m", abs(climb_m), 0.0, 10_000.0)
-    _check_place(center_ned_m)
+    _check_center(center_ned_m)
     sweep = math.tau * turns
-    sense = 1.0 if clockwise else -1.0
+    sign = 1.0 if clockwise else -1.0
     growth, rise = (end_m - radius_m) / sweep, -climb_m / sweep
 
     def shape(angle: Array) -> tuple[Array, Array, Array]:
-        bearing = start_angle_ned_rad + sense * angle
+        bearing = start_angle_ned_rad + sign * angle
         radius = radius_m + growth * angle
         out = np.stack((np.cos(bearing), np.sin(bearing), np.zeros_like(angle)), axis=1)
-        on = sense * np.stack((-np.sin(bearing), np.cos(bearing), np.zeros_like(angle)), axis=1)
+        on = sign * np.stack((-np.sin(bearing), np.cos(bearing), np.zeros_like(angle)), axis=1)
         r = radius[:, None]
-        place = np.array(center_ned_m) + r * out
-        place[:, 2] += rise * angle
+        position = np.array(center_ned_m) + r * out
+        position[:, 2] += rise * angle
         first = growth * out + r * on
         first[:, 2] = rise
-        return place, first, 2.0 * growth * on - r * out
+        return position, first, 2.0 * growth * on - r * out
 
-    return _along(shape, sweep, math.ceil(turns * PIECES_A_TURN))
+    return _along(shape, sweep, math.ceil(turns * PIECES_PER_TURN))
 
 
 def figure_eight(
@@ -84,23 +84,23 @@ def figure_eight(
     heading_ned_rad: float = 0.0,
     start_at_center: bool = True,
 ) -> Pieces:
-    """A figure-eight (lemniscate of Gerono): along the heading sin θ, to its right sin θ cos θ.
+    """A figure-eight (lemniscate of Gerono): sin θ along the heading, sin θ cos θ to its right.
 
     Args:
-        center_ned_m: where it crosses itself.
-        length_m: from tip to tip, along the heading.
-        width_m: of each of the two loops.
-        rounds: how often all of it is flown.
-        heading_ned_rad: of its long axis, clockwise from north.
-        start_at_center: begin at the crossing; else at the far tip.
+        center_ned_m: position of the crossing.
+        length_m: length from tip to tip, along the heading.
+        width_m: width of each of the two loops.
+        rounds: number of rounds; may be fractional.
+        heading_ned_rad: direction of the long axis, clockwise from north.
+        start_at_center: start at the crossing; otherwise at the far tip.
 
     Raises:
-        PlanError: A value that makes no shape.
+        PlanError: A value is out of range.
     """
     _check("rounds", rounds, 0.01, MAX_TURNS)
     _check("length_m", length_m, 0.2, 20_000.0)
     _check("width_m", width_m, 0.2, 20_000.0)
-    _check_place(center_ned_m)
+    _check_center(center_ned_m)
     c, s = math.cos(heading_ned_rad), math.sin(heading_ned_rad)
     turned = np.array([[c, s, 0.0], [-s, c, 0.0]])
     begin = 0.0 if start_at_center else math.pi / 2.0
@@ -108,27 +108,27 @@ def figure_eight(
     def shape(angle: Array) -> tuple[Array, Array, Array]:
         t = angle + begin
         half_m = length_m / 2.0
-        place = np.stack((half_m * np.sin(t), width_m / 2.0 * np.sin(2.0 * t)), axis=1)
+        offset = np.stack((half_m * np.sin(t), width_m / 2.0 * np.sin(2.0 * t)), axis=1)
         first = np.stack((half_m * np.cos(t), width_m * np.cos(2.0 * t)), axis=1)
         second = np.stack((-half_m * np.sin(t), -2.0 * width_m * np.sin(2.0 * t)), axis=1)
-        return np.array(center_ned_m) + place @ turned, first @ turned, second @ turned
+        return np.array(center_ned_m) + offset @ turned, first @ turned, second @ turned
 
-    return _along(shape, math.tau * rounds, 2 * math.ceil(rounds * PIECES_A_TURN))
+    return _along(shape, math.tau * rounds, 2 * math.ceil(rounds * PIECES_PER_TURN))
 
 
 def _along(shape: Shape, sweep: float, count: int) -> Pieces:
     """Pieces of equal length along a shape."""
-    angles = np.linspace(0.0, sweep, count * DENSE + 1)
+    angles = np.linspace(0.0, sweep, count * SAMPLES_PER_PIECE + 1)
     middle = 0.5 * (angles[1:] + angles[:-1])
     speeds = [np.sqrt((shape(at)[1] ** 2).sum(axis=1)) for at in (angles, middle)]
     steps = np.diff(angles) / 6.0 * (speeds[0][:-1] + 4.0 * speeds[1] + speeds[0][1:])
     lengths = np.concatenate(([0.0], np.cumsum(steps)))
     knots_m = np.linspace(0.0, lengths[-1], count + 1)
-    place, first, second = shape(np.interp(knots_m, lengths, angles))
+    position, first, second = shape(np.interp(knots_m, lengths, angles))
     speed = np.sqrt((first**2).sum(axis=1))[:, None]
     tangent = first / speed
     bend = (second - tangent * (tangent * second).sum(axis=1)[:, None]) / speed**2
-    values = np.stack((place, tangent, bend), axis=1)
+    values = np.stack((position, tangent, bend), axis=1)
     points = np.zeros((count, 6, 4))
     spans = np.diff(knots_m)
     points[:, :, :3] = hermite(values[:-1], values[1:], spans)
@@ -144,6 +144,6 @@ def _check(name: str, value: float, low: float, high: float) -> None:
         )
 
 
-def _check_place(center_ned_m: Vector3) -> None:
+def _check_center(center_ned_m: Vector3) -> None:
     if not all(abs(axis) <= MAX_COORDINATE_M for axis in center_ned_m):
-        raise PlanError("field center_ned_m", f"{center_ned_m} is not a place", "Give finite metres.")
+        raise PlanError("field center_ned_m", f"{center_ned_m} is not a position", "Give finite metres.")

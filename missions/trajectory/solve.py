@@ -1,4 +1,4 @@
-"""A trajectory from points or from a path: geometry, heading, then time."""
+"""Computes a trajectory from points or from a path: geometry, heading, then time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from missions.trajectory.points import PassPoint, check_points, merge_same
 from missions.trajectory.profile import slow_bends, time_law
 
 Heading = AlongPath | LookAt | float | None
-"""Along the path, towards a place, a fixed yaw [rad], or none."""
+"""Along the path, towards a position, a fixed yaw [rad], or not controlled."""
 
 
 def through(
@@ -30,13 +30,13 @@ def through(
     """The trajectory through points, at rest at both ends.
 
     Args:
-        points: one or more; with one it is a hold without duration.
-        limits: limits that hold at every moment.
-        exact: pass every point exactly, on one smooth curve; else straight legs with bends.
-        heading: where no point names a yaw; None and no yaw leaves it to the vehicle.
+        points: one or more; a single point gives a hold without duration.
+        limits: limits of the motion.
+        exact: pass every point exactly, on one smooth curve; otherwise straight legs with bends.
+        heading: only if no point has a yaw; None without any yaw: not controlled.
 
     Raises:
-        PlanError: A point cannot be flown to; names it and what to do.
+        PlanError: A point cannot be flown to; names the point and the fix.
     """
     check_points(points)
     kept, owner = merge_same(points)
@@ -45,7 +45,7 @@ def through(
     if has_yaws and heading is not None:
         where = f"point {next(n for n, point in enumerate(points, 1) if point.yaw_ned_rad is not None)}"
         raise PlanError(
-            where, "it has a yaw, but the trajectory has a heading, too", "Remove one of the two."
+            where, "it has a yaw, but the trajectory also has a heading", "Remove one of the two."
         )
     if len(kept) == 1:
         yaw = yaws[0] if has_yaws else heading if isinstance(heading, float) else None
@@ -70,9 +70,9 @@ def along(
 
     Args:
         pieces: the path.
-        limits: what no moment passes.
-        heading: direction of the nose; not used if the path already has a yaw.
-        has_yaw: the path has a yaw.
+        limits: limits of the motion.
+        heading: heading; not used if the path already has a yaw.
+        has_yaw: whether the path has a yaw.
     """
     if not has_yaw:
         if isinstance(heading, AlongPath):
@@ -103,16 +103,16 @@ def along(
 
 
 def _length_m(pieces: Pieces) -> float:
-    """Along the path: Gauss quadrature of the first derivative over each piece."""
+    """Length of the path: Gauss quadrature of the first derivative over each piece."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
     x = (nodes + 1.0) / 2.0
     control = pieces.derivative(1)[:, :, :3]
-    basis = np.stack([_choose(k) * x**k * (1.0 - x) ** (4 - k) for k in range(5)], axis=1)
+    basis = np.stack([_binomial_of_four(k) * x**k * (1.0 - x) ** (4 - k) for k in range(5)], axis=1)
     speed = np.sqrt((np.einsum("qk,nkd->nqd", basis, control) ** 2).sum(axis=2))
     return float((speed @ weights / 2.0 * pieces.spans).sum())
 
 
-def _choose(k: int) -> int:
+def _binomial_of_four(k: int) -> int:
     return (1, 4, 6, 4, 1)[k]
 
 

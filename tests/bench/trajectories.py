@@ -61,7 +61,7 @@ def ours_with_stops(points: np.ndarray) -> Flight:
 
 def _ours(points: list[PassPoint], exact: bool) -> Flight:
     curve = through(points, LIMITS, exact=exact)
-    found = curve.many(np.arange(0.0, curve.duration_s, STEP_S))
+    found = curve.sample(np.arange(0.0, curve.duration_s, STEP_S))
     return Flight(curve.duration_s, found.velocity_ned_m_s, found.acceleration_ned_m_s2)
 
 

@@ -334,7 +334,7 @@ def test_a_mission_is_started_steered_and_aborted_by_who_has_control_and_journal
         await routes.skip("1", at.station, ANNA)
         await until(lambda: at.vehicle.offboard_mission.status().place == "step 2", 5)
         ended = view(await routes.abort("1", at.station, ANNA, models.AbortMission(then="land")))["mission"]
-        assert (ended["state"], ended["reason"]) == ("aborted", "anna aborted it")
+        assert (ended["state"], ended["reason"]) == ("aborted", "anna aborted the mission")
         shown = view(await routes.show_mission(at.vehicle, at.station))["mission"]
         assert shown["state"] == "aborted"
         commands = [line[1] for line in lines(at.station) if line[3] == "ok"]

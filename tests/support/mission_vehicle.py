@@ -11,7 +11,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.timeline import Timeline
 from missions.runner.player import Player
 from missions.runner.reading import Reading
-from missions.runner.requests import Play, Request, SetMode, Steer, StopStream, TakeOff, Tell
+from missions.runner.requests import Notify, Play, Request, SetMode, Steer, StopStream, TakeOff
 from missions.runner.runner import Runner
 from missions.runner.status import RunnerStatus
 from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_for_none
@@ -70,7 +70,7 @@ class FlownMission:
     def lose_link(self) -> None:
         """Nothing is heard, and the stream has ended by asking for Hold."""
         self.mode("hold", "command", "The server commanded Hold")
-        self.know(link_heard=False)
+        self.know(link_active=False)
 
     # --- people -----------------------------------------------------------------------------------
 
@@ -136,7 +136,7 @@ class FlownMission:
     @property
     def told(self) -> list[str]:
         """What people hear."""
-        return [request.text for request in self.asked if isinstance(request, Tell)]
+        return [request.text for request in self.asked if isinstance(request, Notify)]
 
     def modes(self) -> list[str]:
         """Modes that were asked for."""

@@ -81,7 +81,7 @@ class ResolvedSetpoint:
         """Starts the path now; before, only its first point was sent."""
         self._began_s = now_s
         if self.player is not None:
-            self.player.begin_anew(now_s)
+            self.player.restart_time(now_s)
 
     def at(self, now_s: float, snapshot: Snapshot, *, waiting: bool = False) -> DirectSetpoint | None:
         """The setpoint to send; None if the followed vehicle sends no position.

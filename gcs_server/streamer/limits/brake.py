@@ -79,14 +79,14 @@ class BrakeMemory:
         newest = fresh(scans, now_s, SCAN_VALID_S)
         if position_ned_m is None:
             self._kept.clear()
-            moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.heard_s) for scan in newest]
+            moved = [_level(scan) - _shift(velocity_ned_m_s, now_s - scan.measured_s) for scan in newest]
             return Surroundings(np.vstack([NOTHING, *moved]), newest, velocity_ned_m_s)
         position = np.array(position_ned_m[:2])
         for scan in newest:
             if all(scan != kept for kept, _, _ in self._kept):
-                at = position - _shift(velocity_ned_m_s, now_s - scan.heard_s)
+                at = position - _shift(velocity_ned_m_s, now_s - scan.measured_s)
                 self._kept.append((scan, position_ned_m[2], _level(scan) + at))
-        while self._kept and now_s - self._kept[0][0].heard_s > SCAN_VALID_S:
+        while self._kept and now_s - self._kept[0][0].measured_s > SCAN_VALID_S:
             self._kept.popleft()
         points = [p for _, down_m, p in self._kept if abs(down_m - position_ned_m[2]) <= SAME_HEIGHT_M]
         return Surroundings(np.vstack([NOTHING, *points]) - position, newest, velocity_ned_m_s)

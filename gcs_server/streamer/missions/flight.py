@@ -26,6 +26,7 @@ from missions.runner.corridor import Corridor
 from missions.runner.flown import FlownTrack
 from missions.runner.reading import Reading
 from missions.runner.requests import (
+    Notify,
     Photo,
     Play,
     PointGimbal,
@@ -35,7 +36,6 @@ from missions.runner.requests import (
     Steer,
     StopStream,
     TakeOff,
-    Tell,
 )
 from missions.runner.runner import Runner
 from missions.runner.status import CannotDo
@@ -178,7 +178,7 @@ class MissionFlight:
             reading = self.reading()
             self._do(self.runner.tick(self._now_s, reading))
             self.looked_s = self._now_s
-            self._track.keep(self._now_s - self._began_s, reading, self.runner.status(reading))
+            self._track.record(self._now_s - self._began_s, reading, self.runner.status(reading))
 
         else:
             self.looked_s = self._now_s
@@ -251,7 +251,7 @@ class MissionFlight:
     def _do(self, requests: list[Request]) -> None:
         for request in requests:
             match request:
-                case Tell():
+                case Notify():
                     self._tell(request)
                 case Steer():
                     self._streams.steer(self._vehicle.id, request.steering)
@@ -271,7 +271,7 @@ class MissionFlight:
         if self.runner.over:
             self._control.avoidance.mission_way = None
 
-    def _tell(self, request: Tell) -> None:
+    def _tell(self, request: Notify) -> None:
         data = {"source": "offboard_mission", "code": request.code, "mission": self._start.mission.name}
         text = f"Mission {self._start.mission.name!r}: {request.text}"
         kind, severity = ("warning", WARNING) if request.warning else ("command", NOTICE)

@@ -94,7 +94,7 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
         yaw_ned_rad=None if attitude is None else attitude.yaw_ned_rad,
         # a lost connection does not mean a lost estimate
         estimates=None if attitude is None else estimates_of(estimates),
-        link_heard=not status.link_lost and bool(vehicle.endpoints),
+        link_active=not status.link_lost and bool(vehicle.endpoints),
         holder=None if holder is None else holder.holder_key,
         holder_name=None if holder is None else holder.holder,
         battery_share=None if percent is None else percent / 100.0,

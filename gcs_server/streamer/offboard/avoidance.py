@@ -11,7 +11,7 @@ from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.vehicle.samples import DistanceSensors, ObstacleDistance
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.avoider import FRESH_S
-from missions.avoidance.scans import STEEP, fresh, looks_level
+from missions.avoidance.scans import STEEP, fresh, measures_level
 from missions.avoidance.values import AvoidanceWay
 
 TOPICS = {
@@ -142,4 +142,4 @@ class AvoidanceControl:
 
     def _has_recent_scan(self) -> bool:
         scans = fresh(self._estimates.scans(), self._clock.monotonic_s(), FRESH_S)
-        return any(looks_level(scan) for scan in scans)
+        return any(measures_level(scan) for scan in scans)

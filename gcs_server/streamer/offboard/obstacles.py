@@ -35,7 +35,7 @@ def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: f
                     scans.append(Scan(at_s, (direction,), (distance_m,), sensor.range_max_m, half_rad))
         elif isinstance(value, ObstacleDistance):
             scans.append(_sectors(value, q_ned_frd, received_s))
-    return tuple(scan for scan in scans if scan.directions_ned and now_s - scan.heard_s <= KEPT_S)
+    return tuple(scan for scan in scans if scan.directions_ned and now_s - scan.measured_s <= KEPT_S)
 
 
 def _sectors(value: ObstacleDistance, q_ned_frd: Quaternion, received_s: float) -> Scan:

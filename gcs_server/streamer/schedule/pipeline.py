@@ -13,7 +13,7 @@ from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import SetpointLoader
 from gcs_server.streamer.values.snapshot import Snapshot
-from missions.avoidance.scans import fresh, looks_out
+from missions.avoidance.scans import fresh, measures_outwards
 from missions.avoidance.values import AvoidanceWay
 from missions.runner.script import Played, Script, Steering
 from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
@@ -215,7 +215,7 @@ class SetpointPipeline:
         """
         if not bounds.obstacle_brake and self._way(snapshot) is None:
             return None
-        has_scans = any(looks_out(scan) for scan in fresh(snapshot.scans, now_s, SCAN_VALID_S))
+        has_scans = any(measures_outwards(scan) for scan in fresh(snapshot.scans, now_s, SCAN_VALID_S))
         position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
         if self._brake_has_scans and not has_scans:
             consequence = "the obstacle brake has no measurements"

@@ -26,9 +26,9 @@ from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.runner.script import Script
 from missions.separation import (
-    TURNED_AFTER_S,
+    LEVEL_AFTER_S,
+    NO_POSITION_CONTROL_SHARE,
     UNKNOWN_ACCURACY_M,
-    UNSTEERED_SHARE,
     MovingVehicle,
     SpeedTrend,
     brakes_m_s2,
@@ -256,7 +256,7 @@ class GroupGuard:
             one = moving(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
             self._trends[vehicle].add(snapshot.received_s, one.velocity_ned_m_s)
             if not is_steered(setpoint):
-                faster = self._trends[vehicle].faster_ned_m_s(one.age_s + TURNED_AFTER_S)
+                faster = self._trends[vehicle].faster_ned_m_s(one.age_s + LEVEL_AFTER_S)
                 one = replace(one, velocity_ned_m_s=faster)
             known[vehicle] = one
         return known
@@ -344,5 +344,5 @@ def moving(snapshot: Snapshot, now_s: float, position: Vector3, setpoint: Setpoi
         snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
         UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,
         max(0.0, now_s - snapshot.received_s),
-        brakes_m_s2(snapshot.bounds.tilt_rad) * (1.0 if is_steered(setpoint) else UNSTEERED_SHARE),
+        brakes_m_s2(snapshot.bounds.tilt_rad) * (1.0 if is_steered(setpoint) else NO_POSITION_CONTROL_SHARE),
     )

@@ -72,8 +72,8 @@ def _places(segment: Segment) -> NDArray[np.float64]:
         duration_s = segment.duration_s
         times_s = np.minimum(np.arange(math.ceil(duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, duration_s)
         if isinstance(segment, CurveSegment):
-            return segment.curve.many(times_s).position_ned_m
-        return segment.path.many(times_s)[0]
+            return segment.curve.sample(times_s).position_ned_m
+        return segment.path.sample(times_s)[0]
     return np.array([segment.end_ned_m])
 
 
@@ -164,7 +164,7 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
     checked_at_s = np.minimum(
         np.arange(math.ceil(curve.duration_s / PATH_LOOK_S) + 1) * PATH_LOOK_S, curve.duration_s
     )
-    for index in np.flatnonzero(_violations(*curve.many(checked_at_s), bounds)):
+    for index in np.flatnonzero(_violations(*curve.sample(checked_at_s), bounds)):
         t_s = float(checked_at_s[index])
         sample = curve.at(t_s)
         position, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)

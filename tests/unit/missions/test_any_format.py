@@ -49,7 +49,7 @@ def test_a_mission_is_recognised_by_its_content_and_comes_back_the_same(name):
 def test_a_format_that_cannot_hold_this_kind_of_plan_says_which_can():
     with pytest.raises(PlanError, match="Write it as yaml or json"):
         any_format.write("kml", read(TOWER.read_bytes()))
-    with pytest.raises(PlanError, match="make an offboard mission of it first"):
+    with pytest.raises(PlanError, match="convert it to an offboard mission first"):
         any_format.write("yaml", PLAN)
 
 

@@ -57,7 +57,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(steps, share)
 def test_many_times_give_the_same_as_each_by_itself(steps, shares):
     curve = PathCurve(path_of(steps), None)
     times = np.array([share * curve.duration_s for share in shares])
-    positions, velocities = curve.many(times)
+    positions, velocities = curve.sample(times)
     for t_s, position, velocity in zip(times, positions, velocities, strict=True):
         one = curve.at(float(t_s))
         assert position == pytest.approx(np.array(one.position_ned_m), abs=1e-6)

@@ -14,7 +14,7 @@ from missions.dry_run.findings import CODES
 from missions.dry_run.flight import Flight
 from missions.dry_run.monte_carlo import MAX_FLIGHTS, MonteCarlo, monte_carlo
 from missions.dry_run.pilot import Step
-from missions.dry_run.result import DryRun, dry_run, judge
+from missions.dry_run.result import DryRun, dry_run, evaluate
 from missions.dry_run.setup import Conditions, Obstacle
 from missions.dry_run.track import Track
 from missions.errors import PlanError
@@ -133,7 +133,7 @@ def judged(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=
     steps = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
     track = Track(t_s, place, battery, step, steps)
     flight = Flight(Conditions(), track, True, False, True, ())
-    return judge(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, obstacles, 1.0)
+    return evaluate(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, obstacles, 1.0)
 
 
 def test_leaving_the_fence_is_told_with_step_place_and_depth():

@@ -38,8 +38,8 @@ def test_of_a_real_vehicle_nothing_is_taken_that_belongs_to_its_airframe():
         "CAL_ACC0_ID": 0.0,
         "RTL_TYPE": math.nan,
     }
-    assert Aircraft(HOME, parameters=real).parameters_taken() == {"MPC_XY_CRUISE": 7.0}
-    simulated = Aircraft(HOME, parameters={**real, "SIH_MASS": 1.4}).parameters_taken()
+    assert Aircraft(HOME, parameters=real).simulated_parameters() == {"MPC_XY_CRUISE": 7.0}
+    simulated = Aircraft(HOME, parameters={**real, "SIH_MASS": 1.4}).simulated_parameters()
     assert set(simulated) == {"MPC_XY_CRUISE", "MC_ROLLRATE_P", "MPC_THR_HOVER", "SIH_MASS"}
 
 

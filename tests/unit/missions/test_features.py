@@ -64,7 +64,7 @@ def test_foreign_points_and_lines_become_waypoints_and_areas_stay_areas() -> Non
     (area,) = found.areas
     assert area.outer == tuple(Point(lat_deg=lat, lon_deg=lon) for lon, lat in square[:3])
     assert len(area.holes) == 1
-    assert found.notes == ("The GeoJSON file has 1 area: choose what each is for.",)
+    assert found.notes == ("The GeoJSON file has 1 area: choose a use for each.",)
     assert not found.plan.fence
 
 
@@ -122,7 +122,7 @@ BILLION_LAUGHS = (
         ('<!DOCTYPE kml SYSTEM "file:///etc/passwd"><kml/>', "it has entities or a document type"),
         ("<kml><Placemark>", "line 1, column 17: not valid XML"),
         ("", "not valid XML"),
-        ("<a>" * 500, "more elements or deeper ones"),
+        ("<a>" * 500, "too many elements"),
         (KML.replace("47.5,", "north,") % "absolute", "placemark 'path': '8.5,north,30' is not longitude"),
         (KML.replace("47.5,", "nan,") % "absolute", "placemark 'path': '8.5,nan,30' is not longitude"),
         (KML.replace("47.5,", "95,") % "absolute", r"feature 1 \(path\), field lat_deg"),

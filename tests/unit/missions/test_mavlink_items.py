@@ -105,14 +105,14 @@ def test_a_fraction_where_the_message_has_an_integer_is_named() -> None:
 
 def test_an_item_without_a_place_is_never_sent_to_zero_degrees() -> None:
     nowhere = CommandItem(command=22, frame=3, params=(0.0, 0.0, 0.0, None, None, None, 20.0))
-    with pytest.raises(PlanError, match="item 1, parameter 5: the place is not given"):
+    with pytest.raises(PlanError, match="item 1, parameter 5: the position is missing"):
         wire.mission_items(Plan(items=(nowhere,)))
 
 
 @pytest.mark.parametrize("count", [2.0, 5.0, math.nan, 1e30])
 def test_a_fence_with_missing_corners_is_refused(count: float) -> None:
     corners = [WireItem(n, 6, 5001, count, 0, 0, 0, n, n, 0.0) for n in range(4)]
-    with pytest.raises(PlanError, match="fence item 1: its polygon does not have the"):
+    with pytest.raises(PlanError, match="fence item 1: its polygon does not have"):
         wire.fence_from_wire(corners)
 
 

@@ -79,7 +79,7 @@ def test_a_mission_without_roles_is_written_as_before() -> None:
             "role 'b', call of 'x'",
             "no such mission",
         ),
-        ("steps: [{step: meet, meeting: x}]", "the steps", "without roles"),
+        ("steps: [{step: meet, meeting: x}]", "the steps", "no roles"),
         (
             f"roles:\n  a: {{steps: [{{step: meet, meeting: x}}]}}\n  b: {{steps: [{DOWN}]}}",
             "role 'b', meeting 1",

@@ -63,7 +63,7 @@ def test_the_schema_names_every_step() -> None:
         ("name: " + "9" * 50, "line 1", "digits"),
         ("name: a", "line 1", "give `steps`"),
         (HEAD + "  - step: jump", "line 3, step 1", "take_off"),
-        (HEAD + "  - {hold: 1}", "line 3, step 1", "which step"),
+        (HEAD + "  - {hold: 1}", "line 3, step 1", "no `step` field"),
         (HEAD + "  - step: hold\n    duration_s: -1", "line 4, step 1, field duration_s", "greater"),
         (HEAD + "  - step: hold\n    duration_s: 1\n    speed: 2", "line 5, step 1, field speed", "not"),
         (HEAD + "  - step: hold\n    duration_s: .nan", "line 4, step 1, field duration_s", "number"),

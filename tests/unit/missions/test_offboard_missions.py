@@ -43,7 +43,9 @@ def test_the_figure_eight_is_flown_at_five_metres_a_second() -> None:
     found = compile_mission(read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()))
     eight = next(segment for segment in found.segments if segment.title == "Two rounds")
     assert isinstance(eight, CurveSegment)
-    speeds = np.linalg.norm(eight.curve.many(np.linspace(0, eight.duration_s, 2000)).velocity_ned_m_s, axis=1)
+    speeds = np.linalg.norm(
+        eight.curve.sample(np.linspace(0, eight.duration_s, 2000)).velocity_ned_m_s, axis=1
+    )
     assert speeds.max() <= 5.0
     assert np.median(speeds) > 4.9
 

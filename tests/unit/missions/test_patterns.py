@@ -270,10 +270,10 @@ FIELD = points([(0, 0), (300, 0), (300, 200), (0, 200)])
         (lambda: make(Survey(FIELD, Coverage(CAMERA, 0.1), HIGH)), "the lines: there would be"),
         (
             lambda: make(Survey([*FIELD[:3], Point(lat_deg=0, lon_deg=0)], COVERAGE, HIGH)),
-            "the area: it reaches",
+            "the area: it extends",
         ),
         (lambda: Coverage(CAMERA, 60.0, side_overlap=1.0), "field side_overlap: 1 is not between"),
-        (lambda: Coverage(CAMERA, math.nan), "its sizes and distance are not all above 0"),
+        (lambda: Coverage(CAMERA, math.nan), "a size or the distance is not above 0"),
         (lambda: perimeter(FIELD, -120.0, HIGH), "field offset_m: at this distance the area is"),
         (lambda: perimeter(FIELD, 5.0, HIGH, rounds=0), "field rounds: 0 is not between"),
         (lambda: orbit(FIELD[0], math.nan, HIGH), "field radius_m"),

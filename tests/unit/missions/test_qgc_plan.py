@@ -76,7 +76,8 @@ def test_a_survey_flies_the_items_inside_it() -> None:
 
 def test_a_structure_scan_without_items_is_kept_and_said() -> None:
     found = qgc_plan.read(a_file("structure"))
-    assert found.notes == ("Item 2 (StructureScan) holds no mission items: it is kept, but cannot be flown.",)
+    note = "Item 2 (StructureScan) contains no mission items: it is kept, but cannot be flown."
+    assert found.notes == (note,)
 
 
 def test_a_changed_item_keeps_what_this_program_does_not_know() -> None:
@@ -164,7 +165,7 @@ def changed(name: str, path: list[str | int], value: Any) -> bytes:
     [
         (["fileType"], "Mission", r'field fileType: it is not "Plan"\. Choose a \.plan file\.'),
         (["mission"], None, "field mission: it is missing or not an object"),
-        (["mission", "version"], 1, r"field mission\.version: version 1 is not known"),
+        (["mission", "version"], 1, r"field mission\.version: version 1 is not supported"),
         (["mission", "items", 0], 7, "item 1: it is missing or not an object"),
         (
             ["mission", "items", 1, "params", 4],

@@ -88,11 +88,11 @@ def test_what_was_flown_is_kept_beside_what_was_sent_and_never_grows_without_end
         position_ned_m=(3.0, 4.0, -10.0), stream="flying", played=Played(position_ned_m=(0.0, 0.0, -10.0))
     )
     for tenth in range(10 * 4 * MAX_SAMPLES):
-        track.keep(tenth / 10, sent, status)
+        track.record(tenth / 10, sent, status)
     assert MAX_SAMPLES / 2 <= len(track.samples) <= MAX_SAMPLES
     assert track.samples[-1].t_s > 3.9 * MAX_SAMPLES
     assert (track.samples[0].deviation_m, track.samples[0].place) == (5.0, "step 2")
     by_px4 = FlownTrack()
-    by_px4.keep(0.0, Reading(position_ned_m=(0.0, 0.0, 0.0)), status)
+    by_px4.record(0.0, Reading(position_ned_m=(0.0, 0.0, 0.0)), status)
     assert (by_px4.samples[0].planned_ned_m, by_px4.samples[0].deviation_m) == (None, None)
     assert math.isfinite(by_px4.samples[0].t_s)

@@ -53,7 +53,7 @@ def test_a_link_that_was_lost_and_is_back_does_what_the_document_says(kind, acti
     fake = flight(kind, link_loss=action)
     fake.lose_link()
     asks_nothing(fake, 10.0)
-    fake.know(link_heard=True)
+    fake.know(link_active=True)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
 
@@ -63,7 +63,7 @@ def test_a_mission_that_continues_after_a_lost_link_goes_on_from_the_vehicles_ho
     fake = flight(kind, link_loss="continue")
     fake.lose_link()
     fake.fly(10.0)
-    fake.know(link_heard=True, satellites=14)
+    fake.know(link_active=True, satellites=14)
     fake.until(lambda: "The link was lost and is back: continuing." in fake.told)
     if kind == "person":
         fake.in_state("waiting")
@@ -75,9 +75,9 @@ def test_a_mission_that_continues_after_a_lost_link_goes_on_from_the_vehicles_ho
 def test_after_a_lost_link_a_vehicle_that_its_failsafe_flies_is_left_to_it(action):
     fake = flight("orbit", link_loss=action)
     fake.mode("rtl", "failsafe", "its own failsafe")
-    fake.know(link_heard=False)
+    fake.know(link_active=False)
     fake.fly(10.0)
-    fake.know(link_heard=True)
+    fake.know(link_active=True)
     fake.fly(5.0)
     assert (fake.modes(), fake.status.state) == ([], "suspended")
 
@@ -86,9 +86,9 @@ def test_after_a_lost_link_a_vehicle_that_its_failsafe_flies_is_left_to_it(actio
 def test_px4_flies_take_off_and_landing_on_while_the_link_is_gone(kind):
     fake = flight(kind, link_loss="return")
     before = fake.modes()
-    fake.know(link_heard=False)
+    fake.know(link_active=False)
     fake.fly(1.0)
-    fake.know(link_heard=True)
+    fake.know(link_active=True)
     fake.in_state("done")
     assert fake.modes() == [*before, "land"][-1:]
 

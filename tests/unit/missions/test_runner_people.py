@@ -92,7 +92,7 @@ def test_on_the_ground_a_take_off_cannot_be_skipped():
 @pytest.mark.parametrize(
     ("mode", "source", "text"),
     [
-        ("position", "pilot", "The pilot switched to Position."),
+        ("position", "pilot", "The RC pilot switched to Position."),
         ("rtl", "failsafe", "The vehicle's failsafe switched to Rtl."),
         ("position", "station", "Another ground station switched to Position."),
         ("hold", "command", "Bob commanded 'hold'."),
@@ -103,7 +103,7 @@ def test_whoever_takes_the_vehicle_has_it_until_a_person_resumes_the_mission(kin
     fake.mode(mode, source, "Bob commanded 'hold'")
     asked = len(fake.asked)
     fake.fly(0.2)
-    assert [type(request).__name__ for request in fake.asked[asked:]] == ["StopStream", "Tell"]
+    assert [type(request).__name__ for request in fake.asked[asked:]] == ["StopStream", "Notify"]
     assert (fake.status.state, fake.told[-1]) == ("suspended", text)
     fake.know(battery_share=0.05, holder=None, estimates=frozenset())
     asks_nothing(fake, 30.0)

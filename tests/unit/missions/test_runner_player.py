@@ -38,7 +38,9 @@ def shape(name: str) -> tuple[Script, np.ndarray]:
     """A script, and places of its flight without a pause, (N, 3)."""
     script = script_of(SHAPES[name])
     times = [np.arange(0.0, segment.duration_s, 0.01) for segment in script.segments]
-    places = [segment.curve.many(t).position_ned_m for segment, t in zip(script.segments, times, strict=True)]
+    places = [
+        segment.curve.sample(t).position_ned_m for segment, t in zip(script.segments, times, strict=True)
+    ]
     return script, np.concatenate(places)
 
 
@@ -176,7 +178,7 @@ def test_the_first_setpoint_is_held_until_the_flight_begins():
     player = Player(script_of(LEGS), 0.0)
     waited = [player.at(t / 10, waiting=True) for t in range(20)]
     assert len(set(map(str, waited))) == 1
-    player.begin_anew(2.0)
+    player.restart_time(2.0)
     assert player.at(2.02).position_ned_m == pytest.approx(waited[0].position_ned_m, abs=0.01)
 
 

@@ -97,7 +97,7 @@ def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_in_one_moment(
 def test_a_meeting_that_one_does_not_come_to_ends_the_mission_and_all_hold():
     squad = Squad(show(f"{meet('x', 5)}, {fly(20)}", f"{fly(500)}, {meet('x')}"), ("lead", "left")).start()
     squad.reach(lead="stopped", left="stopped")
-    assert "Not all came to the meeting 'x' within 5 s" in str(squad.of["left"].status.reason)
+    assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(squad.of["left"].status.reason)
     assert [one.modes() for one in squad.of.values()] == [["hold"], ["hold"]]
 
 
@@ -168,7 +168,7 @@ def test_paused_at_a_meeting_they_leave_it_only_once_resumed():
 
 def test_nothing_is_resumed_where_one_cannot():
     squad = in_flight()
-    with pytest.raises(CannotDo, match="role lead: it is not paused"):
+    with pytest.raises(CannotDo, match="role lead: the mission is not paused"):
         squad.together.resume(squad.now_s, squad.readings(), "Alice")
     assert squad.states() == {"lead": "flying", "left": "flying"}
 

@@ -70,7 +70,7 @@ def test_bends_pass_within_their_corner_and_are_faster_than_stops() -> None:
     for corner_m in (0.0, 0.2, 2.0, 3.0):
         curve = through(points(*square, corner_m=corner_m))
         times.append(curve.duration_s)
-        path = curve.many(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
+        path = curve.sample(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
         for corner in square[1:3]:
             nearest_m = np.sqrt(((path - np.array(corner)) ** 2).sum(axis=1)).min()
             assert nearest_m <= corner_m + 1e-3
@@ -137,7 +137,7 @@ def test_the_nose_follows_the_path_and_turns_at_stops() -> None:
 
 def test_a_path_over_the_place_it_looks_at_turns_there() -> None:
     curve = through(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
-    found = curve.many(np.linspace(0.0, curve.duration_s, 20_000))
+    found = curve.sample(np.linspace(0.0, curve.duration_s, 20_000))
     turning = np.abs(found.yaw_rate_ned_rad_s) > 1e-3
     assert np.abs(found.position_ned_m[turning, 0]).max() < 2.0
     assert np.abs(np.diff(found.yaw_ned_rad)).max() < 0.01
@@ -167,7 +167,7 @@ def test_a_helix_climbs_and_a_spiral_widens_evenly() -> None:
 
 def test_a_figure_eight_crosses_its_middle_and_reaches_its_tips() -> None:
     curve = along(figure_eight((5, 5, -9), 40.0, 12.0, 1.0, heading_ned_rad=EAST), LIMITS)
-    path = curve.many(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
+    path = curve.sample(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
     assert path[:, 1].max() == pytest.approx(25.0, abs=1e-3)
     assert path[:, 0].max() == pytest.approx(11.0, abs=1e-3)
     assert path[-1] == pytest.approx(path[0], abs=1e-9)
@@ -177,7 +177,7 @@ def test_one_moment_and_many_moments_agree_and_survive_a_pickle() -> None:
     curve = through(points((0, 0, 0), (9, 3, -4), (20, -5, -6)), heading=AlongPath(), exact=True)
     copy = pickle.loads(pickle.dumps(curve))
     times = np.linspace(-1.0, curve.duration_s + 1.0, 97)
-    found = copy.many(times)
+    found = copy.sample(times)
     for index, t in enumerate(times.tolist()):
         now = curve.at(t)
         assert now.position_ned_m == pytest.approx(tuple(found.position_ned_m[index]))
@@ -191,7 +191,7 @@ def test_one_moment_and_many_moments_agree_and_survive_a_pickle() -> None:
 def test_odd_input_gives_a_trajectory(exact: bool) -> None:
     one = through(points((1, 2, -3)), exact=exact)
     assert (one.duration_s, one.at(5.0).position_ned_m) == (0.0, (1.0, 2.0, -3.0))
-    assert one.many(np.array([0.0, 1.0])).position_ned_m.tolist() == [[1, 2, -3], [1, 2, -3]]
+    assert one.sample(np.array([0.0, 1.0])).position_ned_m.tolist() == [[1, 2, -3], [1, 2, -3]]
     same = through(points((1, 2, -3), (1, 2, -3), (1, 2, -3)), exact=exact)
     assert (same.duration_s, same.point_times_s) == (0.0, (0.0, 0.0, 0.0))
     back = through(points((0, 0, 0), (50, 0, 0), (0, 0, 0), (50, 0, 0)), exact=exact)

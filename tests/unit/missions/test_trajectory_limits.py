@@ -64,7 +64,7 @@ def joined(paths: list[Pieces]) -> Pieces:
 
 def holds(curve: TimedCurve, limits: MotionLimits, samples: int) -> None:
     times = np.linspace(0.0, curve.duration_s, samples)
-    found = curve.many(times)
+    found = curve.sample(times)
     v, a = found.velocity_ned_m_s, found.acceleration_ned_m_s2
     across = np.hypot(a[:, 0], a[:, 1])
     assert np.hypot(v[:, 0], v[:, 1]).max() <= limits.speed_m_s * MARGIN
@@ -103,7 +103,7 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
     h = 1e-4
     moments = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.begins.tolist()]))
     times = np.unique(np.concatenate((moments - h / 2.0, moments - h / 3.0)))
-    before, after = curve.many(times), curve.many(times + h)
+    before, after = curve.sample(times), curve.sample(times + h)
     jump_m = after.position_ned_m - before.position_ned_m - h * before.velocity_ned_m_s
     jump_m_s = after.velocity_ned_m_s - before.velocity_ned_m_s - h * before.acceleration_ned_m_s2
     jump_m_s2 = after.acceleration_ned_m_s2 - before.acceleration_ned_m_s2

@@ -28,11 +28,11 @@ class Descent:
     def _land_speed(self) -> float:
         parameter = self._view.parameter
         estimate = self._view.estimate
-        seen_m = estimate.height_above_ground_m
-        height = -estimate.position_ned_m[2] if math.isnan(seen_m) else seen_m
+        range_at_m = estimate.height_above_ground_m
+        height = -estimate.position_ned_m[2] if math.isnan(range_at_m) else range_at_m
         fast, slow = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_LAND_SPEED")
         high, low = parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2")
-        if seen_m <= parameter("MPC_LAND_ALT3"):
+        if range_at_m <= parameter("MPC_LAND_ALT3"):
             return parameter("MPC_LAND_CRWL")
         if height >= high:
             return fast

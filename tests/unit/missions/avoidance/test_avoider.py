@@ -65,7 +65,7 @@ def test_without_a_way_over_or_around_it_stops_and_says_why():
     course = Course([wall], start=START, allowed=Allowed(region=tube))
     course.fly(GOAL, seconds=60.0)
     assert course.adjusted.state == "stopped"
-    assert "no way around" in course.adjusted.text
+    assert "no clear way around" in course.adjusted.text
     assert course.nearest_m > 0.5
     assert tube.breach((course.at[0], course.at[1])) is None
     assert math.hypot(*course.velocity) < 0.1

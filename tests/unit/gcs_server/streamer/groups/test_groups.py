@@ -17,7 +17,7 @@ from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.geodesy import LocalOrigin
-from missions.separation import UNSTEADY_M, MovingVehicle, closest_m, margin_m, stopping_m
+from missions.separation import EXTRA_BRAKING_M, MovingVehicle, closest_m, margin_m, stopping_m
 from missions.setpoints import (
     Attitude,
     Follow,
@@ -87,9 +87,9 @@ def test_the_margin_grows_with_inaccuracy_and_age():
         return MovingVehicle((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), accuracy_m, age_s)
 
     exact = of(0.0, 0.0)
-    assert margin_m(exact, exact) == pytest.approx(2 * UNSTEADY_M)
-    assert margin_m(of(0.3, 0.0), of(0.4, 0.0)) == pytest.approx(2 * UNSTEADY_M + 2.0 * 0.5)
-    late_m = margin_m(of(0.0, 0.4), exact) - 2 * UNSTEADY_M
+    assert margin_m(exact, exact) == pytest.approx(2 * EXTRA_BRAKING_M)
+    assert margin_m(of(0.3, 0.0), of(0.4, 0.0)) == pytest.approx(2 * EXTRA_BRAKING_M + 2.0 * 0.5)
+    late_m = margin_m(of(0.0, 0.4), exact) - 2 * EXTRA_BRAKING_M
     assert late_m == pytest.approx(1.5 * 0.4 * (0.2 + 0.8))
 
 

@@ -1,4 +1,4 @@
-"""A part of a mission that is flown by setpoints, or a wait on the ground."""
+"""The part of a mission between take-off and landing, flown by setpoints; also waits on the ground."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from missions.runner.parts import Failure, Part
 from missions.runner.payload import photos_due, point_gimbal
 from missions.runner.player import Player
 from missions.runner.reading import Reading
-from missions.runner.requests import Play, Request, Steer, Tell
+from missions.runner.requests import Notify, Play, Request, Steer
 from missions.runner.script import Played, Steering
 
 AHEAD_S = 60.0
 """Segments are sent to the stream this far ahead, so that a stalled event loop does not affect the flight."""
-HELD_BACK_TOLD_S = 2.0
+HELD_BACK_REPORTED_S = 2.0
 """A vehicle that is held back for this long is reported."""
 RENEW_S = 0.5
 """Period in which the stream is renewed."""
 STARTS_WITHIN_S = 40.0
 
 
-class StretchPart(Part):
+class SetpointPart(Part):
     """From the current segment to the next take-off or landing, or to the end."""
 
     def __init__(self, flight: Flight) -> None:
@@ -34,7 +34,7 @@ class StretchPart(Part):
         self._local: Player | None = None
         """Whether the vehicle is on the ground, where nothing is streamed."""
         self._began_s = self._steered_s = self._last_s = 0.0
-        self._mode_before: str | None = None
+        self._initial_mode: str | None = None
         self._flying = False
         self._go_past = 0
         self._steered: tuple[bool, int] = (False, 0)
@@ -59,7 +59,7 @@ class StretchPart(Part):
 
     @property
     def meeting(self) -> str | None:
-        """The meeting at which it waits for the other roles; None: it waits at none."""
+        """The meeting at which this role waits for the others; None: it does not wait."""
         segment, played = self.flight.segment, self._played
         waits = played is not None and played.waiting and played.index >= self._go_past
         if not waits or self.flight.paused or self._watched != self.flight.index:
@@ -67,7 +67,7 @@ class StretchPart(Part):
         return segment.message if isinstance(segment, WaitSegment) and segment.kind == "meet" else None
 
     def leave_meeting(self) -> None:
-        """All have come: it goes on."""
+        """Continues, because all roles have arrived."""
         self._answered = True
 
     def skip(self) -> None:
@@ -102,13 +102,16 @@ class StretchPart(Part):
         return self._played
 
     def deviation_m(self, reading: Reading) -> float | None:
-        """From the position that is sent."""
-        wanted, here = None if self._played is None else self._played.position_ned_m, reading.position_ned_m
-        return None if wanted is None or here is None else math.dist(wanted, here)
+        """Distance from the position setpoint."""
+        setpoint_ned_m = None if self._played is None else self._played.position_ned_m
+        position_ned_m = reading.position_ned_m
+        if setpoint_ned_m is None or position_ned_m is None:
+            return None
+        return math.dist(setpoint_ned_m, position_ned_m)
 
     def begin(self, now_s: float, reading: Reading) -> list[Request]:
         self._began_s = self._last_s = now_s
-        self._mode_before = reading.mode
+        self._initial_mode = reading.mode
         return self._play(now_s, reading)
 
     def expects(self, reading: Reading) -> bool:
@@ -116,42 +119,42 @@ class StretchPart(Part):
             return True
         if reading.mode == "offboard":
             return True
-        return not self._flying and reading.mode == self._mode_before
+        return not self._flying and reading.mode == self._initial_mode
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
         dt_s, self._last_s = now_s - self._last_s, now_s
         played = self._look(now_s, reading)
         if played is None or self.failure is not None:
             return []
-        out: list[Request] = []
+        requests: list[Request] = []
         self.flight.index = max(self._first, self._base + played.index)
         self.flight.t_s = played.t_s
         if self._stop_for is not None and played.rate == 0.0:
-            return self._go_on_with(self._stop_for, now_s, reading)
+            return self._continue_with(self._stop_for, now_s, reading)
         if not played.approaching:
-            out += photos_due(self.flight)
+            requests += photos_due(self.flight)
         if self._local is None:
-            out += point_gimbal(self.flight, played, now_s)
+            requests += point_gimbal(self.flight, played, now_s)
         if self._stop_for is None and not self.flight.paused:
-            out += self._wait(now_s, dt_s, reading, played)
-        out += self._tell_held_back(dt_s, reading, played)
+            requests += self._wait(now_s, dt_s, reading, played)
+        requests += self._report_held_back(dt_s, reading, played)
         appended = self._append(now_s, reading)
-        return [*out, *self._steer(now_s, appended)]
+        return [*requests, *self._steer(now_s, appended)]
 
     # --- inside -----------------------------------------------------------------------------------
 
     def _play(self, now_s: float, reading: Reading) -> list[Request]:
-        cut = self.flight.course.cut_after(self.flight.index)
+        end_index = self.flight.course.next_px4_segment(self.flight.index)
         on_ground = reading.on_ground
-        if on_ground and (flown := self._flown_on_ground(cut)) is not None:
+        if on_ground and (flown := self._flown_on_ground(end_index)) is not None:
             text = f"{flown.title} ({flown.place}) needs a take-off before it"
             self.failure = Failure("hold", text)
             return []
         try:
-            script, self._base, self._sent = self.flight.script(reading, cut)
+            script, self._base, self._sent = self.flight.script(reading, end_index)
             self._first = self.flight.index
         except PlanError as error:
-            text = f"The way to the path cannot be flown: {error.place}: {error.reason}"
+            text = f"The approach to the path cannot be flown: {error.place}: {error.reason}"
             self.failure = Failure(self.flight.actions.failure, text)
             return []
         self._number, self._go_past, self._stop_for, self._played = script.number, 0, None, None
@@ -161,8 +164,8 @@ class StretchPart(Part):
             return []
         return [Play(script)]
 
-    def _flown_on_ground(self, cut: int) -> Segment | None:
-        segments = self.flight.course.segments[self.flight.index : cut]
+    def _flown_on_ground(self, end_index: int) -> Segment | None:
+        segments = self.flight.course.segments[self.flight.index : end_index]
         return next((s for s in segments if not isinstance(s, HoldSegment | WaitSegment)), None)
 
     def _look(self, now_s: float, reading: Reading) -> Played | None:
@@ -185,12 +188,12 @@ class StretchPart(Part):
         self._played = played
         return played
 
-    def _go_on_with(self, index: int, now_s: float, reading: Reading) -> list[Request]:
+    def _continue_with(self, index: int, now_s: float, reading: Reading) -> list[Request]:
         """Continues with another segment after the stop."""
         self.flight.move_to(index)
         self._forget_wait()
         course = self.flight.course
-        if course.is_cut(index) or (index >= len(course.segments) and course.decision is None):
+        if course.flown_by_px4(index) or (index >= len(course.segments) and course.decision is None):
             self._stop_for = None
             self.done = True
             return []
@@ -201,34 +204,34 @@ class StretchPart(Part):
         segment = self.flight.segment
         if not played.waiting or not isinstance(segment, WaitSegment) or played.index < self._go_past:
             return []
-        out: list[Request] = []
+        requests: list[Request] = []
         if self._watched != self.flight.index:
             self._forget_wait()
             self._watched = self.flight.index
             if segment.kind == "person":
                 self.question = segment.message or "Go on?"
-                out.append(Tell("question", f"Asks: {self.question}"))
+                requests.append(Notify("question", f"Asks: {self.question}"))
             elif segment.value is not None:
                 self._watch = ConditionWatch(segment.value, segment.above, segment.below, segment.for_s)
         self._waited_s += dt_s
         if self._answered or (self._watch is not None and self._watch.fulfilled(now_s, reading)):
-            return [*out, *self._past(played)]
+            return [*requests, *self._end_wait(played)]
         if self._waited_s >= segment.timeout_s:
             text = f"{_missed(segment)} within {segment.timeout_s:g} s ({segment.place})"
             if segment.on_timeout == "continue":
-                return [*out, Tell("timeout", f"{text}: continuing."), *self._past(played)]
+                return [*requests, Notify("timeout", f"{text}: continuing."), *self._end_wait(played)]
             self.failure = Failure(segment.on_timeout, text)
-        return out
+        return requests
 
-    def _tell_held_back(self, dt_s: float, reading: Reading, played: Played) -> list[Request]:
+    def _report_held_back(self, dt_s: float, reading: Reading, played: Played) -> list[Request]:
         before_s, self._held_back_s = self._held_back_s, self._held_back_s + dt_s if played.held_back else 0.0
         wanted, here = played.position_ned_m, reading.position_ned_m
-        if not before_s < HELD_BACK_TOLD_S <= self._held_back_s or wanted is None or here is None:
+        if not before_s < HELD_BACK_REPORTED_S <= self._held_back_s or wanted is None or here is None:
             return []
         text = f"The vehicle is {math.dist(wanted, here):.0f} m behind on its path: the mission waits for it."
-        return [Tell("held_back", text, warning=True)]
+        return [Notify("held_back", text, warning=True)]
 
-    def _past(self, played: Played) -> list[Request]:
+    def _end_wait(self, played: Played) -> list[Request]:
         self._forget_wait()
         self._go_past = played.index + 1
         return []
@@ -242,14 +245,14 @@ class StretchPart(Part):
         course, index = self.flight.course, self.flight.index
         if index >= len(course.segments) and course.decision is not None and not self.flight.paused:
             self._decide(now_s, reading)
-        cut = course.cut_after(index)
-        if index >= cut and (course.is_cut(cut) or course.decision is None):
+        end_index = course.next_px4_segment(index)
+        if index >= end_index and (course.flown_by_px4(end_index) or course.decision is None):
             self.done = self._stop_for is None and not self.flight.paused
             return ()
         ahead_s = sum(s.duration_s for s in course.segments[index : self._sent])
-        if self._sent >= cut or ahead_s >= AHEAD_S:
+        if self._sent >= end_index or ahead_s >= AHEAD_S:
             return ()
-        first, self._sent = self._sent, self.flight.chunk_end(self._sent, cut)
+        first, self._sent = self._sent, self.flight.chunk_end(self._sent, end_index)
         return tuple(course.segments[first : self._sent])
 
     def _decide(self, now_s: float, reading: Reading) -> None:
@@ -258,7 +261,7 @@ class StretchPart(Part):
         if self._watch is None:
             self._watch = ConditionWatch(decision.value, decision.above, decision.below, decision.for_s)
         fulfilled = self._watch.fulfilled(now_s, reading)
-        if fulfilled or not self._watch.holds_now(reading):
+        if fulfilled or not self._watch.true_now(reading):
             self.flight.course.choose(fulfilled)
             self._forget_wait()
 
@@ -277,8 +280,8 @@ class StretchPart(Part):
 
 def _missed(segment: WaitSegment) -> str:
     if segment.kind == "meet":
-        return f"Not all came to the meeting {segment.message!r}"
-    return "No answer" if segment.kind == "person" else "The condition did not come true"
+        return f"Not all vehicles arrived at the meeting {segment.message!r}"
+    return "No answer" if segment.kind == "person" else "The condition did not become true"
 
 
 def _sentence(text: str | None) -> str:
