@@ -2057,7 +2057,7 @@ export interface components {
         };
         /**
          * Actions
-         * @description What the runner does when something goes wrong; the vehicle's own failsafes stay above it.
+         * @description Actions of the mission runner on errors; the vehicle's own failsafes take precedence.
          */
         readonly Actions: {
             /**
@@ -2076,14 +2076,14 @@ export interface components {
             readonly low_battery: "continue" | "hold" | "return" | "land";
             /**
              * Link Loss
-             * @description The server loses the link to the vehicle and finds it again.
+             * @description The server lost the link to the vehicle and has it again.
              * @default hold
              * @enum {string}
              */
             readonly link_loss: "continue" | "hold" | "return" | "land";
             /**
              * Control Lost
-             * @description Control of the vehicle has expired: the browser or program that had it has disconnected.
+             * @description Control of the vehicle has expired, because its browser or program has disconnected.
              * @default hold
              * @enum {string}
              */
@@ -2121,10 +2121,10 @@ export interface components {
         };
         /**
          * Altitude
-         * @description An altitude with what it counts from; neither means anything alone.
+         * @description An altitude with its reference.
          *
-         *     `resolved_amsl_m` belongs to the reference "terrain": the altitude above mean sea level that
-         *     elevation data gave for it. PX4 flies only that, since it refuses terrain frames.
+         *     `resolved_amsl_m` belongs to the reference "terrain": the altitude above mean sea level computed from
+         *     elevation data. It is uploaded instead, because PX4 refuses terrain frames.
          */
         readonly Altitude: {
             /**
@@ -2287,12 +2287,12 @@ export interface components {
         };
         /**
          * AttitudeStep
-         * @description An attitude with thrust for a short time: position and altitude are not held meanwhile.
+         * @description Fly an attitude with thrust for a short time; position and altitude are not controlled.
          */
         readonly AttitudeStep: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -2519,12 +2519,13 @@ export interface components {
         };
         /**
          * Branch
-         * @description One list of steps or another, decided when it is reached; an unknown value counts as false.
+         * @description Fly `then` if the condition is true when the step is reached, else `otherwise`; unknown counts as
+         *     false.
          */
         readonly Branch: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -2547,12 +2548,12 @@ export interface components {
         };
         /**
          * Call
-         * @description The steps of another mission of the document's `missions`.
+         * @description Fly the steps of a mission from the document's `missions`.
          */
         readonly Call: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -2573,13 +2574,13 @@ export interface components {
         readonly CameraFocus: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -2588,7 +2589,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -2620,13 +2621,13 @@ export interface components {
         readonly CameraMode: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -2635,7 +2636,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -2657,7 +2658,7 @@ export interface components {
         };
         /**
          * CameraModel
-         * @description A camera by its data sheet.
+         * @description A camera, with the values of its data sheet.
          */
         readonly CameraModel: {
             /**
@@ -2687,7 +2688,7 @@ export interface components {
             readonly image_height_px: number;
             /**
              * Landscape
-             * @description The picture's width lies across the line of flight.
+             * @description Whether the picture's width is across the line of flight.
              */
             readonly landscape?: boolean;
         };
@@ -2698,13 +2699,13 @@ export interface components {
         readonly CameraZoom: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -2713,7 +2714,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -2740,18 +2741,18 @@ export interface components {
         };
         /**
          * ChangeSpeed
-         * @description Fly at another speed from here on. `speed_type`: 0 air, 1 ground, 2 climb, 3 descent.
+         * @description Set the speed for the following items. `speed_type`: 0 air, 1 ground, 2 climb, 3 descent.
          */
         readonly ChangeSpeed: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -2760,7 +2761,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -2858,9 +2859,9 @@ export interface components {
         };
         /**
          * CommandItem
-         * @description Any other item of a foreign file or vehicle, kept as it is; PX4 refuses most of them.
+         * @description Any other item of a file or vehicle, kept unchanged; PX4 refuses most of them.
          *
-         *     `params` are MAVLink's seven parameters, degrees in 5 and 6 where `frame` is global; None is NaN.
+         *     `params` are MAVLink's seven parameters; 5 and 6 are degrees if `frame` is global; None means NaN.
          */
         readonly CommandItem: {
             /**
@@ -2905,10 +2906,10 @@ export interface components {
         };
         /**
          * ComplexItem
-         * @description A pattern of another program (QGroundControl's survey, corridor, structure scan), kept whole.
+         * @description A pattern of another program (QGroundControl's survey, corridor, structure scan), kept unchanged.
          *
-         *     `items` are the mission items that the file has for it. Some files have none (QGroundControl works them
-         *     out anew when it opens a structure scan): such a plan can be kept and shown, but not flown.
+         *     `items` are its mission items in the file. Some files have none, because QGroundControl recalculates a
+         *     structure scan when it opens the file. Such a plan can be stored and displayed, but not flown.
          */
         readonly ComplexItem: {
             /**
@@ -2935,12 +2936,12 @@ export interface components {
         };
         /**
          * Condition
-         * @description A value that is above or below a bound, and stays so for a time.
+         * @description True when a value has been above or below a limit for `for_s`.
          */
         readonly Condition: {
             /**
              * Value
-             * @description `battery_share` is 0 to 1, `distance_m` the distance sensor's.
+             * @description `battery_share` is 0 to 1, `distance_m` is the distance sensor's value.
              * @enum {string}
              */
             readonly value: "battery_share" | "wind_speed_m_s" | "ground_speed_m_s" | "distance_m" | "satellites" | "horizontal_error_m";
@@ -3049,18 +3050,18 @@ export interface components {
         };
         /**
          * ControlVideo
-         * @description The older way to send and record video.
+         * @description Deprecated command to transmit and record video.
          */
         readonly ControlVideo: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -3069,7 +3070,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -3181,7 +3182,7 @@ export interface components {
         };
         /**
          * CorridorPattern
-         * @description Lines beside each other along a road, a river or a power line, with pictures.
+         * @description Parallel lines along a road, a river or a power line, with pictures.
          */
         readonly CorridorPattern: {
             /**
@@ -3209,18 +3210,18 @@ export interface components {
         };
         /**
          * Delay
-         * @description Wait here for `delay_s`, or with -1 until a time of day in UTC.
+         * @description Wait for `delay_s`, or with -1 until a time of day in UTC.
          */
         readonly Delay: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -3229,7 +3230,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -3282,18 +3283,18 @@ export interface components {
         };
         /**
          * Digicam
-         * @description The older way to take a picture (`shoot` 1).
+         * @description Deprecated command to take a picture (`shoot` 1).
          */
         readonly Digicam: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -3302,7 +3303,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -3496,7 +3497,7 @@ export interface components {
         };
         /**
          * DryRunChance
-         * @description How often something happened, and what that says of the next flight.
+         * @description How often an outcome happened, and the upper limit of its probability.
          */
         readonly DryRunChance: {
             /**
@@ -3511,7 +3512,7 @@ export interface components {
             readonly share: number;
             /**
              * Upper
-             * @description At most so likely, with 97.5 % confidence (Wilson's interval).
+             * @description Upper limit of the probability, with 97.5 % confidence (Wilson's interval).
              */
             readonly upper: number;
         };
@@ -3866,7 +3867,7 @@ export interface components {
         };
         /**
          * DryRunQuantiles
-         * @description Of many flights.
+         * @description Quantiles of one value over many flights.
          */
         readonly DryRunQuantiles: {
             /**
@@ -4453,17 +4454,17 @@ export interface components {
         };
         /**
          * FigureEight
-         * @description A figure-eight through its centre.
+         * @description Fly a figure-eight around its centre.
          */
         readonly FigureEight: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
              * Speed M S
-             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
+             * @description Maximum horizontal speed; None: MPC_XY_CRUISE.
              */
             readonly speed_m_s?: number | null;
             /**
@@ -4487,7 +4488,7 @@ export interface components {
             readonly photo_every_m?: number | null;
             /**
              * Avoidance
-             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
             readonly avoidance?: boolean | null;
             /**
@@ -4514,7 +4515,7 @@ export interface components {
             readonly rounds: number;
             /**
              * Axis Ned Rad
-             * @description Direction of its length, clockwise from north.
+             * @description Direction of the long axis, clockwise from north.
              * @default 0
              */
             readonly axis_ned_rad: number;
@@ -4621,22 +4622,22 @@ export interface components {
         };
         /**
          * FlownSample
-         * @description One moment.
+         * @description One sample.
          */
         readonly FlownSample: {
             /**
              * T S
-             * @description Since the mission was started.
+             * @description Time since the start of the mission.
              */
             readonly t_s: number;
             /**
              * Place
-             * @description Which step: "step 3", "step 4.2".
+             * @description Current step: "step 3", "step 4.2".
              */
             readonly place: string | null;
             /**
              * Flown Ned M
-             * @description Where the vehicle was, by its own estimate, from its local origin.
+             * @description The vehicle's position estimate, in its local frame.
              */
             readonly flown_ned_m: readonly [
                 number,
@@ -4645,7 +4646,7 @@ export interface components {
             ];
             /**
              * Planned Ned M
-             * @description The place that was sent to it; null: PX4 flew by itself, or no place was sent.
+             * @description The position setpoint; null: PX4 flew in one of its own modes, or no position was sent.
              */
             readonly planned_ned_m: readonly [
                 number,
@@ -4654,28 +4655,29 @@ export interface components {
             ] | null;
             /**
              * Deviation M
-             * @description Between the two.
+             * @description Distance between the two.
              */
             readonly deviation_m: number | null;
             /**
              * Outside Corridor M
-             * @description How far it was outside the dry run's corridor, 0 inside; null: none was given at the start.
+             * @description Distance outside the dry run's corridor, 0 inside; null: no corridor was given at the start.
              */
             readonly outside_corridor_m: number | null;
         };
         /**
          * Fly
-         * @description Fly through points: on straight legs with bends, or exactly through them on a smooth curve.
+         * @description Fly through points: on straight legs with rounded corners, or on a smooth curve exactly through
+         *     them.
          */
         readonly Fly: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
              * Speed M S
-             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
+             * @description Maximum horizontal speed; None: MPC_XY_CRUISE.
              */
             readonly speed_m_s?: number | null;
             /**
@@ -4699,7 +4701,7 @@ export interface components {
             readonly photo_every_m?: number | null;
             /**
              * Avoidance
-             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
             readonly avoidance?: boolean | null;
             /**
@@ -4727,7 +4729,7 @@ export interface components {
         readonly FlyPoint: {
             /**
              * Position Ned M
-             * @description From the vehicle's local origin.
+             * @description Relative to the vehicle's local origin.
              */
             readonly position_ned_m?: readonly [
                 number,
@@ -4736,7 +4738,7 @@ export interface components {
             ] | null;
             /**
              * Offset Ned M
-             * @description From where the mission starts.
+             * @description Relative to the start of the mission.
              */
             readonly offset_ned_m?: readonly [
                 number,
@@ -4765,7 +4767,7 @@ export interface components {
             readonly alt_home_m?: number | null;
             /**
              * Yaw Ned Rad
-             * @description Heading at the point; between two such points the vehicle turns evenly.
+             * @description Heading at the point; between two points the heading changes at a constant rate.
              */
             readonly yaw_ned_rad?: number | null;
             /**
@@ -4782,7 +4784,7 @@ export interface components {
             readonly hold_s: number;
             /**
              * Corner M
-             * @description Greatest distance from the point at which a bend between straight legs may pass.
+             * @description Maximum distance between the point and the rounded corner that passes it.
              * @default 1
              */
             readonly corner_m: number;
@@ -4839,18 +4841,18 @@ export interface components {
         };
         /**
          * Gate
-         * @description Wait until the vehicle has flown through this place, at right angles to the path.
+         * @description Wait until the vehicle has passed the line through this position at right angles to the path.
          */
         readonly Gate: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -4859,7 +4861,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -4928,18 +4930,18 @@ export interface components {
         };
         /**
          * GimbalConfigure
-         * @description Say who controls the gimbal: system and component ids; 0 nobody, -1 unchanged, -2 the sender.
+         * @description Set who controls the gimbal, by system and component id: 0 nobody, -1 unchanged, -2 the sender.
          */
         readonly GimbalConfigure: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -4948,7 +4950,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -5018,20 +5020,20 @@ export interface components {
         };
         /**
          * GimbalPitchYaw
-         * @description Point the gimbal: degrees and degrees per second, pitch positive up; None is left as it is.
+         * @description Point the gimbal: degrees and degrees per second, pitch positive up; None: unchanged.
          *
-         *     `flags` are GIMBAL_MANAGER_FLAGS: 16 yaw lock, 32 yaw from the vehicle's nose, 64 yaw from north.
+         *     `flags` are GIMBAL_MANAGER_FLAGS: 16 yaw lock, 32 yaw relative to the nose, 64 yaw relative to north.
          */
         readonly GimbalPitchYaw: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -5040,7 +5042,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -5350,13 +5352,13 @@ export interface components {
         readonly Gripper: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -5365,7 +5367,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -5777,17 +5779,17 @@ export interface components {
         };
         /**
          * Helix
-         * @description Circles around a place while climbing; negative `climb_m` descends.
+         * @description Fly circles around a position while climbing; a negative `climb_m` descends.
          */
         readonly Helix: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
              * Speed M S
-             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
+             * @description Maximum horizontal speed; None: MPC_XY_CRUISE.
              */
             readonly speed_m_s?: number | null;
             /**
@@ -5811,7 +5813,7 @@ export interface components {
             readonly photo_every_m?: number | null;
             /**
              * Avoidance
-             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
             readonly avoidance?: boolean | null;
             /**
@@ -5839,7 +5841,7 @@ export interface components {
             readonly clockwise: boolean;
             /**
              * Start Angle Ned Rad
-             * @description Bearing of the start from the centre; None: the nearest point.
+             * @description Bearing of the start from the centre; None: the point nearest to the vehicle.
              */
             readonly start_angle_ned_rad?: number | null;
             /**
@@ -5899,7 +5901,7 @@ export interface components {
         readonly Hold: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -5914,7 +5916,7 @@ export interface components {
             readonly duration_s: number;
             /**
              * Yaw Ned Rad
-             * @description Heading to turn to first; None keeps the present one.
+             * @description Heading to turn to first; None: keep the current heading.
              */
             readonly yaw_ned_rad?: number | null;
         };
@@ -6013,7 +6015,7 @@ export interface components {
         };
         /**
          * HomePosition
-         * @description Where the flight is planned to start: WGS84 degrees, metres above mean sea level.
+         * @description Planned home position: WGS84 degrees, metres above mean sea level.
          */
         readonly HomePosition: {
             /**
@@ -6281,18 +6283,18 @@ export interface components {
         };
         /**
          * Jump
-         * @description Go on at another item, `repeat` times (-1: without end). Items count from 0, as uploaded.
+         * @description Continue at another item, `repeat` times (-1: endless). Index from 0, in upload order.
          */
         readonly Jump: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -6301,7 +6303,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -6408,18 +6410,18 @@ export interface components {
         };
         /**
          * LandStart
-         * @description The landing begins here: return modes may go on from here.
+         * @description Marks the start of the landing, where a return may continue the mission.
          */
         readonly LandStart: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -6428,7 +6430,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -6439,18 +6441,18 @@ export interface components {
         };
         /**
          * LegacyRoi
-         * @description The older form of `roi_location`. `mode` is MAV_ROI: 0 none, 1 next waypoint, 3 location.
+         * @description Deprecated form of `roi_location`. `mode` is MAV_ROI: 0 none, 1 next waypoint, 3 location.
          */
         readonly LegacyRoi: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -6459,7 +6461,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -6811,18 +6813,18 @@ export interface components {
         };
         /**
          * LoiterTime
-         * @description Fly to the place and hold there for a time.
+         * @description Fly to the position and hold there for `hold_s`.
          */
         readonly LoiterTime: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -6831,7 +6833,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -6870,18 +6872,18 @@ export interface components {
         };
         /**
          * LoiterToAltitude
-         * @description Fly to the place, then climb or descend to the altitude.
+         * @description Fly to the position, then climb or descend to the altitude.
          */
         readonly LoiterToAltitude: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -6890,7 +6892,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -6930,18 +6932,18 @@ export interface components {
         };
         /**
          * LoiterUnlimited
-         * @description Fly to the place and hold there until told otherwise; the mission does not go on.
+         * @description Fly to the position and hold there; the mission does not continue by itself.
          */
         readonly LoiterUnlimited: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -6950,7 +6952,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -7088,12 +7090,12 @@ export interface components {
         };
         /**
          * Meet
-         * @description Hold until every role of the mission has come to this meeting; then all go on at one moment.
+         * @description Hold until every role has reached this meeting; then all roles continue at the same time.
          */
         readonly Meet: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -7108,7 +7110,7 @@ export interface components {
             readonly meeting: string;
             /**
              * Timeout S
-             * @description Without the others after so long, all hold and the mission is over.
+             * @description If another role has not arrived after this time, all roles hold and the mission ends.
              * @default 120
              */
             readonly timeout_s: number;
@@ -7445,18 +7447,18 @@ export interface components {
         };
         /**
          * MountConfigure
-         * @description The older way to set up a camera mount; `mode` is MAV_MOUNT_MODE.
+         * @description Deprecated command to configure a camera mount; `mode` is MAV_MOUNT_MODE.
          */
         readonly MountConfigure: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -7465,7 +7467,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -7500,18 +7502,18 @@ export interface components {
         };
         /**
          * MountControl
-         * @description The older way to point a camera mount: degrees; `mode` 2 is by angles.
+         * @description Deprecated command to point a camera mount, in degrees; `mode` 2 means by angles.
          */
         readonly MountControl: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -7520,7 +7522,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -7617,18 +7619,18 @@ export interface components {
         };
         /**
          * ObliqueSurvey
-         * @description Take a picture every so many metres, the camera rolling from side to side, in whole degrees.
+         * @description Take a picture every `distance_m` while the camera rolls from side to side; angles in whole degrees.
          */
         readonly ObliqueSurvey: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -7637,7 +7639,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -7709,7 +7711,7 @@ export interface components {
             readonly text: string;
             /**
              * Sensor
-             * @description Whether the vehicle has a sensor that sees obstacles; the obstacle brake needs one as well.
+             * @description Whether the vehicle has a sensor that measures obstacles; the obstacle brake needs one as well.
              */
             readonly sensor: boolean;
         };
@@ -7827,7 +7829,7 @@ export interface components {
         };
         /**
          * OffboardLimits
-         * @description What setpoints are held to.
+         * @description The limits for setpoints.
          */
         readonly OffboardLimits: {
             /** @description Vehicle. */
@@ -7839,7 +7841,8 @@ export interface components {
         };
         /**
          * OffboardMission
-         * @description A mission that the server flies by offboard setpoints: `steps` of one vehicle or `roles` of several.
+         * @description A mission that the server flies with offboard setpoints: `steps` for one vehicle or `roles` for
+         *     several.
          */
         readonly OffboardMission: {
             /**
@@ -7864,7 +7867,7 @@ export interface components {
              * @default
              */
             readonly description: string;
-            /** @description Where it is planned to start, for planning without a vehicle. */
+            /** @description Planned start position; for planning without a vehicle. */
             readonly home?: components["schemas"]["HomePosition"] | null;
             /** @default {} */
             readonly limits: components["schemas"]["Bounds"];
@@ -7879,7 +7882,7 @@ export interface components {
             readonly actions: components["schemas"]["Actions"];
             /**
              * Avoidance
-             * @description Lead the vehicle past obstacles that its sensors measure, on all steps that do not say otherwise.
+             * @description Avoid obstacles that the vehicle's sensors measure; a step may override it.
              * @default false
              */
             readonly avoidance: boolean;
@@ -7891,32 +7894,32 @@ export interface components {
             readonly fence: readonly (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
             /**
              * Steps
-             * @description What one vehicle flies; empty with `roles`.
+             * @description Steps of one vehicle; empty with `roles`.
              * @default []
              */
             readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
             /**
              * Roles
-             * @description What several vehicles fly together, by the role's name; everything else here is common to all.
+             * @description Steps of several vehicles, by role name; all other fields apply to all vehicles.
              */
             readonly roles?: {
                 readonly [key: string]: components["schemas"]["Role"];
             };
             /**
              * Minimum Separation M
-             * @description Of any two of the vehicles, braking distance included; None: 5 m.
+             * @description Minimum distance between any two vehicles, including their braking distance; None: 5 m.
              */
             readonly minimum_separation_m?: number | null;
             /**
              * Missions
-             * @description Lists of steps that `call` names.
+             * @description Named lists of steps for `call`.
              */
             readonly missions?: {
                 readonly [key: string]: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
             };
             /**
              * Tables
-             * @description Trajectories that `table` steps name, as the text of their CSV files.
+             * @description Trajectories for `table` steps: name and CSV text.
              */
             readonly tables?: {
                 readonly [key: string]: string;
@@ -8471,17 +8474,17 @@ export interface components {
         };
         /**
          * Orbit
-         * @description Circles around a place, at its height.
+         * @description Fly circles around a position, at its altitude.
          */
         readonly Orbit: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
              * Speed M S
-             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
+             * @description Maximum horizontal speed; None: MPC_XY_CRUISE.
              */
             readonly speed_m_s?: number | null;
             /**
@@ -8505,7 +8508,7 @@ export interface components {
             readonly photo_every_m?: number | null;
             /**
              * Avoidance
-             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
             readonly avoidance?: boolean | null;
             /**
@@ -8533,7 +8536,7 @@ export interface components {
             readonly clockwise: boolean;
             /**
              * Start Angle Ned Rad
-             * @description Bearing of the start from the centre; None: the nearest point.
+             * @description Bearing of the start from the centre; None: the point nearest to the vehicle.
              */
             readonly start_angle_ned_rad?: number | null;
         };
@@ -8554,7 +8557,7 @@ export interface components {
              */
             readonly radius_m: number;
             readonly altitude: components["schemas"]["Altitude"];
-            /** @description The camera looks at the centre at this altitude; null: nowhere in particular. */
+            /** @description The camera points at the centre at this altitude; null: the camera is not pointed. */
             readonly look_at?: components["schemas"]["Altitude"] | null;
             /**
              * Rounds
@@ -8568,7 +8571,7 @@ export interface components {
             readonly clockwise?: boolean;
             /**
              * Start Deg
-             * @description Where it begins, as seen from the centre, clockwise from north.
+             * @description Bearing of the start from the centre, clockwise from north.
              */
             readonly start_deg?: number;
         };
@@ -8962,7 +8965,7 @@ export interface components {
         };
         /**
          * PerimeterPattern
-         * @description Around an area, clockwise, at a distance from its edge: positive outside, negative inside.
+         * @description A path around an area, clockwise, at a distance from its edge: positive outside, negative inside.
          */
         readonly PerimeterPattern: {
             /**
@@ -8994,7 +8997,7 @@ export interface components {
         readonly Photo: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -9017,23 +9020,23 @@ export interface components {
         };
         /**
          * PhotoCoverage
-         * @description Pictures with overlaps at a distance to what they show.
+         * @description Overlaps of the pictures, and distance of the camera to the subject.
          */
         readonly PhotoCoverage: {
             readonly camera: components["schemas"]["CameraModel"];
             /**
              * Distance M
-             * @description From the camera to the ground, or to the structure's sides.
+             * @description Distance from the camera to the ground, or to the structure's sides.
              */
             readonly distance_m: number;
             /**
              * Front Overlap
-             * @description Of one picture and the next, as a share of the picture.
+             * @description Overlap of successive pictures, as a fraction of the picture.
              */
             readonly front_overlap?: number;
             /**
              * Side Overlap
-             * @description Of one line and the next, as a share of the picture.
+             * @description Overlap of neighbouring lines, as a fraction of the picture.
              */
             readonly side_overlap?: number;
         };
@@ -9044,13 +9047,13 @@ export interface components {
         readonly PhotoStart: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -9059,7 +9062,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -9099,13 +9102,13 @@ export interface components {
         readonly PhotoStop: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -9114,7 +9117,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -9131,12 +9134,12 @@ export interface components {
         };
         /**
          * Place
-         * @description A place, said in one of three ways: local, relative to the start of the mission, or on the earth.
+         * @description A position, given as local, as relative to the start of the mission, or as latitude and longitude.
          */
         readonly Place: {
             /**
              * Position Ned M
-             * @description From the vehicle's local origin.
+             * @description Relative to the vehicle's local origin.
              */
             readonly position_ned_m?: readonly [
                 number,
@@ -9145,7 +9148,7 @@ export interface components {
             ] | null;
             /**
              * Offset Ned M
-             * @description From where the mission starts.
+             * @description Relative to the start of the mission.
              */
             readonly offset_ned_m?: readonly [
                 number,
@@ -9193,7 +9196,7 @@ export interface components {
             readonly planned_home?: components["schemas"]["HomePosition"] | null;
             /**
              * Cruise Speed M S
-             * @description Planned speed of fixed wings (kept for files that have it).
+             * @description Planned speed of fixed-wing aircraft; stored only because files contain it.
              */
             readonly cruise_speed_m_s?: number | null;
             /**
@@ -9221,7 +9224,7 @@ export interface components {
             readonly rally_points: readonly components["schemas"]["RallyPoint"][];
             /**
              * Original
-             * @description JSON text of the .plan file it was read from, without what the fields above hold.
+             * @description JSON text of the .plan file it was read from, without the data of the fields above.
              */
             readonly original?: string | null;
         };
@@ -9303,12 +9306,12 @@ export interface components {
         };
         /**
          * PlanEstimates
-         * @description Estimates for a flight; lengths in metres, times in seconds.
+         * @description Estimates for one flight.
          */
         readonly PlanEstimates: {
             /**
              * Length M
-             * @description Along the path, over the ground and up and down.
+             * @description Length of the path, horizontal and vertical.
              */
             readonly length_m: number;
             /**
@@ -9318,12 +9321,12 @@ export interface components {
             readonly time_s: number;
             /**
              * Climb M
-             * @description All metres upwards.
+             * @description Sum of all climbs.
              */
             readonly climb_m: number;
             /**
              * Photos
-             * @description Pictures that items take; those without end count once.
+             * @description Pictures that items take; an endless series counts as one.
              */
             readonly photos: number;
             /**
@@ -9333,12 +9336,12 @@ export interface components {
             readonly energy_wh: number | null;
             /**
              * Endless
-             * @description A jump repeats without end, or the plan has more steps than are followed: it takes longer than this.
+             * @description A jump repeats without end, or the plan has too many steps: the flight is longer than estimated.
              */
             readonly endless: boolean;
             /**
              * Known Altitudes
-             * @description False: some altitude could not be compared, and its leg counts as level.
+             * @description False: an altitude could not be compared with home; its leg counts as level.
              */
             readonly known_altitudes: boolean;
         };
@@ -9349,17 +9352,17 @@ export interface components {
         readonly PlanLeg: {
             /**
              * Place
-             * @description Which step: "step 3", "step 4.2".
+             * @description The step: "step 3", "step 4.2".
              */
             readonly place: string;
             /**
              * Title
-             * @description For people: the step's name, or what it is.
+             * @description The step's name if it has one, otherwise its kind.
              */
             readonly title: string;
             /**
              * Start S
-             * @description By plan.
+             * @description Planned start time.
              */
             readonly start_s: number;
             /**
@@ -9369,12 +9372,12 @@ export interface components {
             readonly duration_s: number;
             /**
              * Main
-             * @description On the way that takes longest; false: after a branch, on the other one.
+             * @description Whether the leg is on the longest path through the branches.
              */
             readonly main: boolean;
             /**
              * Points
-             * @description t_s since the leg began, and north, east, down of the local origin [m].
+             * @description Time since the start of the leg [s], and north, east, down [m].
              */
             readonly points: readonly (readonly [
                 number,
@@ -9396,7 +9399,7 @@ export interface components {
         };
         /**
          * PlanOrigin
-         * @description The zero of a local NED frame on the earth.
+         * @description Position of the origin of a local NED frame.
          */
         readonly PlanOrigin: {
             /**
@@ -9417,7 +9420,7 @@ export interface components {
         };
         /**
          * PlanStepTime
-         * @description The duration of one step on the longest path through the mission, all repeats together.
+         * @description Duration of one step on the longest path through the mission, summed over all repeats.
          */
         readonly PlanStepTime: {
             /**
@@ -9427,7 +9430,7 @@ export interface components {
             readonly place: string;
             /**
              * Start S
-             * @description When it begins for the first time, by plan.
+             * @description Planned time of its first start.
              */
             readonly start_s: number;
             /**
@@ -9561,7 +9564,7 @@ export interface components {
         };
         /**
          * Point
-         * @description A place on the ground, WGS84 degrees.
+         * @description A position on the ground, WGS84 degrees.
          */
         readonly Point: {
             /**
@@ -9857,7 +9860,7 @@ export interface components {
         };
         /**
          * RallyPoint
-         * @description A place to return to instead of home.
+         * @description A position to return to instead of home.
          */
         readonly RallyPoint: {
             /**
@@ -10116,12 +10119,12 @@ export interface components {
         };
         /**
          * Repeat
-         * @description The same steps several times.
+         * @description Repeat the same steps several times.
          */
         readonly Repeat: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -10273,18 +10276,18 @@ export interface components {
         };
         /**
          * ReturnHome
-         * @description Return to launch: home or a rally point, as the vehicle is set up.
+         * @description Return to home or to a rally point, as the vehicle's parameters say.
          */
         readonly ReturnHome: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -10293,7 +10296,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -10325,18 +10328,18 @@ export interface components {
         };
         /**
          * RoiLocation
-         * @description Point the camera at a place from here on.
+         * @description Point the camera at a position from now on.
          */
         readonly RoiLocation: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -10345,7 +10348,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -10373,18 +10376,18 @@ export interface components {
         };
         /**
          * RoiNextWaypoint
-         * @description Point the camera along the path. Pitch and roll offset are whole degrees, as the protocol has them.
+         * @description Point the camera along the path. Pitch and roll offset are whole degrees in the protocol.
          */
         readonly RoiNextWaypoint: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -10393,7 +10396,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -10428,18 +10431,18 @@ export interface components {
         };
         /**
          * RoiNone
-         * @description Stop pointing the camera at a place.
+         * @description Stop pointing the camera at a position.
          */
         readonly RoiNone: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -10448,7 +10451,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -10465,12 +10468,12 @@ export interface components {
         };
         /**
          * Role
-         * @description What one of several vehicles flies.
+         * @description The part of one vehicle in a mission of several vehicles.
          */
         readonly Role: {
             /**
              * Start Ned M
-             * @description Where its vehicle is planned to stand, from `home`; for planning without vehicles.
+             * @description Planned start position relative to `home`; for planning without vehicles.
              */
             readonly start_ned_m?: readonly [
                 number,
@@ -10506,18 +10509,18 @@ export interface components {
         };
         /**
          * SetActuator
-         * @description Set actuators 1 to 4 of a set, -1 to 1; None leaves one as it is.
+         * @description Set actuators 1 to 4 of a set to -1 … 1; None: unchanged.
          */
         readonly SetActuator: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -10526,7 +10529,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -10563,18 +10566,18 @@ export interface components {
         };
         /**
          * SetHome
-         * @description Make the vehicle's place its home (`use_current` 1; PX4 takes no other place in a mission).
+         * @description Set home to the vehicle's position (`use_current` 1; PX4 accepts no other position in a mission).
          */
         readonly SetHome: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -10583,7 +10586,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -10605,13 +10608,13 @@ export interface components {
         readonly SetServo: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -10620,7 +10623,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -10721,17 +10724,17 @@ export interface components {
         };
         /**
          * Spiral
-         * @description Circles that widen or narrow to `end_radius_m`.
+         * @description Fly circles whose radius changes to `end_radius_m`.
          */
         readonly Spiral: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
              * Speed M S
-             * @description Highest speed over the ground; None: MPC_XY_CRUISE.
+             * @description Maximum horizontal speed; None: MPC_XY_CRUISE.
              */
             readonly speed_m_s?: number | null;
             /**
@@ -10755,7 +10758,7 @@ export interface components {
             readonly photo_every_m?: number | null;
             /**
              * Avoidance
-             * @description Lead the vehicle past obstacles that its sensors measure; None: as the mission says.
+             * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
              */
             readonly avoidance?: boolean | null;
             /**
@@ -10783,7 +10786,7 @@ export interface components {
             readonly clockwise: boolean;
             /**
              * Start Angle Ned Rad
-             * @description Bearing of the start from the centre; None: the nearest point.
+             * @description Bearing of the start from the centre; None: the point nearest to the vehicle.
              */
             readonly start_angle_ned_rad?: number | null;
             /**
@@ -11166,7 +11169,7 @@ export interface components {
         };
         /**
          * StructurePattern
-         * @description Rounds about a structure, one above the other, with pictures of its sides.
+         * @description Rounds around a structure at several heights, with pictures of its sides.
          */
         readonly StructurePattern: {
             /**
@@ -11183,12 +11186,12 @@ export interface components {
             readonly base: components["schemas"]["Altitude"];
             /**
              * Height M
-             * @description Of the structure above its foot.
+             * @description Height of the structure above its base.
              */
             readonly height_m: number;
             /**
              * Lowest M
-             * @description Of the lowest round above the foot.
+             * @description Height of the lowest round above the base.
              */
             readonly lowest_m?: number;
             /**
@@ -11226,7 +11229,7 @@ export interface components {
             readonly altitude: components["schemas"]["Altitude"];
             /**
              * Heading Deg
-             * @description Of the lines, clockwise from north; null: the one with the shortest way.
+             * @description Direction of the lines, clockwise from north; null: the direction with the shortest path.
              */
             readonly heading_deg?: number | null;
             /**
@@ -11247,15 +11250,15 @@ export interface components {
         };
         /**
          * Table
-         * @description A trajectory from a file, flown at its own times: CSV, or a NumPy array (.npy).
+         * @description Fly a trajectory from a file with its own times: CSV, or a NumPy array (.npy).
          *
-         *     CSV columns: t_s, north_m, east_m, down_m, and yaw_ned_rad where wanted; a NumPy array (N, 4 or 5) has the
+         *     CSV columns: t_s, north_m, east_m, down_m, and optionally yaw_ned_rad; a NumPy array (N, 4 or 5) has the
          *     same order. Positions are local, or relative to the start of the mission.
          */
         readonly Table: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -11296,12 +11299,12 @@ export interface components {
         };
         /**
          * TakeOff
-         * @description Arm and climb; the mission goes on at that height.
+         * @description Arm and climb; the mission continues at that height.
          */
         readonly TakeOff: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -11323,18 +11326,18 @@ export interface components {
         };
         /**
          * Takeoff
-         * @description Climb to the altitude, then fly to the place.
+         * @description Climb to the altitude, then fly to the position.
          */
         readonly Takeoff: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -11343,7 +11346,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -11647,18 +11650,18 @@ export interface components {
         };
         /**
          * TriggerControl
-         * @description Start (1) or stop (0) the camera trigger; -1 leaves each as it is.
+         * @description Start (1) or stop (0) the camera trigger; -1 leaves a value unchanged.
          */
         readonly TriggerControl: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -11667,7 +11670,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -11701,18 +11704,18 @@ export interface components {
         };
         /**
          * TriggerDistance
-         * @description Take a picture every so many metres from here on; 0 stops. `at_once` 1: the first one now.
+         * @description Take a picture every `distance_m`; 0 stops. `at_once` 1: take the first one immediately.
          */
         readonly TriggerDistance: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -11721,7 +11724,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -11755,18 +11758,18 @@ export interface components {
         };
         /**
          * TriggerInterval
-         * @description Set the least time between two pictures, in milliseconds.
+         * @description Set the minimum time between two pictures, in milliseconds.
          */
         readonly TriggerInterval: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -11775,7 +11778,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -11917,12 +11920,12 @@ export interface components {
             readonly yaw_rate_max_rad_s: number | null;
             /**
              * Distance Max M
-             * @description From home: GF_MAX_HOR_DIST [m]; None too where it is off (0).
+             * @description From home: GF_MAX_HOR_DIST [m]; also None if it is off (0).
              */
             readonly distance_max_m: number | null;
             /**
              * Height Max M
-             * @description Above home: GF_MAX_VER_DIST [m]; None too where it is off (0).
+             * @description Above home: GF_MAX_VER_DIST [m]; also None if it is off (0).
              */
             readonly height_max_m: number | null;
         };
@@ -12092,12 +12095,12 @@ export interface components {
         };
         /**
          * VelocityStep
-         * @description A velocity for a time, reached and left within acceleration and jerk.
+         * @description Fly a velocity for a time, with limited acceleration and jerk.
          */
         readonly VelocityStep: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -12116,7 +12119,7 @@ export interface components {
             ];
             /**
              * Duration S
-             * @description Duration, changes of speed included.
+             * @description Duration, including acceleration and braking.
              */
             readonly duration_s: number;
             /**
@@ -12163,18 +12166,18 @@ export interface components {
         };
         /**
          * VideoStart
-         * @description Start recording; `status_hz` is how often the camera reports on it.
+         * @description Start recording; `status_hz` is the rate of the camera's status messages.
          */
         readonly VideoStart: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -12183,7 +12186,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -12217,13 +12220,13 @@ export interface components {
         readonly VideoStop: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -12232,7 +12235,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -12255,12 +12258,12 @@ export interface components {
         };
         /**
          * Wait
-         * @description Hold until a person goes on, or until a condition; at the timeout do `on_timeout`.
+         * @description Hold until the pilot continues or a condition is true; after the timeout do `on_timeout`.
          */
         readonly Wait: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -12275,7 +12278,7 @@ export interface components {
             readonly until: components["schemas"]["Condition"] | "person";
             /**
              * Message
-             * @description The question shown to the person.
+             * @description The question shown to the pilot.
              */
             readonly message?: string | null;
             /**
@@ -12304,18 +12307,18 @@ export interface components {
         };
         /**
          * Waypoint
-         * @description Fly to the place; wait there if `hold_s` is set. A radius of 0 is PX4's NAV_ACC_RAD.
+         * @description Fly to the position; hold there for `hold_s`. A radius of 0 means PX4's NAV_ACC_RAD.
          */
         readonly Waypoint: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -12324,7 +12327,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -12392,13 +12395,13 @@ export interface components {
         readonly Winch: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -12407,7 +12410,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -12621,18 +12624,19 @@ export interface components {
         };
         /**
          * Land
-         * @description Fly to the place and land. `precision`: 0 off, 1 where a target is seen, 2 required.
+         * @description Fly to the position and land. `precision`: precision landing 0 off, 1 if a target is visible, 2
+         *     required.
          */
         readonly missions__items__Land: {
             /**
              * Autocontinue
-             * @description Go on to the next item when this one is done.
+             * @description Continue with the next item when this one is done.
              * @default true
              */
             readonly autocontinue: boolean;
             /**
              * Spare Params
-             * @description MAVLink parameters (number, value) that this kind does not use, where they have unusual values.
+             * @description MAVLink parameters (number, value) that this kind does not use but that have unusual values.
              * @default []
              */
             readonly spare_params: readonly (readonly [
@@ -12641,7 +12645,7 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, with whatever is not modelled here.
+             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
              */
             readonly original?: string | null;
             /**
@@ -12680,12 +12684,12 @@ export interface components {
         };
         /**
          * Gimbal
-         * @description How the gimbal points from here on, while other steps are flown.
+         * @description Set the gimbal direction for the following steps.
          */
         readonly missions__offboard__steps__Gimbal: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
@@ -12711,11 +12715,11 @@ export interface components {
              * @default 0
              */
             readonly yaw_rad: number;
-            /** @description The place to look at, for look_at. */
+            /** @description The position to look at, for look_at. */
             readonly place?: components["schemas"]["Place"] | null;
             /**
              * Sweep Pitch Rad
-             * @description Half width of a sweep, to both sides of its middle.
+             * @description Amplitude of a sweep, to both sides of its middle.
              * @default 0
              */
             readonly sweep_pitch_rad: number;
@@ -12734,12 +12738,12 @@ export interface components {
         };
         /**
          * Land
-         * @description Land here and disarm.
+         * @description Land at the current position and disarm.
          */
         readonly missions__offboard__steps__Land: {
             /**
              * Name
-             * @description Shown to people.
+             * @description Name shown to the pilot.
              */
             readonly name?: string | null;
             /**
