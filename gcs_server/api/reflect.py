@@ -56,10 +56,13 @@ def described(name: str) -> str:
 
 
 def attribute_docs(kind: type) -> dict[str, str]:
-    """The strings that stand under a class's attributes."""
+    """The strings that stand under the attributes of a class and of the dataclasses that it extends."""
+    docs: dict[str, str] = {}
+    for base in kind.__bases__:
+        if dataclasses.is_dataclass(base):
+            docs |= attribute_docs(base)
     tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
     assert isinstance(tree, ast.ClassDef)
-    docs: dict[str, str] = {}
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         if (
             isinstance(before, ast.AnnAssign)

@@ -22,11 +22,19 @@ from gcs_server.replay.catalogue import RecordingInfo
 from gcs_server.replay.marks import ArmedSpan, MessageMark, ModeSpan, VehicleMarks
 from gcs_server.replay.service import RecordingIndex, Replay
 from gcs_server.telemetry.wire import encode
+from gcs_server.vehicle.components import Component
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Notice
 from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.samples import TOPICS, BatteryReading, DistanceSensor, OutputGroup, Sample
+from gcs_server.vehicle.samples import (
+    TOPICS,
+    BatteryReading,
+    DistanceSensor,
+    GimbalReading,
+    OutputGroup,
+    Sample,
+)
 from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
@@ -37,11 +45,13 @@ LINES_PER_TURN = 500
 
 _SEVERAL: dict[str, dict[str, Any]] = {
     "battery": {"batteries": tuple[model_of(BatteryReading), ...]},
+    "gimbal": {"gimbals": tuple[model_of(GimbalReading), ...]},
     "motors": {"groups": tuple[model_of(OutputGroup), ...]},
     "distance_sensors": {"sensors": tuple[model_of(DistanceSensor), ...]},
 }
 TOPIC_MODELS = {name: model_of(kind, **_SEVERAL.get(name, {})) for name, kind in TOPICS.items()}
 IdentityModel = model_of(Identity)
+ComponentModel = model_of(Component)
 StatusModel = TOPIC_MODELS["status"]
 RoiModel = model_of(Roi)
 GimbalLimitedModel = model_of(GimbalLimited)
@@ -114,6 +124,10 @@ TopicsModel = create_model(
 _vehicle_fields: dict[str, Any] = {
     "id": (str, Field(description="Id of the vehicle in the API.")),
     "identity": (IdentityModel, Field(description="Identity of the vehicle.")),
+    "components": (
+        list[ComponentModel],
+        Field(description="Its components that have sent a heartbeat, the autopilot first."),
+    ),
     "status": (StatusModel, Field(description="State of the vehicle.")),
     "links": (
         list[str],
@@ -186,7 +200,7 @@ class GimbalPointed(CommandDone):
 
 
 class GimbalView(AnswerBody):
-    """State of the gimbal."""
+    """State of the gimbal: the first one, or the chosen one."""
 
     vehicle: str = Field(description="The vehicle's id.")
     available: bool = Field(description="False: the vehicle has reported no gimbal.")
@@ -311,6 +325,7 @@ def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
     return {
         "id": vehicle.id,
         "identity": vehicle.identity,
+        "components": vehicle.components.all(),
         "status": vehicle.status,
         "links": vehicle.links,
         "topics": {name: sample for name, sample in topics.items() if sample is not None},

@@ -115,7 +115,8 @@ def classify(msg_id: int, payload: bytes) -> Urgency:
     if msg_id in INPUTS:
         return Urgency(Priority.SETPOINT, SETPOINT_LIFETIME_S, (msg_id, system))
     if msg_id in GIMBAL_INPUTS:
-        return Urgency(Priority.SETPOINT, COMMAND_LIFETIME_S, ("gimbal", system))
+        at = TARGET_SYSTEM_OFFSET[msg_id]
+        return Urgency(Priority.SETPOINT, COMMAND_LIFETIME_S, ("gimbal", payload[at : at + 3]))
     if msg_id == d.MAVLINK_MSG_ID_SET_MODE:
         return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (msg_id, system), ("flight", system))
     if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:

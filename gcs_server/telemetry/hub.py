@@ -49,6 +49,7 @@ PERIODS_S = {
     "offboard": OFFBOARD_PERIOD_S,
     "offboard_mission": OFFBOARD_PERIOD_S,
     "identity": IDENTITY_PERIOD_S,
+    "components": IDENTITY_PERIOD_S,
     "control": CONTROL_PERIOD_S,
 }
 """Topics of the server: how often each is checked for a change. Only a change makes a new sample."""
@@ -158,6 +159,8 @@ class Encoded:
     def _own(vehicle: Vehicle, topic: str) -> object | None:
         if topic == "identity":
             return vehicle.identity
+        if topic == "components":
+            return vehicle.components.all()
         if topic == "control":
             return None if vehicle.identity.replayed or not vehicle.control else vehicle.control.status()
         if topic == "offboard_mission":

@@ -303,7 +303,6 @@ def item_count(total: int) -> int | None:
 
 
 Decoder = Callable[[Payloads], Decoded | None]
-GIMBAL_IDS = gimbal_decoder.IDS
 
 DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "local_position": ((d.MAVLINK_MSG_ID_LOCAL_POSITION_NED,), local_position),
@@ -311,7 +310,6 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "gps": ((d.MAVLINK_MSG_ID_GPS_RAW_INT,), gps),
     "battery": ((d.MAVLINK_MSG_ID_BATTERY_STATUS, d.MAVLINK_MSG_ID_SYS_STATUS), battery),
     "home": ((d.MAVLINK_MSG_ID_HOME_POSITION,), home),
-    "gimbal": (GIMBAL_IDS, gimbal_decoder.gimbal),
     "motors": ((d.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,), motors),
     "target_local": ((d.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,), target_local),
     "target_attitude": ((d.MAVLINK_MSG_ID_ATTITUDE_TARGET,), target_attitude),
@@ -323,5 +321,5 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "distance_sensors": ((d.MAVLINK_MSG_ID_DISTANCE_SENSOR,), ranging_decoder.distance_sensors),
     "obstacle_distance": ((d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,), ranging_decoder.obstacle_distance),
 }
-"""By topic: its messages and its decoder. For attitude `vehicle/state.py` chooses the newer of two
-messages."""
+"""By topic: its messages and its decoder. `vehicle/state.py` decodes the others: attitude, from the newer of
+two messages, and gimbal, of which there may be several."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
-from gcs_server.vehicle.gimbal_decoder import control_of
+from gcs_server.vehicle.gimbal_decoder import control_of, device_id_of
 from gcs_server.vehicle.mode_cause import (
     MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
     MODE_COMMANDS,
@@ -42,7 +42,8 @@ class ExternalControl:
         self._command = command
         self._stream_asks = stream_asks
         self._foreign_ack: ForeignAck | None = None
-        self._gimbal_control: tuple[int, int] | None = None
+        self._gimbal_control: dict[tuple[int, int], tuple[int, int] | None] = {}
+        """By the manager's component and device id."""
         self.mode_cause: ModeCause | None = None
         """Cause of the current mode; None before the first mode change."""
 
@@ -96,10 +97,11 @@ class ExternalControl:
         ):
             self._foreign_ack = ForeignAck(*target, self._vehicle.clock.monotonic_s())
 
-    def gimbal(self, payload: bytes) -> None:
+    def gimbal(self, component_id: int, payload: bytes) -> None:
         """GIMBAL_MANAGER_STATUS: another station may have taken the gimbal from this server."""
         vehicle, control = self._vehicle, control_of(payload)
-        if self._gimbal_control == vehicle.own_ids and control not in (None, vehicle.own_ids):
+        which = (component_id, device_id_of(payload))
+        if self._gimbal_control.get(which) == vehicle.own_ids and control not in (None, vehicle.own_ids):
             other = f"{control[0]}/{control[1]}"
             vehicle.events.add(
                 "control",
@@ -108,7 +110,7 @@ class ExternalControl:
                 severity=d.MAV_SEVERITY_WARNING,
                 data={"action": "gimbal_taken", "by": other},
             )
-        self._gimbal_control = control
+        self._gimbal_control[which] = control
 
     def _has_transmitter(self) -> bool:
         sample = self._vehicle.topic("health")

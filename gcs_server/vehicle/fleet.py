@@ -13,6 +13,7 @@ from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.router import FrameSink, Router
 from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.components import is_peripheral
 from gcs_server.vehicle.endpoint import SILENT_AFTER_S, Endpoint, SameVehicle, same_vehicle
 from gcs_server.vehicle.events import Event, EventFeed
 from gcs_server.vehicle.identity import Identity, read_version
@@ -200,6 +201,8 @@ class Fleet(FrameSink):
             return None
         payload = full_payload(frame)
         if payload[5] == d.MAV_AUTOPILOT_INVALID or not frame.system_id:
+            return None
+        if is_peripheral(frame.component_id, payload[4]):
             return None
         now_s = frame.received_monotonic_s
         if len(self._endpoints) >= MAX_ENDPOINTS_ON_LINK and not self._may_have_endpoint(connection, now_s):

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.numbers import MAX_MAGNITUDE, Unusable, number, rotation
-from gcs_server.vehicle.samples import Gimbal
+from gcs_server.vehicle.samples import GimbalReading
 from missions.frames import euler_from_q, q_from_euler, wrap_pi
 
 _status = struct.Struct("<II5B")
@@ -42,27 +42,33 @@ MAX_ANGLE_RAD = math.radians(720.0)
 MIN_RANGE_RAD = math.radians(0.1)
 
 
-def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
-    """The sample; None before the first attitude (285 or 265).
+def gimbal(
+    payloads: Mapping[int, bytes], component_id: int, device_id: int
+) -> tuple[GimbalReading, float] | None:
+    """One gimbal and its boot time; None before the first attitude (285 or 265).
+
+    Args:
+        payloads: of this gimbal, by message id.
+        component_id: its manager's.
+        device_id: as the manager calls it.
+
+    The vehicle's attitude (31 or 30) is used as well, to convert yaw between the two frames.
 
     Raises:
         Unusable: the received attitude is not a rotation.
-
-    The vehicle's attitude (31 or 30) is used as well, to convert yaw between the two frames.
     """
     device = payloads.get(d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS)
     mount = payloads.get(d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
     status = payloads.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS)
     if device is None and mount is None:
         return None
-    flags, device_id, primary, secondary = _manager(status)
+    flags, primary, secondary = _manager(status)
     time_ms, q, roll, pitch, yaw = -1, None, 0.0, 0.0, 0.0
     if device is not None:
         values = _device.unpack_from(device)
         q = rotation(values[1:5])
         if status is None or values[0] >= _status.unpack_from(status)[0]:
             flags = values[9]
-        device_id = values[14] or device_id
         if q is not None:
             time_ms = values[0]
             roll, pitch, yaw = euler_from_q(q)
@@ -83,7 +89,7 @@ def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
     yaw_ned = yaw if in_earth_frame else None if heading is None else wrap_pi(yaw + heading)
     yaw_frd = yaw if not in_earth_frame else None if heading is None else wrap_pi(yaw - heading)
     limits = _limits(payloads.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION))
-    value = Gimbal(
+    value = GimbalReading(
         gimbal_device_id=device_id,
         roll_rad=roll,
         pitch_rad=pitch,
@@ -99,6 +105,7 @@ def gimbal(payloads: Mapping[int, bytes]) -> tuple[Gimbal, float | None] | None:
         pitch_max_rad=limits[1],
         yaw_min_rad=limits[2],
         yaw_max_rad=limits[3],
+        component_id=component_id,
     )
     return value, time_ms / 1e3
 
@@ -112,16 +119,21 @@ def yaw_in_earth_frame(flags: int) -> bool:
 
 def control_of(status: bytes) -> tuple[int, int] | None:
     """The primary controller, from GIMBAL_MANAGER_STATUS."""
-    return _manager(status)[2]
+    return _manager(status)[1]
 
 
-def _manager(status: bytes | None) -> tuple[int, int, tuple[int, int] | None, tuple[int, int] | None]:
+def device_id_of(status: bytes) -> int:
+    """The device id, from GIMBAL_MANAGER_STATUS."""
+    return _status.unpack_from(status)[2]
+
+
+def _manager(status: bytes | None) -> tuple[int, tuple[int, int] | None, tuple[int, int] | None]:
     if status is None:
-        return 0, 0, None, None
-    _, flags, device_id, system, component, second_system, second_component = _status.unpack_from(status)
+        return 0, None, None
+    _, flags, _, system, component, second_system, second_component = _status.unpack_from(status)
     primary = (system, component) if system or component else None
     secondary = (second_system, second_component) if second_system or second_component else None
-    return flags, device_id, primary, secondary
+    return flags, primary, secondary
 
 
 def _heading(payloads: Mapping[int, bytes]) -> float | None:

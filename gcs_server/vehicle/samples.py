@@ -101,10 +101,11 @@ class Home:
 
 
 @dataclass(frozen=True, slots=True)
-class Gimbal:
-    """The gimbal as its manager and device report it (281, 285, 265, 280)."""
+class GimbalReading:
+    """One gimbal."""
 
     gimbal_device_id: int
+    """Device id by which its manager knows it; 0 if the manager does not say."""
     roll_rad: float
     pitch_rad: float
     yaw_frd_rad: float | None
@@ -124,6 +125,16 @@ class Gimbal:
     pitch_max_rad: float | None
     yaw_min_rad: float | None
     yaw_max_rad: float | None
+    component_id: int
+    """MAVLink component of its gimbal manager, which takes its commands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gimbal(GimbalReading):
+    """The gimbal as its manager and device report it (281, 285, 265, 280): of several gimbals, the first."""
+
+    gimbals: tuple[GimbalReading, ...] = ()
+    """All gimbals, the autopilot's first; empty if there is only one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import logging
 from collections import deque
+from dataclasses import fields
 
 from gcs_server.clock import Clock
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
-from gcs_server.vehicle import decoders
+from gcs_server.vehicle import decoders, gimbal_decoder
+from gcs_server.vehicle.gimbals import GimbalAddress, by_gimbal
 from gcs_server.vehicle.history import HISTORY_S, History
-from gcs_server.vehicle.instances import ANY_COMPONENT, Instances, heard
+from gcs_server.vehicle.instances import Instances, heard, instance_of
 from gcs_server.vehicle.modes import name_and_label
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
-from gcs_server.vehicle.samples import Sample, Status
+from gcs_server.vehicle.samples import Gimbal, GimbalReading, Sample, Status
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +29,7 @@ HEARTBEAT_OVERDUE_AFTER_S = 10.0
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
 TOPIC_MESSAGES: dict[str, tuple[int, ...]] = {
     "attitude": ATTITUDE_IDS,
+    "gimbal": gimbal_decoder.IDS,
     **{topic: ids for topic, (ids, _) in decoders.DECODERS.items()},
 }
 EXTRA_MESSAGES: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
@@ -48,14 +51,14 @@ class VehicleState:
     """State of one vehicle. Only `take` writes it; reading decodes and caches.
 
     Args:
-        component_id: the autopilot's; frames of other components are ignored, except gimbals.
+        component_id: the autopilot's; frames of other components are ignored, except those of gimbals.
     """
 
     def __init__(self, component_id: int, clock: Clock) -> None:
         self.flight_state = FlightState()
         self.latest: dict[int, Frame] = {}
-        """Newest frame of each message id of the dialect, and of each instance (`instances.py`)."""
-        self._instances = Instances()
+        """Newest frame of each (component, message, instance), by key (`instances.py`)."""
+        self._instances = Instances(component_id)
         self.unusable: dict[str, str] = {}
         """Topics whose newest message cannot be used, and why; as of the last reading."""
         self._component_id = component_id
@@ -70,22 +73,19 @@ class VehicleState:
         """(time, sources, sample) of the last minutes."""
 
     def take(self, frame: Frame) -> bool:
-        """Stores a frame; False if another component sent it."""
-        if frame.msg_id in ANY_COMPONENT:
-            if not self._instances.is_shown(frame):
-                return False
-        elif frame.component_id != self._component_id:
-            return False
+        """Stores a frame; False if it is ignored: another component sent it."""
+        own = frame.component_id == self._component_id
         if not frame.known:  # there are 16 million ids: storing them all would fill the memory
-            return True
-        if frame.component_id == self._component_id:
+            return own
+        if own:
             self._note_received(frame)
-        if frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
+        if own and frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
             self.topic("home")  # decoded before the newer one replaces it
         key = self._instances.key_of(frame)
-        if key is not None:
-            self.latest[key] = frame
-            self._decoded.difference_update(TOPICS_OF_MESSAGE.get(frame.msg_id, ()))
+        if key is None:
+            return own
+        self.latest[key] = frame
+        self._decoded.difference_update(TOPICS_OF_MESSAGE.get(frame.msg_id, ()))
         reducer = REDUCERS.get(frame.msg_id)
         if reducer is not None:
             self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
@@ -163,6 +163,30 @@ class VehicleState:
         self._decoded.add(name)
         return sample
 
+    def newest(self, msg_id: int, component_id: int | None, instance: int | None) -> Frame | None:
+        """The newest frame of a message, of this component and instance if they are given: of several the
+        autopilot's, then that of the lowest component and instance."""
+        for key in self._instances.keys((msg_id,)):
+            frame = self.latest.get(key)
+            if (
+                frame is not None
+                and component_id in (None, frame.component_id)
+                and instance in (None, instance_of(key))
+            ):
+                return frame
+        return None
+
+    def senders(self, msg_id: int) -> frozenset[int]:
+        """Components that have sent a message."""
+        frames = (self.latest.get(key) for key in self._instances.keys((msg_id,)))
+        return frozenset(frame.component_id for frame in frames if frame is not None)
+
+    def gimbals(self) -> tuple[GimbalAddress, ...]:
+        """The gimbals that are heard, the autopilot's first."""
+        keys = self._instances.keys(gimbal_decoder.IDS)
+        frames = {key: self.latest[key] for key in keys if key in self.latest}
+        return tuple(address for address, _ in by_gimbal(frames, self._component_id))
+
     def remember(self) -> None:
         """Called at up to 4 Hz: stores new frames for `history` without decoding."""
         now_s = self._clock.monotonic_s()
@@ -207,14 +231,16 @@ class VehicleState:
         read = {key: frame for key, frame in zip(keys, frames, strict=True) if frame is not None}
         if not read:
             return None
-        if len(keys) > len(INPUT_MESSAGES[name]):
+        if name != "gimbal" and len(keys) > len(INPUT_MESSAGES[name]):
             read = heard(read.items())
         message_ids = TOPIC_MESSAGES[name]
         present = [frame for frame in read.values() if frame.msg_id in message_ids]
         if not present:
             return None
         payloads = {key: full_payload(frame) for key, frame in read.items()}
-        if name == "attitude":
+        if name == "gimbal":
+            decoded = self._gimbal(read)
+        elif name == "attitude":
             decoded = self._attitude(present, payloads)
         else:
             decoded = decoders.DECODERS[name][1](payloads)
@@ -222,6 +248,26 @@ class VehicleState:
             return None
         received_s = max([f.received_monotonic_s for f in present])
         return self._sample(name, decoded[0], decoded[1], received_s)
+
+    def _gimbal(self, read: dict[int, Frame]) -> decoders.Decoded | None:
+        """The first gimbal, with all if there are several; one that is not usable is left out."""
+        vehicle = {msg_id: full_payload(read.pop(msg_id)) for msg_id in ATTITUDE_IDS if msg_id in read}
+        made: list[tuple[GimbalReading, float]] = []
+        fault: Unusable | None = None
+        for address, frames in by_gimbal(read, self._component_id):
+            payloads = {msg_id: full_payload(frame) for msg_id, frame in frames.items()}
+            try:
+                one = gimbal_decoder.gimbal(payloads | vehicle, address.component_id, address.device_id)
+            except Unusable as error:
+                fault = error
+            else:
+                made += [one] if one is not None else []
+        if not made:
+            if fault is not None:
+                raise fault
+            return None
+        first = {field.name: getattr(made[0][0], field.name) for field in fields(GimbalReading)}
+        return Gimbal(**first, gimbals=tuple(value for value, _ in made) if len(made) > 1 else ()), made[0][1]
 
     @staticmethod
     def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:

@@ -17,6 +17,7 @@ from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.attached import AttachedControl, AttachedMission, AttachedStream
+from gcs_server.vehicle.components import Components
 from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
@@ -28,7 +29,7 @@ from gcs_server.vehicle.samples import Sample, Status
 from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.command import CommandService
 from gcs_server.vehicle.services.ftp import FtpService
-from gcs_server.vehicle.services.gimbal import GimbalService
+from gcs_server.vehicle.services.gimbals import Gimbals
 from gcs_server.vehicle.services.health import HealthService
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.mission import MissionService
@@ -37,8 +38,6 @@ from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
 
 log = logging.getLogger(__name__)
 
-ASK_LIMITS_TIMES = 5
-ASK_LIMITS_EVERY_S = 1.0
 STAY_ON_LINK_S = 0.4
 """The link in use is kept until another one is more recent by this time. It is well below PX4's timeout of a
 setpoint stream (COM_OF_LOSS_T, 1 s)."""
@@ -82,8 +81,6 @@ class Vehicle:
         self._known_links: set[str] = set()
         self._sending: Endpoint | None = None
         self._lost = False
-        self._limits_asked = 0
-        self._limits_next_s = self._limits_since_s = float("-inf")
         self._special: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._event_logger.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
@@ -92,13 +89,15 @@ class Vehicle:
             d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.unavailable(full_payload(f)),
             d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._external_control.ack(full_payload(f)),
             d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._external_control.gimbal(
-                full_payload(f)
+                f.component_id, full_payload(f)
             ),
         }
         self._notable = frozenset((*REDUCERS, *self._special))
         """Handlers of messages that are not only stored."""
         self.command = CommandService(self)
-        self.gimbal = GimbalService(self)
+        self.components = Components(identity.component_id, clock, self._report_component)
+        self.gimbals = Gimbals(self, self._state)
+        self.gimbal = self.gimbals.first
         self.camera = CameraService(self)
         self.mission = MissionService(self)
         self.ftp = FtpService(self)
@@ -170,10 +169,13 @@ class Vehicle:
             self._state.topic(name)
         return dict(self._state.unusable)
 
-    def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None:
-        """The newest full-length payload of a message, and its time of reception [s, monotonic]."""
-        frame = self._state.latest.get(msg_id)
-        return None if frame is None or not frame.known else (full_payload(frame), frame.received_monotonic_s)
+    def newest_payload(
+        self, msg_id: int, component_id: int | None = None, instance: int | None = None
+    ) -> tuple[bytes, float] | None:
+        """The newest full-length payload of a message, and its time of reception [s, monotonic]: of this
+        component and instance if they are given, else the autopilot's."""
+        frame = self._state.newest(msg_id, component_id, instance)
+        return None if frame is None else (full_payload(frame), frame.received_monotonic_s)
 
     def require_commandable(self) -> None:
         """Raises Refused for a replayed vehicle, NotVerified for an unverified type, Disconnected while its
@@ -240,6 +242,8 @@ class Vehicle:
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """Handles a frame of this vehicle from one of its endpoints."""
         state, msg_id = self._state, frame.msg_id
+        if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
+            self.components.heartbeat(frame)
         before = state.flight_state
         if state.take(frame) and msg_id in self._notable:
             if state.flight_state is not before:
@@ -288,39 +292,18 @@ class Vehicle:
     def tick(self) -> None:
         """Four times a second: history, held texts, the link's age."""
         self._state.remember()
+        self.components.tick()
         self._event_logger.tick()
         self.health.tick()
-        self._ask_gimbal_limits()
+        self.gimbals.ask_limits()
         if self._state.link_lost and not self._lost:
             self._lost = True
             self.events.add("link", self.clock.unix_s(), "Link lost", severity=d.MAV_SEVERITY_WARNING)
             self.disconnected(self._state.silence())
 
-    def _ask_gimbal_limits(self) -> None:
-        """Requests GIMBAL_MANAGER_INFORMATION, which is not streamed, a few times and again after a lost
-        link. PX4 is always asked, other autopilots only after a message of a gimbal manager.
-        """
-        identity, latest = self._identity, self._state.latest
-        known = latest.get(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
-        heard = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS in latest
-        now_s = self.clock.monotonic_s()
-        if (
-            identity.replayed
-            or self._state.link_lost
-            or not (heard or identity.autopilot == d.MAV_AUTOPILOT_PX4)
-            or (known is not None and known.received_monotonic_s >= self._limits_since_s)
-            or self._limits_asked >= ASK_LIMITS_TIMES
-            or now_s < self._limits_next_s
-        ):
-            return
-        self._limits_asked += 1
-        self._limits_next_s = now_s + ASK_LIMITS_EVERY_S
-        wanted = float(d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
-        self.send(
-            d.MAVLink_command_long_message(
-                identity.system_id, identity.component_id, d.MAV_CMD_REQUEST_MESSAGE, 0, wanted, *(0.0,) * 6
-            )
-        )
+    def _report_component(self, text: str, loss: bool) -> None:
+        severity = d.MAV_SEVERITY_WARNING if loss else d.MAV_SEVERITY_INFO
+        self.events.add("component", self.clock.unix_s(), text, severity=severity)
 
     def disconnected(self, why: str) -> None:
         """Fails everything pending, at once."""
@@ -343,8 +326,7 @@ class Vehicle:
             )
         if self._lost:
             self._lost = False
-            # another gimbal or another firmware may have come back
-            self._limits_asked, self._limits_since_s = 0, self.clock.monotonic_s()
+            self.gimbals.link_restored()
             self.health.connected()
             self.params.link_was_away()
             self.events.add(

@@ -25,7 +25,7 @@ from gcs_server.streamer.offboard.configuration import FAILSAFE_PARAMETERS
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
 from gcs_server.telemetry.hub import ALL_TOPICS, Encoded
-from gcs_server.vehicle import decoders
+from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.samples import TOPICS
 from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import OFFBOARD
@@ -201,7 +201,7 @@ def looked_at(story: Any) -> None:
 def test_every_field_of_what_is_decoded_at_its_extremes_hurts_nobody(msg_id):
     def story(look: Look) -> None:
         good = dict(look.usual).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
-        component = 154 if msg_id in decoders.GIMBAL_IDS else 1
+        component = 154 if msg_id in gimbal_decoder.IDS else 1
         for n, payload in enumerate(payloads_of(msg_id, good, each=True)):
             look.both_as_usual()
             look.stream()

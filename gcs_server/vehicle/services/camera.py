@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 
 from gcs_server.errors import NoReply, Rejected
 from gcs_server.mavlink import dialect as d
@@ -15,7 +16,7 @@ ANSWER_S = 0.7
 
 
 class CameraService:
-    """Takes pictures, one at a time."""
+    """Takes pictures, one at a time, with the first camera that is connected."""
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
@@ -33,12 +34,11 @@ class CameraService:
         vehicle = self._vehicle
         vehicle.require_commandable()
         self._sequence += 1
+        camera = vehicle.components.first_camera() or d.MAV_COMP_ID_CAMERA
         request = Request(d.MAV_CMD_IMAGE_START_CAPTURE, (0.0, 0.0, 1.0, float(self._sequence), 0, 0, 0))
-        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_COMMAND_ACK, matches=self._answers) as waiter:
+        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_COMMAND_ACK, matches=self._is_from(camera)) as waiter:
             for attempt in range(ATTEMPTS):
-                vehicle.send(
-                    request.message(vehicle.identity.system_id, d.MAV_COMP_ID_CAMERA, attempt, False)
-                )
+                vehicle.send(request.message(vehicle.identity.system_id, camera, attempt, False))
                 try:
                     async with asyncio.timeout(ANSWER_S):
                         answer = await waiter.next()
@@ -51,12 +51,12 @@ class CameraService:
         raise NoReply(
             f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ANSWER_S:.1f} s.",
             deadline_s=ATTEMPTS * ANSWER_S,
-            remedy="Check that it has a camera, as MAVLink component 100.",
+            remedy=f"The request went to MAVLink component {camera}. Check that the camera is switched on.",
         )
 
-    def _answers(self, message: Reply) -> bool:
-        return (
-            message.get_srcSystem() == self._vehicle.identity.system_id
-            and message.get_srcComponent() == d.MAV_COMP_ID_CAMERA
+    def _is_from(self, camera: int) -> Callable[[Reply], bool]:
+        sender = (self._vehicle.identity.system_id, camera)
+        return lambda message: (
+            (message.get_srcSystem(), message.get_srcComponent()) == sender
             and message.command == d.MAV_CMD_IMAGE_START_CAPTURE
         )

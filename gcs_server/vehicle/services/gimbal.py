@@ -1,4 +1,4 @@
-"""The gimbal manager (v2 protocol) of a vehicle.
+"""A gimbal of a vehicle, commanded at its manager (gimbal protocol v2).
 
 PX4 v1.16: any station may take control. In CONFIGURE the value for "myself" means the vehicle, so this
 server's ids are sent. Without control command 1000 is denied, and message 282 is ignored without an answer.
@@ -18,8 +18,9 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.vehicle.gimbal_decoder import control_of
+from gcs_server.vehicle.gimbals import GimbalAddress, is_of
 from gcs_server.vehicle.numbers import rotation
-from gcs_server.vehicle.samples import Gimbal
+from gcs_server.vehicle.samples import Gimbal, GimbalReading
 from gcs_server.vehicle.services.checks import number
 from gcs_server.vehicle.services.gimbal_reach import GimbalLimited, wait_until_stopped
 from gcs_server.vehicle.services.port import VehiclePort
@@ -29,7 +30,6 @@ from missions.frames import q_from_euler, wrap_pi
 DEADLINE_S = 5.0
 RESEND_S = 0.3
 KEEP, RELEASE = -1.0, -3.0
-NONE_SET = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 YAW_LOCK = d.GIMBAL_MANAGER_FLAGS_YAW_LOCK
 MAX_PITCH_DEG = 90.0
 MAX_RATE_DEG_S = 180.0
@@ -52,12 +52,27 @@ class GimbalService:
     """Takes and releases gimbal control, and points the camera.
 
     Raises as `CommandService`; `Refused` names the controller if it is not this server.
+
+    Args:
+        vehicle: whose gimbal.
+        address: which one; None: the vehicle's first.
+        rois: locations that this server has set, by gimbal; shared by all services of the vehicle.
     """
 
-    def __init__(self, vehicle: VehiclePort) -> None:
+    def __init__(
+        self,
+        vehicle: VehiclePort,
+        address: GimbalAddress | None = None,
+        rois: dict[GimbalAddress | None, Roi] | None = None,
+    ) -> None:
         self._vehicle = vehicle
-        self.roi: Roi | None = None
+        self._address = address
+        self._rois: dict[GimbalAddress | None, Roi] = {} if rois is None else rois
+
+    @property
+    def roi(self) -> Roi | None:
         """The location that this server has set and not cleared; PX4 does not report it."""
+        return self._rois.get(self._which())
 
     async def take_control(self) -> None:
         """Takes primary control; returns once the manager's status shows it."""
@@ -101,8 +116,13 @@ class GimbalService:
             await self._attitude(roll_deg, pitch_deg, yaw_deg, yaw_lock)
         else:
             await self._pitch_yaw(pitch_deg, yaw_deg, yaw_lock)
-        self.roi = None
-        return await wait_until_stopped(self._vehicle, pitch_deg, yaw_deg, yaw_lock) if wait else None
+        self._rois.pop(self._which(), None)
+        if not wait:
+            return None
+        component_id, _ = self._target()
+        return await wait_until_stopped(
+            self._vehicle, component_id, self.reading, (pitch_deg, yaw_deg, yaw_lock)
+        )
 
     def point(self, pitch_rad: float, yaw_ned_rad: float) -> None:
         """Points the camera without waiting, for targets that are sent many times a second.
@@ -111,24 +131,21 @@ class GimbalService:
         is limited to the gimbal's range.
         """
         vehicle = self._vehicle
-        sample = vehicle.topic("gimbal")
-        gimbal = sample.value if sample is not None else None
-        if isinstance(gimbal, Gimbal):
+        gimbal = self.reading()
+        if gimbal is not None:
             low_rad, high_rad = gimbal.pitch_min_rad, gimbal.pitch_max_rad
             if low_rad is not None and high_rad is not None:
                 pitch_rad = min(max(pitch_rad, low_rad), high_rad)
-        identity, q = vehicle.identity, q_from_euler(0.0, pitch_rad, yaw_ned_rad)
-        vehicle.send(
-            d.MAVLink_gimbal_manager_set_attitude_message(
-                identity.system_id, identity.component_id, YAW_LOCK, 0, list(q), NAN, NAN, NAN
-            )
-        )
-        self.roi = None
+        vehicle.send(self._attitude_message(q_from_euler(0.0, pitch_rad, yaw_ned_rad), yaw_lock=True))
+        self._rois.pop(self._which(), None)
 
     async def _pitch_yaw(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
         flags = YAW_LOCK if yaw_lock else 0
         await self._acknowledged(
-            Request(d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (pitch_deg, yaw_deg, NAN, NAN, float(flags), 0, 0)),
+            Request(
+                d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+                (pitch_deg, yaw_deg, NAN, NAN, float(flags), 0, self._device()),
+            ),
             "point the gimbal",
         )
 
@@ -142,17 +159,17 @@ class GimbalService:
         self._vehicle.require_commandable()
         await self._require_control()
         if yaw_lock is None:
-            sample = self._vehicle.topic("gimbal")
-            yaw_lock = sample is not None and isinstance(sample.value, Gimbal) and sample.value.yaw_lock
+            gimbal = self.reading()
+            yaw_lock = gimbal is not None and gimbal.yaw_lock
         flags = float(YAW_LOCK if yaw_lock else 0)
         await self._acknowledged(
             Request(
                 d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
-                (NAN, NAN, pitch_rate_deg_s, yaw_rate_deg_s, flags, 0, 0),
+                (NAN, NAN, pitch_rate_deg_s, yaw_rate_deg_s, flags, 0, self._device()),
             ),
             "turn the gimbal",
         )
-        self.roi = None
+        self._rois.pop(self._which(), None)
 
     async def set_roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Keeps the camera pointed at a location; needs no control."""
@@ -162,39 +179,84 @@ class GimbalService:
         self._vehicle.require_commandable()
         request = Request(
             d.MAV_CMD_DO_SET_ROI_LOCATION,
-            (0, 0, 0, 0, lat_deg, lon_deg, alt_amsl_m),
+            (self._device(), 0, 0, 0, lat_deg, lon_deg, alt_amsl_m),
             frame=d.MAV_FRAME_GLOBAL,
         )
         await self._acknowledged(request, "point at the location")
-        self.roi = Roi(lat_deg, lon_deg, alt_amsl_m)
+        self._rois[self._which()] = Roi(lat_deg, lon_deg, alt_amsl_m)
 
     async def clear_roi(self) -> None:
         """Stops pointing at a location."""
         self._vehicle.require_commandable()
         await self._acknowledged(
-            Request(d.MAV_CMD_DO_SET_ROI_NONE, NONE_SET), "stop pointing at the location"
+            Request(d.MAV_CMD_DO_SET_ROI_NONE, (self._device(), 0, 0, 0, 0, 0, 0)),
+            "stop pointing at the location",
         )
-        self.roi = None
+        self._rois.pop(self._which(), None)
+
+    # --- which gimbal ---------------------------------------------------------------------------
+
+    def reading(self) -> GimbalReading | None:
+        """Its newest report; None before the first."""
+        sample = self._vehicle.topic("gimbal")
+        first = sample.value if sample is not None else None
+        if not isinstance(first, Gimbal) or self._address is None:
+            return first if isinstance(first, Gimbal) else None
+        wanted = (self._address.component_id, self._address.device_id)
+        each = (first, *first.gimbals)
+        return next((g for g in each if (g.component_id, g.gimbal_device_id) == wanted), None)
+
+    def _target(self) -> tuple[int, float]:
+        """The manager's component, and the device id for its commands; 0 (all) if there is only one."""
+        address = self._which()
+        if address is None:
+            return self._vehicle.identity.component_id, 0.0
+        several = len(self._vehicle.gimbals.heard()) > 1
+        return address.component_id, float(address.device_id if several else 0)
+
+    def _which(self) -> GimbalAddress | None:
+        """The address; None while no gimbal is heard."""
+        return self._address or next(iter(self._vehicle.gimbals.heard()), None)
+
+    def _device(self) -> float:
+        return self._target()[1]
+
+    def _status(self) -> tuple[bytes, float] | None:
+        """GIMBAL_MANAGER_STATUS and its time of reception [s, monotonic]."""
+        component_id, device = self._target()
+        return self._vehicle.newest_payload(STATUS_ID, component_id, int(device) or None)
+
+    def _attitude_message(self, q: tuple[float, float, float, float], *, yaw_lock: bool) -> MAVLink_message:
+        component_id, device = self._target()
+        flags = YAW_LOCK if yaw_lock else 0
+        return d.MAVLink_gimbal_manager_set_attitude_message(
+            self._vehicle.identity.system_id, component_id, flags, int(device), list(q), NAN, NAN, NAN
+        )
 
     # --- the parts ------------------------------------------------------------------------------
 
     async def _acknowledged(self, request: Request, what: str) -> None:
         """No state shows these at once, because a gimbal moves slowly: the acknowledgement is the answer."""
         goal = Goal(what, lambda _f, _s: False, DEADLINE_S, asks=(), ack_is_enough=True)
-        await self._guarded(Transaction(self._vehicle, request, goal), what)
+        await self._guarded(self._transaction(request, goal), what)
+
+    def _transaction(self, request: Request | None, goal: Goal) -> Transaction:
+        return Transaction(self._vehicle, request, goal, component_id=self._target()[0])
 
     async def _configure(
         self, system: float, component: float, what: str, accepts: Callable[[tuple[int, int] | None], bool]
     ) -> None:
         def reached(_flight_state: object, since_s: float) -> bool:
-            newest = self._vehicle.newest_payload(STATUS_ID)
+            newest = self._status()
             return newest is not None and newest[1] > since_s and accepts(control_of(newest[0]))
 
         goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
-        request = Request(d.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, (system, component, KEEP, KEEP, 0, 0, 0))
+        request = Request(
+            d.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, (system, component, KEEP, KEEP, 0, 0, self._device())
+        )
         if system == RELEASE:
-            request = Request(request.command, (RELEASE, RELEASE, RELEASE, RELEASE, 0, 0, 0))
-        await self._guarded(Transaction(self._vehicle, request, goal), what)
+            request = Request(request.command, (RELEASE, RELEASE, RELEASE, RELEASE, 0, 0, self._device()))
+        await self._guarded(self._transaction(request, goal), what)
 
     async def _guarded(self, transaction: Transaction, what: str) -> None:
         try:
@@ -216,7 +278,7 @@ class GimbalService:
         fresh: list[tuple[int, int] | None] = []
 
         def reached(_flight_state: object, since_s: float) -> bool:
-            newest = self._vehicle.newest_payload(STATUS_ID)
+            newest = self._status()
             if newest is None or newest[1] <= since_s:
                 return False
             fresh.append(control_of(newest[0]))
@@ -225,7 +287,7 @@ class GimbalService:
         what = "report who controls the gimbal"
         goal = Goal(what, reached, DEADLINE_S, asks=(STATUS_ID,), listen=(STATUS_ID,))
         try:
-            await self._guarded(Transaction(self._vehicle, None, goal), what)
+            await self._guarded(self._transaction(None, goal), what)
         except Rejected as error:  # the vehicle is connected, but has no gimbal
             raise NoReply(
                 f"Vehicle {self._vehicle.id} reports no gimbal.",
@@ -246,9 +308,8 @@ class GimbalService:
         )
 
     def _check_limits(self, pitch_deg: float, yaw_deg: float, yaw_lock: bool) -> None:
-        sample = self._vehicle.topic("gimbal")
-        gimbal = sample.value if sample is not None else None
-        if not isinstance(gimbal, Gimbal):
+        gimbal = self.reading()
+        if gimbal is None:
             return
         if gimbal.pitch_min_rad is not None and gimbal.pitch_max_rad is not None:
             number(
@@ -262,13 +323,10 @@ class GimbalService:
         attitude is there or moves."""
         vehicle = self._vehicle
         q = q_from_euler(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
-        identity = vehicle.identity
-        message = d.MAVLink_gimbal_manager_set_attitude_message(
-            identity.system_id, identity.component_id, YAW_LOCK if yaw_lock else 0, 0, list(q), NAN, NAN, NAN
-        )
+        message = self._attitude_message(q, yaw_lock=yaw_lock)
         began_s = vehicle.clock.monotonic_s()
         first: float | None = None
-        with vehicle.mailbox.expect(ATTITUDE_ID) as waiter:
+        with vehicle.mailbox.expect(ATTITUDE_ID, matches=self._is_its_attitude) as waiter:
             while (left_s := began_s + DEADLINE_S - vehicle.clock.monotonic_s()) > 0:
                 vehicle.send(message)
                 vehicle.send(self._ask_attitude())
@@ -288,10 +346,13 @@ class GimbalService:
             )
         raise Rejected(f"The gimbal of vehicle {vehicle.id} does not move to this attitude.")
 
+    def _is_its_attitude(self, message: Reply) -> bool:
+        address = self._which()
+        return address is None or is_of(address, message.get_srcComponent(), message.gimbal_device_id)
+
     def _ask_attitude(self) -> MAVLink_message:
-        identity = self._vehicle.identity
         request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_ID), 0, 0, 0, 0, 0, 0))
-        return request.message(identity.system_id, identity.component_id, 0, False)
+        return request.message(self._vehicle.identity.system_id, self._target()[0], 0, False)
 
 
 def _angle_between(q: tuple[float, float, float, float], message: Reply) -> float:

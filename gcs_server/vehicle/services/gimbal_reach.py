@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_server.errors import Disconnected
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.samples import Gimbal
+from gcs_server.vehicle.samples import GimbalReading
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Request
 from missions.frames import wrap_pi
@@ -40,17 +41,26 @@ class GimbalLimited:
 
 
 async def wait_until_stopped(
-    vehicle: VehiclePort, pitch_deg: float, yaw_deg: float, yaw_lock: bool
+    vehicle: VehiclePort,
+    component_id: int,
+    read: Callable[[], GimbalReading | None],
+    angles: tuple[float, float, bool],
 ) -> GimbalLimited | None:
     """Waits until the gimbal is there or has stopped. None if it is there, still moves after
     `MAX_DURATION_S`, or does not report its attitude.
+
+    Args:
+        vehicle: the gimbal's.
+        component_id: its manager's, which is asked for the attitude.
+        read: returns the gimbal's newest report.
+        angles: requested pitch and yaw [deg], and whether yaw is from north (yaw lock).
     """
+    pitch_deg, yaw_deg, yaw_lock = angles
     clock = vehicle.clock
     began_s = stopped_since_s = clock.monotonic_s()
     before: tuple[float, float | None] | None = None
-    identity = vehicle.identity
     ask = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(ATTITUDE_IDS[0]), 0, 0, 0, 0, 0, 0)).message(
-        identity.system_id, identity.component_id, 0, False
+        vehicle.identity.system_id, component_id, 0, False
     )
     next_ask_s = began_s
     with vehicle.mailbox.expect(*ATTITUDE_IDS) as waiter:
@@ -65,7 +75,7 @@ async def wait_until_stopped(
                 continue
             except Disconnected:
                 return None
-            at = _angles(vehicle, yaw_lock)
+            at = _angles(read(), yaw_lock)
             if at is None:
                 continue
             if not _differ(at, (pitch_deg, yaw_deg), REACHED_DEG):
@@ -78,12 +88,10 @@ async def wait_until_stopped(
     return None
 
 
-def _angles(vehicle: VehiclePort, yaw_lock: bool) -> tuple[float, float | None] | None:
+def _angles(gimbal: GimbalReading | None, yaw_lock: bool) -> tuple[float, float | None] | None:
     """Pitch and yaw [deg]."""
-    sample = vehicle.topic("gimbal")
-    if sample is None or not isinstance(sample.value, Gimbal):
+    if gimbal is None:
         return None
-    gimbal = sample.value
     yaw_rad = gimbal.yaw_ned_rad if yaw_lock else gimbal.yaw_frd_rad
     return math.degrees(gimbal.pitch_rad), None if yaw_rad is None else math.degrees(yaw_rad)
 

@@ -8,7 +8,9 @@ from typing import Any, Protocol
 from gcs_server.clock import Clock
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
+from gcs_server.vehicle.components import Components
 from gcs_server.vehicle.events import EventFeed
+from gcs_server.vehicle.gimbals import GimbalAddress
 from gcs_server.vehicle.identity import Identity
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Sample, Status
@@ -20,6 +22,12 @@ class HealthChecks(Protocol):
     def arming_problems(self, nav_state: int | None) -> tuple[str, ...]: ...
 
 
+class HeardGimbals(Protocol):
+    """The gimbals that are heard."""
+
+    def heard(self) -> tuple[GimbalAddress, ...]: ...
+
+
 class VehiclePort(Protocol):
     """The vehicle as its services use it."""
 
@@ -27,7 +35,10 @@ class VehiclePort(Protocol):
     clock: Clock
     mailbox: Mailbox
     events: EventFeed
+    components: Components
 
+    @property
+    def gimbals(self) -> HeardGimbals: ...
     @property
     def health(self) -> HealthChecks: ...
 
@@ -41,7 +52,9 @@ class VehiclePort(Protocol):
     @property
     def flight_state(self) -> FlightState: ...
     def topic(self, name: str) -> Sample | None: ...
-    def newest_payload(self, msg_id: int) -> tuple[bytes, float] | None: ...
+    def newest_payload(
+        self, msg_id: int, component_id: int | None = None, instance: int | None = None
+    ) -> tuple[bytes, float] | None: ...
     def require_commandable(self) -> None: ...
     def send(self, message: MAVLink_message, *, until_s: float | None = None) -> bool: ...
     def send_payload(self, msg_id: int, payload: bytes) -> bool: ...

@@ -106,8 +106,8 @@ class Transaction:
         request: None: only wait for the goal.
         superseded: returns the newer command that replaced this one, or None.
         replaces_request: another request of the same MAV_CMD still waits, so the first refusal may
-            belong to that
-            one.
+            belong to that one.
+        component_id: the component that is commanded and asked; None: the autopilot.
     """
 
     def __init__(
@@ -118,6 +118,7 @@ class Transaction:
         progress: ReportProgress | None = None,
         superseded: Callable[[], str | None] = lambda: None,
         replaces_request: bool = False,
+        component_id: int | None = None,
     ) -> None:
         self._vehicle = vehicle
         self._request = request
@@ -125,6 +126,7 @@ class Transaction:
         self._progress = progress
         self._superseded = superseded
         self._ignores_first_refusal = replaces_request
+        self._component_id = component_id
         self._as_int = request is not None and request.frame is not None
         self._forms_tried = 1
         self._sent = 0
@@ -235,10 +237,7 @@ class Transaction:
 
     def _send(self, now_s: float) -> None:
         assert self._request is not None
-        identity = self._vehicle.identity
-        message = self._request.message(
-            identity.system_id, identity.component_id, min(self._sent, 255), self._as_int
-        )
+        message = self._request.message(*self._target(), min(self._sent, 255), self._as_int)
         self._vehicle.send(message, until_s=self._deadline_s)
         self._sent += 1
         resend_s = RESEND_ACCEPTED_S if self._accepted else RESEND_S
@@ -248,16 +247,20 @@ class Transaction:
             self._progress(f"Commanding vehicle {self._vehicle.id} to {self._goal.what}{again}", None)
 
     def _ask(self, now_s: float) -> None:
-        identity = self._vehicle.identity
         for msg_id in self._goal.asks:
             request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(msg_id), 0, 0, 0, 0, 0, 0))
-            self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
+            self._vehicle.send(request.message(*self._target(), 0, False))
         self._next_ask_s = now_s + ASK_S if self._goal.asks else float("inf")
+
+    def _target(self) -> tuple[int, int]:
+        """System and component."""
+        identity = self._vehicle.identity
+        return identity.system_id, self._component_id or identity.component_id
 
     def _take(self, message: Reply) -> None:
         if message.get_msgId() != d.MAVLINK_MSG_ID_COMMAND_ACK or self._request is None:
             return
-        if not is_our_ack(message, self._vehicle, self._request.command):
+        if not is_our_ack(message, self._vehicle, self._request.command, self._component_id):
             return
         now_s = self._vehicle.clock.monotonic_s()
         result = message.result
@@ -315,14 +318,14 @@ class Transaction:
         return Rejected(message, mav_result=mav_result, reasons=reasons)
 
 
-def is_our_ack(message: Reply, vehicle: VehiclePort, command: int) -> bool:
+def is_our_ack(message: Reply, vehicle: VehiclePort, command: int, component_id: int | None = None) -> bool:
     """Whether an acknowledgement is for this server's request: by command, sender and target; MAVLink 1 has
-    no target (0/0)."""
+    no target (0/0). The sender is the commanded component (None: the autopilot)."""
     identity = vehicle.identity
     sender = (message.get_srcSystem(), message.get_srcComponent())
     target = (message.target_system, message.target_component)
     return (
         message.command == command
-        and sender == (identity.system_id, identity.component_id)
+        and sender == (identity.system_id, component_id or identity.component_id)
         and target in (vehicle.own_ids, (0, 0), (vehicle.own_ids[0], 0))
     )

@@ -112,7 +112,7 @@ def home(lat: float, lon: float, alt_amsl_m: float, ned: tuple[float, float, flo
 
 
 def gimbal(q: Quaternion, *, earth: bool) -> Gimbal:
-    return Gimbal(1, 0, 0, None, None, q, earth, earth, None, None, 0, None, None, None, None)
+    return Gimbal(1, 0, 0, None, None, q, earth, earth, None, None, 0, None, None, None, None, 1)
 
 
 def motors(*pwm: int) -> Motors:

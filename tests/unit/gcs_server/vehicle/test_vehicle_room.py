@@ -97,30 +97,30 @@ def test_the_gimbals_yaw_is_told_in_both_frames(flags, earth):
         0, 0, 1000, flags, list(q_from_euler(0, -0.5, 1.0)), 0, 0, 0, 0, 0, 0, 1
     )
     heading = d.MAVLink_attitude_message(1000, 0, 0, 0.25, 0, 0, 0)
-    value, _ = gimbal(payloads(device, heading))
+    value, _ = gimbal(payloads(device, heading), 1, 1)
     assert value.pitch_rad == pytest.approx(-0.5, abs=1e-6)
     assert (value.yaw_ned_rad, value.yaw_frd_rad) == pytest.approx(
         (1.0, 0.75) if earth else (1.25, 1.0), abs=1e-6
     )
     assert value.yaw_in_earth_frame == earth
-    alone, _ = gimbal(payloads(device))
+    alone, _ = gimbal(payloads(device), 1, 1)
     assert (alone.yaw_frd_rad if earth else alone.yaw_ned_rad) is None
 
 
 def test_px4s_gimbal_limits_are_degrees_with_garbage_for_roll():
     device = d.MAVLink_gimbal_device_attitude_status_message(0, 0, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0, 0, 0, 1)
     px4 = d.MAVLink_gimbal_manager_information_message(1, 132530, 1, 3e-41, 2e-44, -90.0, 90.0, -360.0, 360.0)
-    value, _ = gimbal(payloads(device, px4))
+    value, _ = gimbal(payloads(device, px4), 1, 1)
     assert (value.pitch_min_rad, value.pitch_max_rad) == pytest.approx((-math.pi / 2, math.pi / 2))
     assert value.yaw_max_rad == pytest.approx(2 * math.pi)
     spec = d.MAVLink_gimbal_manager_information_message(1, 0, 1, 0, 0, -1.5, 0.5, -3.0, 3.0)
-    value, _ = gimbal(payloads(device, spec))
+    value, _ = gimbal(payloads(device, spec), 1, 1)
     assert (value.pitch_min_rad, value.yaw_max_rad) == pytest.approx((-1.5, 3.0))
     broken = d.MAVLink_gimbal_manager_information_message(1, 0, 1, 0, 0, math.nan, 1, 0, 0)
-    assert gimbal(payloads(device, broken))[0].pitch_min_rad is None
+    assert gimbal(payloads(device, broken), 1, 1)[0].pitch_min_rad is None
     status = d.MAVLink_gimbal_manager_status_message(5, 16, 1, 0, 0, 0, 0)
-    assert gimbal(payloads(device, status))[0].primary_control is None
-    assert gimbal(payloads(status)) is None
+    assert gimbal(payloads(device, status), 1, 1)[0].primary_control is None
+    assert gimbal(payloads(status), 1, 1) is None
 
 
 def text(value, text_id=0, chunk=0):

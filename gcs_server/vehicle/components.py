@@ -1,0 +1,124 @@
+"""The components of a vehicle (autopilot, gimbals, cameras, companion computers), known by their heartbeats.
+
+Only the autopilot's messages make the vehicle's state (`state.py`); a component that claims to be an
+autopilot is listed here and changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcs_server.clock import Clock
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame, full_payload
+
+LOST_AFTER_S = 10.0
+"""A component is lost after this time without a heartbeat: ten lost ones, which no usable link loses."""
+MAX_COMPONENTS = 16
+"""Most components of one vehicle; more are not kept."""
+KIND_OF_TYPE = {
+    d.MAV_TYPE_GIMBAL: "gimbal",
+    d.MAV_TYPE_CAMERA: "camera",
+    d.MAV_TYPE_ONBOARD_CONTROLLER: "companion",
+    d.MAV_TYPE_GCS: "ground station",
+}
+KIND_OF_ID = {
+    **dict.fromkeys(range(d.MAV_COMP_ID_CAMERA, d.MAV_COMP_ID_CAMERA6 + 1), "camera"),
+    **dict.fromkeys(
+        (d.MAV_COMP_ID_GIMBAL, *range(d.MAV_COMP_ID_GIMBAL2, d.MAV_COMP_ID_GIMBAL6 + 1)), "gimbal"
+    ),
+    **dict.fromkeys(range(d.MAV_COMP_ID_ONBOARD_COMPUTER, d.MAV_COMP_ID_ONBOARD_COMPUTER4 + 1), "companion"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """A component of a vehicle."""
+
+    component_id: int
+    """MAVLink component id."""
+    kind: str
+    """autopilot, gimbal, camera, companion, ground station, other."""
+    mav_type: int
+    """MAV_TYPE of its heartbeat."""
+    lost: bool
+    """No heartbeat for 10 s."""
+    last_heard_unix_s: float | None
+    """When a lost one sent its last heartbeat [s since 1970 UTC]; null while it is connected."""
+
+
+def is_peripheral(component_id: int, mav_type: int) -> bool:
+    """Whether a component is no autopilot, whatever else its heartbeat says."""
+    return mav_type in KIND_OF_TYPE or component_id in KIND_OF_ID
+
+
+class Components:
+    """All components of one vehicle.
+
+    Args:
+        autopilot: the autopilot's component id.
+        clock: the vehicle's.
+        report: called with (text, whether it is a loss) when another component than the autopilot appears,
+            is lost or is back; the autopilot's own connection is the vehicle's.
+    """
+
+    def __init__(self, autopilot: int, clock: Clock, report: Callable[[str, bool], None]) -> None:
+        self._autopilot = autopilot
+        self._clock = clock
+        self._report = report
+        self._heard: dict[int, tuple[int, float]] = {}
+        """By component id: MAV_TYPE, and time of the last heartbeat."""
+        self._lost: set[int] = set()
+
+    def heartbeat(self, frame: Frame) -> None:
+        """A heartbeat of one of them."""
+        component_id, known = frame.component_id, frame.component_id in self._heard
+        if not known and len(self._heard) >= MAX_COMPONENTS and component_id != self._autopilot:
+            return
+        self._heard[component_id] = (full_payload(frame)[4], frame.received_monotonic_s)
+        if component_id == self._autopilot:
+            return
+        if not known:
+            self._report(f"{self._name(component_id)} connected", False)
+        elif component_id in self._lost:
+            self._lost.discard(component_id)
+            self._report(f"{self._name(component_id)}: connection restored", False)
+
+    def tick(self) -> None:
+        """Called regularly: finds those that have been lost."""
+        for component_id in self._heard:
+            if component_id not in self._lost and self._is_lost(component_id):
+                self._lost.add(component_id)
+                if component_id != self._autopilot:
+                    self._report(f"{self._name(component_id)}: connection lost", True)
+
+    def all(self) -> tuple[Component, ...]:
+        """The autopilot first, then by id."""
+        ids = sorted(self._heard, key=lambda each: (each != self._autopilot, each))
+        return tuple(self._view(component_id) for component_id in ids)
+
+    def first_camera(self) -> int | None:
+        """The lowest camera that is connected; None if there is none."""
+        return next((c.component_id for c in self.all() if c.kind == "camera" and not c.lost), None)
+
+    def _view(self, component_id: int) -> Component:
+        mav_type, heard_s = self._heard[component_id]
+        lost = self._is_lost(component_id)
+        age_s = self._clock.monotonic_s() - heard_s
+        heard_unix_s = round(self._clock.unix_s() - age_s, 3) if lost else None
+        return Component(component_id, self._kind(component_id), mav_type, lost, heard_unix_s)
+
+    def _is_lost(self, component_id: int) -> bool:
+        return self._clock.monotonic_s() - self._heard[component_id][1] > LOST_AFTER_S
+
+    def _kind(self, component_id: int) -> str:
+        if component_id == self._autopilot:
+            return "autopilot"
+        of_type = KIND_OF_TYPE.get(self._heard[component_id][0])
+        return of_type or KIND_OF_ID.get(component_id, "other")
+
+    def _name(self, component_id: int) -> str:
+        kind = self._kind(component_id)
+        words = "Component" if kind == "other" else kind.capitalize()
+        return f"{words} {component_id}"

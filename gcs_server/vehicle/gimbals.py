@@ -1,0 +1,104 @@
+"""Which gimbals a vehicle has, and which messages belong to which.
+
+A gimbal is commanded at its manager (a component, usually the autopilot) by the device id that the manager
+gives it. Device ids 1 to 6 are devices without a MAVLink component of their own, attached to the component
+that names them; a larger one is the device's own component. A device with its own component sends id 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame
+from gcs_server.vehicle.instances import component_of, instance_of
+
+MAX_ATTACHED_ID = 6
+SILENT_AFTER_S = 3.0
+"""A gimbal whose attitude is silent for this long is left out while another gimbal is heard."""
+MANAGER_IDS = (d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS, d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
+ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
+ATTITUDE_IDS = (ATTITUDE_ID, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
+
+Device = tuple[int, int]
+"""(component, attached id); attached id 0: the component itself is the device."""
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalAddress:
+    """Where a gimbal is commanded."""
+
+    component_id: int
+    """The gimbal manager's component."""
+    device_id: int
+    """As the manager calls the device; 0 if the manager does not say."""
+
+
+def device_of(component_id: int, device_id: int) -> Device:
+    """The device that a component means by a device id."""
+    return (component_id, device_id) if device_id <= MAX_ATTACHED_ID else (device_id, 0)
+
+
+def by_gimbal(frames: Mapping[int, Frame], autopilot: int) -> list[tuple[GimbalAddress, dict[int, Frame]]]:
+    """Each gimbal whose attitude is heard, with its newest frame of each message; the autopilot's first.
+
+    Where several components send the same of one device, the autopilot's counts, then the lowest component's;
+    of attitudes the next once that one is silent.
+
+    Args:
+        frames: the gimbal messages (`gimbal_decoder.IDS`), by key.
+        autopilot: the autopilot's component id.
+    """
+    managed: dict[Device, tuple[int, GimbalAddress, dict[int, Frame]]] = {}
+    for key, frame in _in_order(frames, MANAGER_IDS):
+        device = device_of(frame.component_id, instance_of(key))
+        address = GimbalAddress(frame.component_id, instance_of(key))
+        _, manager, messages = managed.setdefault(device, (component_of(key), address, {}))
+        if manager == address:
+            messages[frame.msg_id] = frame
+    told: dict[Device, list[Frame]] = {}
+    for key, frame in _in_order(frames, ATTITUDE_IDS):
+        told.setdefault(_known_device(frame.component_id, instance_of(key), managed), []).append(frame)
+    newest_s = max((f.received_monotonic_s for each in told.values() for f in each), default=0.0)
+    found: list[tuple[tuple[int, int, int], GimbalAddress, dict[int, Frame]]] = []
+    for device, attitudes in told.items():
+        if newest_s - max(f.received_monotonic_s for f in attitudes) > SILENT_AFTER_S:
+            continue
+        unmanaged = GimbalAddress(autopilot, device[1] or (device[0] if device[0] != autopilot else 0))
+        order, address, messages = managed.get(device, (0, unmanaged, {}))
+        for msg_id in ATTITUDE_IDS:
+            sent = [f for f in attitudes if f.msg_id == msg_id]
+            heard_s = max((f.received_monotonic_s for f in sent), default=0.0)
+            recent = [f for f in sent if heard_s - f.received_monotonic_s <= SILENT_AFTER_S]
+            if recent:
+                messages = {**messages, msg_id: recent[0]}
+        found.append(((order, *device), address, messages))
+    return [(address, messages) for _, address, messages in sorted(found, key=lambda each: each[0])]
+
+
+def is_of(address: GimbalAddress, component_id: int, device_id: int) -> bool:
+    """Whether an attitude from this component with this device id is of that gimbal."""
+    device = device_of(address.component_id, address.device_id)
+    return device_of(component_id, device_id) == device or (
+        device_id == 0 and component_id == address.component_id
+    )
+
+
+def _in_order(frames: Mapping[int, Frame], msg_ids: tuple[int, ...]) -> Iterable[tuple[int, Frame]]:
+    """Of these messages: the autopilot's first, then by component and device."""
+    mine = [(key, frame) for key, frame in frames.items() if frame.msg_id in msg_ids]
+    return sorted(mine, key=lambda each: each[0] >> 24)
+
+
+def _known_device(
+    component_id: int, device_id: int, managed: Mapping[Device, tuple[int, GimbalAddress, dict[int, Frame]]]
+) -> Device:
+    """The device of an attitude; one without a device id from a manager is that manager's first device."""
+    device = device_of(component_id, device_id)
+    if device in managed:
+        return device
+    if device_id == 0:
+        own = [each for each, (_, address, _) in managed.items() if address.component_id == component_id]
+        return min(own, default=device)
+    return (component_id, 0) if (component_id, 0) in managed else device

@@ -1,0 +1,79 @@
+"""The gimbals of a vehicle: the services that command them, and requests for their limits."""
+
+from __future__ import annotations
+
+from gcs_server.errors import InvalidRequest
+from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.gimbals import GimbalAddress
+from gcs_server.vehicle.services.gimbal import GimbalService, Roi
+from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.services.transaction import Request
+from gcs_server.vehicle.state import VehicleState
+
+ASK_LIMITS_TIMES = 5
+ASK_LIMITS_EVERY_S = 1.0
+STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
+LIMITS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
+
+
+class Gimbals:
+    """All gimbals of one vehicle."""
+
+    def __init__(self, vehicle: VehiclePort, state: VehicleState) -> None:
+        self._vehicle = vehicle
+        self._state = state
+        self._services: dict[GimbalAddress, GimbalService] = {}
+        self._asked: dict[int, int] = {}
+        """Requests for limits so far, by the manager's component."""
+        self._next_s = self._since_s = float("-inf")
+        self._rois: dict[GimbalAddress | None, Roi] = {}
+        self.first = GimbalService(vehicle, None, self._rois)
+        """Commands the first gimbal."""
+
+    def heard(self) -> tuple[GimbalAddress, ...]:
+        """The gimbals that are heard, the autopilot's first."""
+        return self._state.gimbals()
+
+    def at(self, component_id: int | None, device_id: int | None) -> GimbalService:
+        """The first gimbal with this manager's component and this device id; None: any.
+
+        Raises:
+            InvalidRequest: the vehicle has no such gimbal.
+        """
+        if component_id is None and device_id is None:
+            return self.first
+        known = self.heard()
+        for address in known:
+            if component_id in (None, address.component_id) and device_id in (None, address.device_id):
+                return self._services.setdefault(address, GimbalService(self._vehicle, address, self._rois))
+        asked = (("component", component_id), ("device", device_id))
+        wanted = ", ".join(f"{name} {value}" for name, value in asked if value is not None)
+        listed = "; ".join(f"component {a.component_id}, device {a.device_id}" for a in known) or "none"
+        raise InvalidRequest(
+            "device" if component_id is None else "component",
+            f"Vehicle {self._vehicle.id} has no gimbal with {wanted}.",
+            remedy=f"Its gimbals: {listed}. Without component and device its first gimbal is commanded.",
+        )
+
+    def ask_limits(self) -> None:
+        """Requests GIMBAL_MANAGER_INFORMATION, which is not streamed, a few times and again after a lost
+        link. PX4 is always asked, other components only after a message of their gimbal manager.
+        """
+        vehicle, state = self._vehicle, self._state
+        identity, now_s = vehicle.identity, vehicle.clock.monotonic_s()
+        if identity.replayed or state.link_lost or now_s < self._next_s:
+            return
+        self._next_s = now_s + ASK_LIMITS_EVERY_S
+        managers = state.senders(STATUS_ID)
+        if identity.autopilot == d.MAV_AUTOPILOT_PX4:
+            managers |= {identity.component_id}
+        for component_id in sorted(managers):
+            asked, known = self._asked.get(component_id, 0), state.newest(LIMITS_ID, component_id, None)
+            if asked < ASK_LIMITS_TIMES and (known is None or known.received_monotonic_s < self._since_s):
+                self._asked[component_id] = asked + 1
+                request = Request(d.MAV_CMD_REQUEST_MESSAGE, (float(LIMITS_ID), 0, 0, 0, 0, 0, 0))
+                vehicle.send(request.message(identity.system_id, component_id, 0, False))
+
+    def link_restored(self) -> None:
+        """Asks again: another gimbal or another firmware may have come back."""
+        self._asked, self._since_s = {}, self._vehicle.clock.monotonic_s()

@@ -1,0 +1,298 @@
+"""A vehicle has an autopilot and other components: they are told apart, and none speaks for the autopilot."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.api import gimbal_routes, models, vehicle_routes
+from gcs_server.errors import InvalidRequest, NoReply
+from gcs_server.vehicle.components import LOST_AFTER_S, MAX_COMPONENTS
+from tests.protocol.api_calls import ANNA, lines, station_of, view
+from tests.protocol.memory_world import World
+from tests.protocol.offboard_world import OffboardWorld
+from vehicle_sim.mavlink import generated_dialect as sim
+
+LEVEL, DOWN, HALF = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0], [0.9238795, 0.0, -0.3826834, 0.0]
+DOWN_RAD = pytest.approx(-1.5708, abs=1e-2)
+
+
+def told(jump, story, world_of=World):
+    async def run():
+        world = world_of()
+        try:
+            pilot = world.pilot(world.link())
+            await story(world, pilot, await world.ready())
+        finally:
+            await world.close()
+
+    return jump(run)
+
+
+class OtherComponent:
+    """Another component on the vehicle's link, with a gimbal manager or a camera that answers."""
+
+    def __init__(self, pilot, component_id, mav_type):
+        self.pilot, self.id, self.mav_type = pilot, component_id, mav_type
+        self.mav = sim.MAVLink(None, srcSystem=1, srcComponent=component_id)
+        self.heard, self.control = [], {}
+        pilot.handlers.append(self.handle)
+
+    def send(self, message):
+        self.pilot.send_raw(message.pack(self.mav))
+
+    def heartbeat(self, autopilot=8):
+        self.send(sim.MAVLink_heartbeat_message(self.mav_type, autopilot, 0, 0, 4, 3))
+
+    def attitude(self, q, device=0):
+        boot_ms = self.pilot.boot_ms()
+        self.send(
+            sim.MAVLink_gimbal_device_attitude_status_message(
+                0, 0, boot_ms, 0, q, 0, 0, 0, 0, gimbal_device_id=device
+            )
+        )
+
+    def status(self, device):
+        holder = self.control.get(device, (0, 0))
+        self.send(sim.MAVLink_gimbal_manager_status_message(self.pilot.boot_ms(), 0, device, *holder, 0, 0))
+
+    def limits(self, device, pitch_rad):
+        self.send(
+            sim.MAVLink_gimbal_manager_information_message(
+                self.pilot.boot_ms(), 0, device, 0, 0, -pitch_rad, pitch_rad, -1, 1
+            )
+        )
+
+    def handle(self, message):
+        if getattr(message, "target_component", 0) != self.id:
+            return False
+        self.heard.append(message)
+        if message.get_type() != "COMMAND_LONG":
+            return True
+        if message.command == 512:
+            for device in self.control or {self.id: None}:
+                self.status(device)
+        if message.command == 1001:
+            self.control[int(message.param7) or self.id] = (int(message.param1), int(message.param2))
+        self.send(sim.MAVLink_command_ack_message(message.command, 0, 0, 0, 255, 190))
+        return True
+
+    def commands(self, command):
+        return [m for m in self.heard if getattr(m, "command", None) == command]
+
+
+async def repeated(seconds, *work):
+    """Does all the work ten times a second."""
+    for _ in range(round(seconds * 10)):
+        for each in work:
+            each()
+        await asyncio.sleep(0.1)
+
+
+def kinds(vehicle):
+    return [(c.component_id, c.kind, c.lost) for c in vehicle.components.all()]
+
+
+def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
+    async def story(world, pilot, vehicle):
+        camera, companion = OtherComponent(pilot, 101, 30), OtherComponent(pilot, 191, 18)
+        gimbal, other = OtherComponent(pilot, 154, 26), OtherComponent(pilot, 68, 0)
+        await repeated(3, camera.heartbeat, companion.heartbeat, gimbal.heartbeat, other.heartbeat)
+        found = [(1, "autopilot", False), (68, "other", False), (101, "camera", False)]
+        assert kinds(vehicle) == [*found, (154, "gimbal", False), (191, "companion", False)]
+        assert all(c.last_heard_unix_s is None for c in vehicle.components.all())
+        await asyncio.sleep(1)
+        heard_unix_s = world.clock.unix_s() - 1
+        await repeated(LOST_AFTER_S, camera.heartbeat, companion.heartbeat, other.heartbeat)
+        (lost,) = [c for c in vehicle.components.all() if c.lost]
+        assert (lost.component_id, lost.last_heard_unix_s) == (154, pytest.approx(heard_unix_s, abs=0.3))
+        await repeated(1, gimbal.heartbeat)
+        said = [e.text for e in vehicle.events.since() if e.kind == "component"]
+        assert sorted(said[:4]) == [
+            "Camera 101 connected",
+            "Companion 191 connected",
+            "Component 68 connected",
+            "Gimbal 154 connected",
+        ]
+        assert said[4:] == ["Gimbal 154: connection lost", "Gimbal 154: connection restored"]
+        assert view(await vehicle_routes.show_vehicle(vehicle))["components"][1] == {
+            "component_id": 68, "kind": "other", "mav_type": 0, "lost": False, "last_heard_unix_s": None,
+        }  # fmt: skip
+
+    told(jump, story)
+
+
+def test_components_are_bounded(jump):
+    async def story(world, pilot, vehicle):
+        for component_id in range(2, 256):
+            OtherComponent(pilot, component_id, 0).heartbeat()
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.1)
+        assert len(vehicle.components.all()) == MAX_COMPONENTS
+        assert kinds(vehicle)[0] == (1, "autopilot", False)
+        assert not vehicle.status.link_lost
+
+    told(jump, story)
+
+
+def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle(jump):
+    async def run():
+        world = World()
+        try:
+            pilot = world.pilot(world.link())
+            pilot.alive = False
+            liar, camera = OtherComponent(pilot, 191, 2), OtherComponent(pilot, 7, 30)
+            pilot.alive = True
+            liar.heartbeat(autopilot=12)
+            camera.heartbeat(autopilot=12)
+            vehicle = await world.ready()
+            await repeated(2, lambda: liar.heartbeat(autopilot=12), lambda: camera.heartbeat(autopilot=12))
+            assert [v.id for v in world.fleet.all()] == ["1"]
+            assert vehicle.identity.component_id == 1
+            assert kinds(vehicle)[0] == (1, "autopilot", False)
+        finally:
+            await world.close()
+
+    jump(run)
+
+
+def test_batteries_and_distances_of_another_component_do_not_replace_the_autopilots(jump):
+    async def story(world, pilot, vehicle):
+        battery = OtherComponent(pilot, 180, 36)
+        cells = [16000, *[65535] * 9]
+        pilot.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 80))
+        for sensor_id, distance_cm in ((0, 300), (1, 400)):
+            pilot.send(sim.MAVLink_distance_sensor_message(0, 10, 900, distance_cm, 0, sensor_id, 0, 0))
+        await repeated(
+            2,
+            lambda: battery.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 3)),
+            lambda: battery.send(sim.MAVLink_distance_sensor_message(0, 10, 900, 50, 0, 0, 0, 0)),
+        )
+        assert vehicle.topic("battery").value.remaining_percent == 80
+        sensors = vehicle.topic("distance_sensors").value.sensors
+        assert [(s.sensor_id, s.distance_m) for s in sensors] == [(0, 3.0), (1, 4.0)]
+
+    told(jump, story)
+
+
+def test_two_gimbals_are_told_apart_and_commanded_apart(jump):
+    async def story(world, pilot, vehicle):
+        station = station_of(world)
+        second = OtherComponent(pilot, 171, 26)
+        second.control[171] = (0, 0)
+
+        def both():
+            pilot.gimbal_attitude()
+            second.attitude(DOWN)
+
+        second.limits(171, 0.5)
+        await repeated(4, both, lambda: second.status(171))
+        value = vehicle.topic("gimbal").value
+        assert [(g.component_id, g.gimbal_device_id, g.pitch_rad) for g in value.gimbals] == [
+            (1, 1, pytest.approx(0.0, abs=1e-3)),
+            (171, 171, DOWN_RAD),
+        ]
+        assert (value.component_id, value.pitch_max_rad, value.gimbals[1].pitch_max_rad) == (1, None, 0.5)
+
+        async def call(work):
+            flying = asyncio.ensure_future(repeated(6, both))
+            try:
+                return view(await work)
+            finally:
+                flying.cancel()
+
+        await call(gimbal_routes.take("1", station, ANNA, (171, None)))
+        assert pilot.control == (0, 0), "the autopilot's gimbal is not taken"
+        assert second.control[171] == (255, 190)
+        pointed = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
+        await call(gimbal_routes.angles("1", pointed, station, ANNA, (171, 171)))
+        (command,) = second.commands(1000)
+        assert (command.param1, command.param7) == (-20, 171)
+        assert {m.target_component for m in pilot.commands(1000)} == {171}
+        shown = await call(gimbal_routes.show(vehicle, station, (171, None)))
+        assert (shown["in_control"], shown["gimbal"]["component_id"]) == (True, 171)
+        assert not (await call(gimbal_routes.show(vehicle, station, (None, None))))["in_control"]
+        with pytest.raises(InvalidRequest, match="no gimbal with component 7") as refused:
+            await gimbal_routes.take("1", station, ANNA, (7, None))
+        assert "component 1, device 1; component 171, device 171" in refused.value.remedy
+        assert [line[1] for line in lines(station)][-1] == "gimbal/take"
+
+        await repeated(4, lambda: second.attitude(DOWN))
+        value = vehicle.topic("gimbal").value
+        assert (value.component_id, value.gimbals) == (171, ()), "the first has been silent for 3 s"
+
+    told(jump, story, OffboardWorld)
+
+
+def test_two_devices_of_one_manager_are_told_apart(jump):
+    async def story(world, pilot, vehicle):
+        autopilot = OtherComponent(pilot, 1, 2)
+        pilot.handlers.clear()
+
+        def each():
+            for device, q in ((1, LEVEL), (2, HALF)):
+                autopilot.attitude(q, device)
+                autopilot.status(device)
+
+        autopilot.control = {1: (255, 190), 2: (255, 190)}
+        pilot.gimbal = False
+        await repeated(2, each)
+        flying = asyncio.ensure_future(repeated(6, each))
+        pilot.control, pilot.gimbal = (255, 190), True
+        await vehicle.gimbals.at(1, 2).set_rates(1, 2)
+        await vehicle.gimbal.set_rates(3, 4)
+        flying.cancel()
+        assert [(m.param3, m.param7) for m in pilot.commands(1000)] == [(1, 2), (3, 1)]
+        assert [g.gimbal_device_id for g in vehicle.topic("gimbal").value.gimbals] == [1, 2]
+
+    told(jump, story)
+
+
+def test_no_component_takes_the_place_of_the_autopilots_gimbal(jump):
+    async def story(world, pilot, vehicle):
+        liar = OtherComponent(pilot, 171, 26)
+        liar.control = {1: (42, 1)}
+
+        def lies():
+            for device in range(256):
+                liar.attitude(DOWN, device)
+                liar.status(device)
+
+        pilot.gimbal_status()
+        await repeated(1, lies)
+        await repeated(1, pilot.gimbal_attitude, pilot.gimbal_status, lies)
+        value = vehicle.topic("gimbal").value
+        assert (value.component_id, value.gimbal_device_id, value.primary_control) == (1, 1, None)
+        assert value.pitch_rad == pytest.approx(0.0, abs=1e-3)
+        assert len(value.gimbals) <= 9
+        taken = asyncio.ensure_future(vehicle.gimbal.take_control())
+        await repeated(1, lies, pilot.gimbal_attitude)
+        await taken
+        assert pilot.control == (255, 190)
+        assert liar.commands(1001) == []
+
+    told(jump, story)
+
+
+def test_a_picture_is_taken_by_the_camera_that_is_connected(jump):
+    async def story(world, pilot, vehicle):
+        first, second = OtherComponent(pilot, 100, 30), OtherComponent(pilot, 102, 30)
+        await repeated(1, second.heartbeat)
+        await vehicle.camera.take_picture()
+        assert (len(first.commands(2000)), len(second.commands(2000))) == (0, 1)
+        await repeated(1, first.heartbeat, second.heartbeat)
+        await vehicle.camera.take_picture()
+        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
+        await repeated(LOST_AFTER_S + 1, second.heartbeat)
+        await vehicle.camera.take_picture()
+        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 2)
+
+    told(jump, story)
+
+
+def test_without_a_camera_a_picture_says_which_component_was_asked(jump):
+    async def story(world, pilot, vehicle):
+        with pytest.raises(NoReply, match="No camera") as refused:
+            await vehicle.camera.take_picture()
+        assert "component 100" in refused.value.remedy
+
+    told(jump, story)
