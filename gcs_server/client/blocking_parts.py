@@ -89,6 +89,15 @@ class SyncGimbal:
         self._inner = inner
         self._portal = portal
 
+    def at(self, *, component: int | None = None, device: int | None = None) -> SyncGimbal:
+        """Another gimbal of the vehicle; `gimbals` of the topic `gimbal` lists them.
+
+        Args:
+            component: MAVLink component of its manager (`component_id`).
+            device: its `gimbal_device_id`, where a manager has several.
+        """
+        return SyncGimbal(self._inner.at(component=component, device=device), self._portal)
+
     def take(self) -> None:
         """Takes control."""
         self._portal.call(lambda: self._inner.take())

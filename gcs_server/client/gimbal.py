@@ -11,11 +11,23 @@ from gcs_server.client.setpoints import Body
 class Gimbal:
     """The vehicle's gimbal; angles in degrees, pitch up positive."""
 
-    def __init__(self, vehicle: Requester) -> None:
+    def __init__(self, vehicle: Requester, which: str = "") -> None:
         self._vehicle = vehicle
+        self._which = which
+
+    def at(self, *, component: int | None = None, device: int | None = None) -> Gimbal:
+        """Another gimbal of the vehicle; `gimbals` of the topic `gimbal` lists them.
+
+        Args:
+            component: MAVLink component of its manager (`component_id`).
+            device: its `gimbal_device_id`, where a manager has several.
+        """
+        named = (("component", component), ("device", device))
+        which = "&".join(f"{name}={value}" for name, value in named if value is not None)
+        return Gimbal(self._vehicle, f"?{which}" if which else "")
 
     async def _post(self, path: str, body: Body | None = None) -> Any:
-        return await self._vehicle.request("POST", f"/gimbal/{path}", body)
+        return await self._vehicle.request("POST", f"/gimbal/{path}{self._which}", body)
 
     async def take(self) -> None:
         """Takes control."""

@@ -109,6 +109,8 @@ class Fake {
         pitch_max_rad: 0.5,
         yaw_min_rad: -2.6,
         yaw_max_rad: 2.6,
+        component_id: 1,
+        gimbals: [],
       },
       offboard: this.stream
         ? {

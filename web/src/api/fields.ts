@@ -69,6 +69,7 @@ export const FIELDS = {
     pitch_max_rad: 'number',
     yaw_min_rad: 'number',
     yaw_max_rad: 'number',
+    component_id: 'number',
   },
   motors: {
     pwm_us: 'list',

@@ -2935,6 +2935,37 @@ export interface components {
             readonly original: string;
         };
         /**
+         * Component
+         * @description A component of a vehicle.
+         */
+        readonly Component: {
+            /**
+             * Component Id
+             * @description MAVLink component id.
+             */
+            readonly component_id: number;
+            /**
+             * Kind
+             * @description autopilot, gimbal, camera, companion, ground station, other.
+             */
+            readonly kind: string;
+            /**
+             * Mav Type
+             * @description MAV_TYPE of its heartbeat.
+             */
+            readonly mav_type: number;
+            /**
+             * Lost
+             * @description No heartbeat for 10 s.
+             */
+            readonly lost: boolean;
+            /**
+             * Last Heard Unix S
+             * @description When a lost one sent its last heartbeat [s since 1970 UTC]; null while it is connected.
+             */
+            readonly last_heard_unix_s: number | null;
+        };
+        /**
          * Condition
          * @description True when a value has been above or below a limit for `for_s`.
          */
@@ -5134,6 +5165,103 @@ export interface components {
             readonly yaw_lock?: boolean;
         };
         /**
+         * GimbalReading
+         * @description One gimbal.
+         */
+        readonly GimbalReading: {
+            /**
+             * Gimbal Device Id
+             * @description Device id by which its manager knows it; 0 if the manager does not say.
+             */
+            readonly gimbal_device_id: number;
+            /**
+             * Roll Rad
+             * @description Roll [rad].
+             */
+            readonly roll_rad: number;
+            /**
+             * Pitch Rad
+             * @description Pitch [rad].
+             */
+            readonly pitch_rad: number;
+            /**
+             * Yaw Frd Rad
+             * @description Relative to the vehicle's heading.
+             */
+            readonly yaw_frd_rad: number | null;
+            /**
+             * Yaw Ned Rad
+             * @description Relative to north.
+             */
+            readonly yaw_ned_rad: number | null;
+            /**
+             * Q
+             * @description Quaternion from the device; `yaw_in_earth_frame` says the frame of its yaw.
+             */
+            readonly q: readonly [
+                number,
+                number,
+                number,
+                number
+            ];
+            /**
+             * Yaw In Earth Frame
+             * @description Yaw in earth frame.
+             */
+            readonly yaw_in_earth_frame: boolean;
+            /**
+             * Yaw Lock
+             * @description Yaw lock.
+             */
+            readonly yaw_lock: boolean;
+            /**
+             * Primary Control
+             * @description (system id, component id) of the controller; null if the gimbal is not controlled.
+             */
+            readonly primary_control: readonly [
+                number,
+                number
+            ] | null;
+            /**
+             * Secondary Control
+             * @description Secondary control.
+             */
+            readonly secondary_control: readonly [
+                number,
+                number
+            ] | null;
+            /**
+             * Flags
+             * @description GIMBAL_DEVICE_FLAGS.
+             */
+            readonly flags: number;
+            /**
+             * Pitch Min Rad
+             * @description Pitch min [rad].
+             */
+            readonly pitch_min_rad: number | null;
+            /**
+             * Pitch Max Rad
+             * @description Pitch max [rad].
+             */
+            readonly pitch_max_rad: number | null;
+            /**
+             * Yaw Min Rad
+             * @description Yaw min [rad].
+             */
+            readonly yaw_min_rad: number | null;
+            /**
+             * Yaw Max Rad
+             * @description Yaw max [rad].
+             */
+            readonly yaw_max_rad: number | null;
+            /**
+             * Component Id
+             * @description MAVLink component of its gimbal manager, which takes its commands.
+             */
+            readonly component_id: number;
+        };
+        /**
          * GimbalRoi
          * @description A location to keep pointing at (ROI).
          * @example {
@@ -5179,7 +5307,7 @@ export interface components {
         };
         /**
          * GimbalView
-         * @description State of the gimbal.
+         * @description State of the gimbal: the first one, or the chosen one.
          */
         readonly GimbalView: {
             /**
@@ -11844,6 +11972,11 @@ export interface components {
             readonly id: string;
             /** @description Identity of the vehicle. */
             readonly identity: components["schemas"]["Identity"];
+            /**
+             * Components
+             * @description Its components that have sent a heartbeat, the autopilot first.
+             */
+            readonly components: readonly components["schemas"]["Component"][];
             /** @description State of the vehicle. */
             readonly status: components["schemas"]["Status"];
             /**
@@ -12497,12 +12630,12 @@ export interface components {
         };
         /**
          * Gimbal
-         * @description The gimbal as its manager and device report it (281, 285, 265, 280).
+         * @description The gimbal as its manager and device report it (281, 285, 265, 280): of several gimbals, the first.
          */
         readonly gcs_server__api__reflect__Gimbal: {
             /**
              * Gimbal Device Id
-             * @description Gimbal device id.
+             * @description Device id by which its manager knows it; 0 if the manager does not say.
              */
             readonly gimbal_device_id: number;
             /**
@@ -12586,6 +12719,16 @@ export interface components {
              * @description Yaw max [rad].
              */
             readonly yaw_max_rad: number | null;
+            /**
+             * Component Id
+             * @description MAVLink component of its gimbal manager, which takes its commands.
+             */
+            readonly component_id: number;
+            /**
+             * Gimbals
+             * @description All gimbals, the autopilot's first; empty if there is only one.
+             */
+            readonly gimbals: readonly components["schemas"]["GimbalReading"][];
         };
         /**
          * StartRequest
@@ -15439,7 +15582,12 @@ export interface operations {
     };
     readonly show_api_v1_vehicles__v__gimbal_get: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                readonly component?: number | null;
+                /** @description Its gimbal device id, where a manager has several gimbals. */
+                readonly device?: number | null;
+            };
             readonly header?: never;
             readonly path: {
                 readonly v: string;
@@ -15498,7 +15646,12 @@ export interface operations {
     };
     readonly take_api_v1_vehicles__v__gimbal_take_post: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                readonly component?: number | null;
+                /** @description Its gimbal device id, where a manager has several gimbals. */
+                readonly device?: number | null;
+            };
             readonly header?: never;
             readonly path: {
                 readonly v: string;
@@ -15557,7 +15710,12 @@ export interface operations {
     };
     readonly release_api_v1_vehicles__v__gimbal_release_post: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                readonly component?: number | null;
+                /** @description Its gimbal device id, where a manager has several gimbals. */
+                readonly device?: number | null;
+            };
             readonly header?: never;
             readonly path: {
                 readonly v: string;
@@ -15616,7 +15774,12 @@ export interface operations {
     };
     readonly angles_api_v1_vehicles__v__gimbal_angles_post: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                readonly component?: number | null;
+                /** @description Its gimbal device id, where a manager has several gimbals. */
+                readonly device?: number | null;
+            };
             readonly header?: never;
             readonly path: {
                 readonly v: string;
@@ -15679,7 +15842,12 @@ export interface operations {
     };
     readonly rates_api_v1_vehicles__v__gimbal_rates_post: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                readonly component?: number | null;
+                /** @description Its gimbal device id, where a manager has several gimbals. */
+                readonly device?: number | null;
+            };
             readonly header?: never;
             readonly path: {
                 readonly v: string;
@@ -15742,7 +15910,12 @@ export interface operations {
     };
     readonly roi_api_v1_vehicles__v__gimbal_roi_post: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                readonly component?: number | null;
+                /** @description Its gimbal device id, where a manager has several gimbals. */
+                readonly device?: number | null;
+            };
             readonly header?: never;
             readonly path: {
                 readonly v: string;
@@ -15805,7 +15978,12 @@ export interface operations {
     };
     readonly clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post: {
         readonly parameters: {
-            readonly query?: never;
+            readonly query?: {
+                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                readonly component?: number | null;
+                /** @description Its gimbal device id, where a manager has several gimbals. */
+                readonly device?: number | null;
+            };
             readonly header?: never;
             readonly path: {
                 readonly v: string;

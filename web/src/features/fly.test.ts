@@ -11,7 +11,7 @@ import { BY_ID, CATALOGUE, found, moved, readChoice, USUAL, type Source } from '
 import { severityWord } from '../ui/severity';
 import { fullTime, shown, unread } from './messages/messages';
 import { readOffboard, streamWords } from '../vehicle/offboard';
-import { batteryIndicator, linkIndicator } from './status/indicators';
+import { batteryIndicator, componentLines, linkIndicator } from './status/indicators';
 import { lossPercent } from './status/links';
 
 const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
@@ -41,6 +41,7 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
     replayed: false,
     inAir: true,
     fromHome_m: null,
+    components: [],
     ...none,
   };
   return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };
@@ -148,6 +149,14 @@ describe('the battery', () => {
     };
     expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
     expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
+  });
+  it('lists the components beside the autopilot, and which are lost', () => {
+    const camera = { component_id: 100, kind: 'camera', mav_type: 30, lost: false, last_heard_unix_s: null };
+    const gone = { ...camera, component_id: 154, kind: 'gimbal', lost: true, last_heard_unix_s: 80 };
+    expect(componentLines([{ ...camera, component_id: 1, kind: 'autopilot' }, camera, gone], 100)).toEqual([
+      ['Camera 100', 'connected'],
+      ['Gimbal 154', 'connection lost 20 s ago'],
+    ]);
   });
   it('lists each of several batteries', () => {
     const one = { battery_id: 0, remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: null };
@@ -269,7 +278,7 @@ describe('the gimbal', () => {
     expect(sent.filter((one) => one.wait === true)).toHaveLength(1);
     gimbal.point(facts, { pitch_deg: -90, yaw_deg: 0 });
     await vi.advanceTimersByTimeAsync(399);
-    gimbal.stop(facts); // let go of an arrow: the stop waits for no answer about angles
+    gimbal.stop(); // let go of an arrow: the stop waits for no answer about angles
     await vi.advanceTimersByTimeAsync(1000);
     expect(sent.at(-1)).toEqual({ path: 'rates' });
     expect(gimbal.limitedOf(facts)).toBeNull();

@@ -13,6 +13,7 @@ export type GlobalPosition = Schemas['GlobalPositionSample']['value'];
 export type Gps = Schemas['GpsSample']['value'];
 export type Battery = Schemas['BatterySample']['value'];
 export type Home = Schemas['HomeSample']['value'];
+export type Component = Schemas['Component'];
 export type Gimbal = Schemas['GimbalSample']['value'];
 export type Hud = Schemas['HudSample']['value'];
 export type Health = Schemas['HealthSample']['value'];
@@ -58,6 +59,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'offboard',
   'control',
   'identity',
+  'components',
 ];
 
 /** Of a large fleet, for the list and the map: what each vehicle is, does, and where it is. */

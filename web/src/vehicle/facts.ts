@@ -2,7 +2,7 @@
 
 import { readOffboard, type OffboardStatus } from './offboard';
 import { groundDistance_m } from './geo';
-import type { Attitude, Battery, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Status } from '../live/topics';
+import type { Attitude, Battery, Component, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Status } from '../live/topics';
 import type { Reading, VehicleState } from '../live/vehicle-state';
 import { readControl, type Control } from './control';
 import { vehicleName } from './names';
@@ -33,6 +33,8 @@ export interface VehicleFacts {
   /** Who may command it; null for a recording, and before the server has told. */
   control: Control | null;
   fromHome_m: number | null;
+  /** Autopilot, gimbals, cameras, companion computers: what has sent a heartbeat. */
+  components: readonly Component[];
 }
 
 /** @param connected whether the page hears the server. */
@@ -64,6 +66,7 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     gimbal: vehicle.read('gimbal', now_unix_s),
     offboard: offboard === null || stream === null ? null : { ...offboard, age_s: stream.age_s },
     control: readControl(vehicle.raw('control')?.value),
+    components: vehicle.readAs<readonly Component[]>('components', now_unix_s)?.value ?? [],
     fromHome_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
   };
 }

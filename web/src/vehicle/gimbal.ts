@@ -1,6 +1,7 @@
-/** How far a gimbal can turn, as it reports it. */
+/** The gimbals of a vehicle, and how far one can turn, as it reports it. */
 
 import type { Gimbal } from '../live/topics';
+import type { VehicleFacts } from './facts';
 import { toDeg } from '../ui/format';
 
 export interface Limits {
@@ -30,4 +31,32 @@ export function limits(gimbal: Gimbal | null): Limits {
     yawMax_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.min(180, yawMax) : 180,
     told,
   };
+}
+
+/** Which gimbal these facts show: the component of its manager, and its device there. */
+export function gimbalKey(facts: VehicleFacts): string {
+  const gimbal = facts.gimbal?.value;
+  return gimbal === undefined ? `${facts.id}/` : `${facts.id}/${gimbal.component_id}.${gimbal.gimbal_device_id}`;
+}
+
+/** The same facts with another of the vehicle's gimbals as their gimbal; the first one if there is none with this key. */
+export function withGimbal(facts: VehicleFacts, key: string): VehicleFacts {
+  return gimbalsOf(facts).find((one) => gimbalKey(one) === key) ?? facts;
+}
+
+/** The facts once with each of several gimbals; empty if there is only one. */
+export function gimbalsOf(facts: VehicleFacts): VehicleFacts[] {
+  const reading = facts.gimbal;
+  if (reading === null) return [];
+  const { gimbals } = reading.value;
+  return gimbals.map((one) => ({ ...facts, gimbal: { ...reading, value: { ...one, gimbals } } }));
+}
+
+/** Where a call about the gimbal of these facts goes: of one gimbal only the vehicle is named. */
+export function ofGimbal(facts: VehicleFacts): { params: { path: { v: string }; query?: { component: number; device?: number } } } {
+  const path = { v: facts.id };
+  const gimbal = facts.gimbal?.value;
+  if (gimbal === undefined || gimbal.gimbals.length === 0) return { params: { path } };
+  const device = gimbal.gimbal_device_id;
+  return { params: { path, query: { component: gimbal.component_id, ...(device === 0 ? {} : { device }) } } };
 }

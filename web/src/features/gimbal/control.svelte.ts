@@ -2,10 +2,10 @@
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
-import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
+import type { ApiClient, Outcome } from '../../api/client';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { LatestSender } from './latest';
-import { limits, type Angles } from '../../vehicle/gimbal';
+import { gimbalKey, limits, ofGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
 
 /** After this long without a drag or key [ms] the last angles are sent once more, to learn where the camera stopped. */
@@ -26,16 +26,15 @@ export class GimbalControl {
   /** Yaw stays where it points while the vehicle turns. Null: as the gimbal reports it. */
   private lockChosen = $state<boolean | null>(null);
   busy = $state(false);
-  /** Why the camera has not reached its target, by vehicle; null if it has or is still moving. */
+  /** Why the camera has not reached its target, by gimbal; null if it has or is still moving. */
   private limited = $state.raw<{ id: string; text: string } | null>(null);
   private settling: ReturnType<typeof setTimeout> | undefined;
   private orders = 0;
-  /** Whether this server has gimbal control, by vehicle and holder, from the last answer of the server. */
-  private mine = $state.raw<{ key: string; mine: boolean }>({ key: '', mine: false });
-  /** The ROI that this server set, by vehicle, from the last answer of the server. */
-  private roi = $state.raw<{ id: string; roi: Roi | null }>({ id: '', roi: null });
+  /** By gimbal, the last answer of the server: whether it had control when this holder was reported, and the ROI that it set. */
+  private answers = $state.raw<Readonly<Record<string, { holder: string; mine: boolean; roi: Roi | null }>>>({});
   private readonly sender: LatestSender<Order>;
-  private turning = false;
+  /** What is being turned by a held arrow: it is stopped, whichever gimbal is shown by then. */
+  private turning: VehicleFacts | null = null;
 
   constructor(
     private readonly api: ApiClient,
@@ -46,26 +45,26 @@ export class GimbalControl {
 
   /** Whether the reported holder is this server; false until the server has confirmed it. */
   inControl(facts: VehicleFacts): boolean {
-    return this.mine.mine && this.mine.key === holderKey(facts);
+    const answer = this.answers[gimbalKey(facts)];
+    return answer !== undefined && answer.mine && answer.holder === holderKey(facts);
   }
 
   /** Asks the server whose id the holder's is; called when the holder changes. */
   async askHolder(facts: VehicleFacts): Promise<void> {
-    const key = holderKey(facts);
-    const answer = await this.api.get('/vehicles/{v}/gimbal', ofVehicle(facts.id));
+    const [key, holder] = [gimbalKey(facts), holderKey(facts)];
+    const answer = await this.api.get('/vehicles/{v}/gimbal', ofGimbal(facts));
     if (!answer.ok) return;
-    this.mine = { key, mine: answer.value.in_control };
-    this.roi = { id: facts.id, roi: answer.value.roi };
+    this.answers = { ...this.answers, [key]: { holder, mine: answer.value.in_control, roi: answer.value.roi } };
   }
 
   /** The ROI set by this server until one of its commands ended it; null if there is none or it is not known. */
   roiOf(facts: VehicleFacts): Roi | null {
-    return this.roi.id === facts.id ? this.roi.roi : null;
+    return this.answers[gimbalKey(facts)]?.roi ?? null;
   }
 
   async clearRoi(facts: VehicleFacts): Promise<void> {
     this.busy = true;
-    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', ofVehicle(facts.id)));
+    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', ofGimbal(facts)));
     this.busy = false;
     await this.askHolder(facts);
   }
@@ -80,7 +79,7 @@ export class GimbalControl {
     clearTimeout(this.settling);
     this.limited = null;
     await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () =>
-      this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, ofVehicle(facts.id)),
+      this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, ofGimbal(facts)),
     );
     this.busy = false;
   }
@@ -94,20 +93,20 @@ export class GimbalControl {
     // With lock the API counts yaw from north.
     const yaw_deg = lock && vehicleYaw !== null ? wrap(held.yaw_deg + (vehicleYaw * 180) / Math.PI) : held.yaw_deg;
     const body = { pitch_deg: round(held.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
-    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofVehicle(facts.id), body: { ...body, wait: false } }) });
+    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body: { ...body, wait: false } }) });
     this.settling = setTimeout(() => void this.settle(facts, body), SETTLES_MS);
   }
 
   /** Why the camera stopped before its target; null if it did not. */
   limitedOf(facts: VehicleFacts): string | null {
-    return this.limited?.id === facts.id ? this.limited.text : null;
+    return this.limited?.id === gimbalKey(facts) ? this.limited.text : null;
   }
 
   /** Sends the same angles again and waits until the camera stops; other commands are not delayed. */
   private async settle(facts: VehicleFacts, body: { pitch_deg: number; yaw_deg: number; yaw_lock: boolean }): Promise<void> {
     const mine = this.orders;
-    const answer = await this.api.post('/vehicles/{v}/gimbal/angles', { ...ofVehicle(facts.id), body: { ...body, wait: true } });
-    if (mine === this.orders && answer.ok && answer.value.limited != null) this.limited = { id: facts.id, text: answer.value.limited.text };
+    const answer = await this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body: { ...body, wait: true } });
+    if (mine === this.orders && answer.ok && answer.value.limited != null) this.limited = { id: gimbalKey(facts), text: answer.value.limited.text };
   }
 
   /** A new command was sent: the result of the one before no longer counts. */
@@ -121,15 +120,21 @@ export class GimbalControl {
   /** Turns while held: signs of pitch (up) and yaw (right). */
   turn(facts: VehicleFacts, pitch: number, yaw: number): void {
     this.asked = null;
-    this.turning = true;
+    this.turning = facts;
     this.rates(facts, pitch * RATE_DEG_S, yaw * RATE_DEG_S);
   }
 
   /** Let go: both axes stop. */
-  stop(facts: VehicleFacts): void {
-    if (!this.turning) return;
-    this.turning = false;
-    this.rates(facts, 0, 0);
+  stop(): void {
+    const turning = this.turning;
+    this.turning = null;
+    if (turning !== null) this.rates(turning, 0, 0);
+  }
+
+  /** Another gimbal is shown: target and yaw lock of the one before do not apply to it. */
+  forget(): void {
+    clearTimeout(this.settling);
+    this.asked = this.lockChosen = null;
   }
 
   setLock(facts: VehicleFacts, lock: boolean): void {
@@ -139,13 +144,13 @@ export class GimbalControl {
 
   private rates(facts: VehicleFacts, pitch: number, yaw: number): void {
     const body = { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.lock(facts) };
-    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/rates', { ...ofVehicle(facts.id), body }) });
+    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/rates', { ...ofGimbal(facts), body }) });
   }
 }
 
 /** Changes when the vehicle or its gimbal's holder does. */
 export function holderKey(facts: VehicleFacts): string {
-  return `${facts.id}/${facts.gimbal?.value.primary_control?.join('.') ?? 'nobody'}`;
+  return `${gimbalKey(facts)}/${facts.gimbal?.value.primary_control?.join('.') ?? 'nobody'}`;
 }
 
 function round(value: number): number {

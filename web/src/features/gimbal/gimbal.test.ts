@@ -1,7 +1,9 @@
 import { describe, expect, it } from 'vitest';
 import { LatestSender } from './latest';
 import { owner } from './owner';
-import { limits } from '../../vehicle/gimbal';
+import { gimbalKey, gimbalsOf, limits, ofGimbal, withGimbal } from '../../vehicle/gimbal';
+import type { VehicleFacts } from '../../vehicle/facts';
+import type { Gimbal } from '../../live/topics';
 import { angleWords, clamp, stepped, toAngles, toPoint } from './pad';
 
 describe('gimbal', () => {
@@ -42,5 +44,18 @@ describe('gimbal', () => {
     free.shift()?.();
     await new Promise((r) => setTimeout(r));
     expect(sent).toEqual([1, 0]);
+  });
+  it('of several is one at a time, and calls name it', () => {
+    const one = { component_id: 1, gimbal_device_id: 1, pitch_rad: 0 } as Gimbal;
+    const other = { ...one, component_id: 171, gimbal_device_id: 0, pitch_rad: -1 };
+    const facts = (gimbals: Gimbal[]): VehicleFacts => ({ id: '7', gimbal: { value: { ...one, gimbals } } }) as unknown as VehicleFacts;
+    expect(gimbalsOf(facts([]))).toEqual([]);
+    expect(ofGimbal(facts([]))).toEqual({ params: { path: { v: '7' } } });
+    const both = facts([one, other] as Gimbal[]);
+    expect(gimbalsOf(both).map(gimbalKey)).toEqual(['7/1.1', '7/171.0']);
+    const second = withGimbal(both, '7/171.0');
+    expect(second.gimbal?.value.pitch_rad).toBe(-1);
+    expect(ofGimbal(second)).toEqual({ params: { path: { v: '7' }, query: { component: 171 } } });
+    expect(ofGimbal(withGimbal(both, 'gone'))).toEqual({ params: { path: { v: '7' }, query: { component: 1, device: 1 } } });
   });
 });

@@ -1,7 +1,8 @@
 /** GPS, battery and link as one short line each, with the severity that a word beside it explains. */
 
 import { fixed, join, UNKNOWN } from '../../ui/format';
-import type { Battery, Gps } from '../../live/topics';
+import { ageText } from '../../live/age';
+import type { Battery, Component, Gps } from '../../live/topics';
 import type { Reading } from '../../live/vehicle-state';
 
 export type Severity = 'none' | 'caution' | 'danger';
@@ -95,6 +96,16 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
       ...batteryLines(battery.batteries),
     ],
   };
+}
+
+/** Each component beside the autopilot on a line of its own. */
+export function componentLines(components: readonly Component[], now_unix_s: number): [string, string][] {
+  return components
+    .filter((one) => one.kind !== 'autopilot')
+    .map((one) => [
+      `${one.kind === 'other' ? 'Component' : one.kind[0]?.toUpperCase() + one.kind.slice(1)} ${one.component_id}`,
+      !one.lost ? 'connected' : one.last_heard_unix_s === null ? 'connection lost' : `connection lost ${ageText(now_unix_s - one.last_heard_unix_s)} ago`,
+    ]);
 }
 
 /** The vehicle's link as far as its heartbeat tells; `links` adds what the server counts. */
