@@ -75,7 +75,9 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
             await station.offboard(v).avoidance.wait_for_sensor()
         share = low_battery_share(vehicle)
         corridor = None if body.dry_run is None else _corridor(station, vehicle, body.dry_run)
-        station.missions.begin(v, Start(name, timeline, motion, principal.name, share, corridor))
+        station.missions.begin(
+            v, Start(name, timeline, motion, principal.name, share, corridor, dry_run=body.dry_run)
+        )
         return _view(station, v)
 
 

@@ -31,8 +31,11 @@ class DryRunRequest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     id: str = Field(max_length=20, description="Id of the dry run, as in `GET /dry_runs/{d}`.")
-    t_s: float = Field(
-        ge=0, le=1e6, allow_inf_nan=False, description="Time to show, since the start of the flight [s]."
+    t_s: float | None = Field(
+        ge=0,
+        le=1e6,
+        allow_inf_nan=False,
+        description="Time to show, since the start of the flight [s]; null: paths and corridor alone.",
     )
     follow: bool = Field(
         default=False, description="Whether the camera follows the simulated vehicle instead of the real one."
@@ -66,7 +69,8 @@ class DryRunMoment:
     id: str
     paths: tuple[DryRunPath, ...]
     """Of each vehicle that flew; the camera follows the first."""
-    t_s: float
+    t_s: float | None
+    """None: its vehicles are not shown."""
     follow: bool
 
 

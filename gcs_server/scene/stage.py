@@ -203,10 +203,11 @@ class Stage:
                 DryRunNode(self._client, number, path, start_m, self._palette, self._shapes)
                 for number, path in enumerate(shown.paths)
             ]
-        poses = [pose_at(node.path, shown.t_s, start_m) for node in drawn]
+        poses = [pose_at(node.path, shown.t_s or 0.0, start_m) for node in drawn]
         for node, pose in zip(drawn, poses, strict=True):
-            node.update(pose, hidden=shown.follow and view.mode == "gimbal" and node is drawn[0])
-        return poses[0] if shown.follow else None
+            inside = shown.follow and view.mode == "gimbal" and node is drawn[0]
+            node.update(pose, hidden=shown.t_s is None or inside)
+        return poses[0] if shown.follow and shown.t_s is not None else None
 
     def _drop_dry_run(self) -> None:
         for node in self._dry_run:

@@ -82,6 +82,8 @@ class Start:
     """Corridor of the dry run named at the start; None: not watched."""
     role: str | None = None
     """Role of the vehicle in a mission of several vehicles; None: it flies alone."""
+    dry_run: str | None = None
+    """Id of the dry run that `corridor` is of."""
 
 
 class MissionFlight:
@@ -216,6 +218,7 @@ class MissionFlight:
             remaining_s=None if result.remaining_s is None else round(result.remaining_s, 1),
             deviation_m=_centimetres(result.deviation_m),
             outside_corridor_m=_centimetres(result.outside_corridor_m),
+            dry_run=self._start.dry_run,
             question=result.question,
             reason=result.reason,
             if_stream_stops=None if failsafe is None else failsafe.words,

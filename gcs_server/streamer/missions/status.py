@@ -53,6 +53,8 @@ class OffboardMissionStatus:
     """Distance from the streamed position."""
     outside_corridor_m: float | None
     """Distance outside the dry run's corridor, 0 inside; None: no corridor is watched."""
+    dry_run: str | None
+    """Id of the dry run whose corridor is watched."""
     question: str | None
     """Question to the operator; answered by `go_on`."""
     reason: str | None

@@ -8131,6 +8131,11 @@ export interface components {
              */
             readonly outside_corridor_m: number | null;
             /**
+             * Dry Run
+             * @description Id of the dry run whose corridor is watched.
+             */
+            readonly dry_run: string | null;
+            /**
              * Question
              * @description Question to the operator; answered by `go_on`.
              */

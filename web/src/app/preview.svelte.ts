@@ -22,7 +22,8 @@ export interface ScenePreview {
 /** A moment of a dry run in the 3D view. */
 export interface SceneDryRun {
   id: string;
-  t_s: number;
+  /** Null: its path and corridor alone. */
+  t_s: number | null;
   /** The camera follows its vehicle instead of the real one. */
   follow: boolean;
 }
@@ -34,6 +35,8 @@ class Preview {
   scene = $state.raw<ScenePreview | null>(null);
   /** Null: none is shown. */
   dryRun = $state.raw<SceneDryRun | null>(null);
+  /** The one whose corridor the flight is compared with; shown while no other is. */
+  flight = $state.raw<SceneDryRun | null>(null);
   /** Set by the open room: a handle was dragged in 3D. */
   onDrag: ((event: WireEvent) => void) | null = null;
 

@@ -103,6 +103,8 @@ def test_a_view_shows_a_moment_until_it_is_told_otherwise():
     assert first.paths is later.paths
     assert asked == ["1"]
     assert shown(scene, mode="free") is later
+    assert shown(scene, dry_run={"id": "1", "t_s": None}).t_s is None
+    later = shown(scene, dry_run={"id": "1", "t_s": 4.0})
     with pytest.raises(UnknownDryRun):
         shown(scene, dry_run={"id": "9", "t_s": 0.0})
     assert shown(scene, mode="chase") is later

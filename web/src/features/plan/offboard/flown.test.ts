@@ -1,5 +1,19 @@
 import { describe, expect, it } from 'vitest';
-import { deviationWords, isOver, notFlyable, orderQuestion, orders, progress, startQuestion, stateWords, type Flown } from './flown';
+import { placeAt } from '../../../vehicle/geo';
+import type { DryRunView } from '../dry-run.svelte';
+import {
+  corridorFor,
+  corridorWords,
+  deviationWords,
+  isOver,
+  notFlyable,
+  orderQuestion,
+  orders,
+  progress,
+  startQuestion,
+  stateWords,
+  type Flown,
+} from './flown';
 import type { Finding } from '../fixes';
 import type { Mission } from './mission';
 
@@ -18,6 +32,7 @@ const FLOWN: Flown = {
   remaining_s: 150,
   deviation_m: 0.34,
   outside_corridor_m: null,
+  dry_run: null,
   question: null,
   reason: null,
   if_stream_stops: 'it lands.',
@@ -35,6 +50,22 @@ const error = (text: string): Finding => ({
   text,
   place: { row: null, zone: null, rally_point: null, step: 'step 2' },
   fix: null,
+});
+
+describe('the corridor of a dry run', () => {
+  const here = { lat_deg: 47.4, lon_deg: 8.5 };
+  const view = (more: object) => ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: here }, ...more }) as unknown as DryRunView;
+
+  it('is that of the same vehicle from the same place, else the start would be refused', () => {
+    expect(corridorFor(view({}), '1', placeAt(here, { north_m: 3, east_m: 3 }))).toBe('7');
+    expect(corridorFor(view({}), '1', placeAt(here, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect([corridorFor(view({}), '2', here), corridorFor(view({ monte_carlo: null }), '1', here), corridorFor(null, '1', here)]).toEqual([null, null, null]);
+  });
+
+  it('is said where the vehicle is outside it', () => {
+    expect(corridorWords(as({ outside_corridor_m: 1.26, dry_run: '7' }))).toBe('1.3 m outside the corridor of the dry run');
+    expect([corridorWords(as({ outside_corridor_m: 0 })), corridorWords(FLOWN)]).toEqual([null, null]);
+  });
 });
 
 describe('an offboard mission in flight', () => {

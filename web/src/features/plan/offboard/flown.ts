@@ -3,12 +3,16 @@
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
+import { groundDistance_m, type Place } from '../../../vehicle/geo';
 import { despiteText } from '../accepted.svelte';
+import type { DryRunView } from '../dry-run.svelte';
 import type { Finding } from '../fixes';
 import { nodesOf, type Mission } from './mission';
 
 export type Flown = components['schemas']['OffboardMissionStatus'];
 type State = Flown['state'];
+/** The server refuses to compare a flight with a dry run that began farther away than this [m]. */
+const SAME_START_M = 5;
 export type Order = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
 
 const WORDS: Readonly<Record<State, string>> = {
@@ -113,6 +117,18 @@ export function startQuestion(
     'Hold stops it at any time.',
   ];
   return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.filter((part) => part !== '').join(' '), verb: 'Fly', danger: despite.length > 0 };
+}
+
+/** The dry run that a flight is compared with: one with a corridor, of this vehicle, from where it stands. Null: none. */
+export function corridorFor(view: DryRunView | null, vehicle: string, here: Place | null): string | null {
+  if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
+  return groundDistance_m(here, view.nominal.origin) < SAME_START_M ? view.id : null;
+}
+
+/** How far the vehicle is outside the corridor, in words; null: inside, or none is watched. */
+export function corridorWords(flown: Flown): string | null {
+  const out_m = flown.outside_corridor_m ?? 0;
+  return out_m > 0 ? `${fixed(out_m, 1)} m outside the corridor of the dry run` : null;
 }
 
 /** How far the vehicle is from the setpoint, in words; null where it is not known. */
