@@ -9,7 +9,7 @@ from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.autopilot.navigator import Navigator
+from vehicle_sim.autopilot.navigator import WITH_WAYPOINT, Navigator
 from vehicle_sim.autopilot.offboard import Kind, Offboard
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
@@ -24,6 +24,8 @@ from vehicle_sim.home import Home
 from vehicle_sim.payload.gimbal import Gimbal
 from vehicle_sim.vehicle_view import VehicleView
 
+AUTO_DESCENT_MARGIN = 1.2
+"""Part of the descent rate planned by automatic modes that the position controller may use."""
 TILT_LIMIT_RISE_RAD_S = 0.2
 """How fast PX4 lets the tilt limit rise after the take-off ramp."""
 
@@ -174,6 +176,7 @@ class Autopilot:
             ramping=takeoff.state is TakeoffState.RAMPUP,
             landed=self.land_detector.landed or on_ground,
             climb_limit_m_s=takeoff.climb_limit_m_s,
+            descent_limit_m_s=self._descent_limit_m_s(),
             min_thrust=math.nan if takeoff.flying else 0.0,
             tilt_limit_rad=self._tilt_limit_rad(),
         )
@@ -200,6 +203,13 @@ class Autopilot:
         if commander.active is not NavState.OFFBOARD:
             # keep the trajectory at the vehicle while it cannot follow
             self.navigator.path.idle()
+
+    def _descent_limit_m_s(self) -> float:
+        """Automatic modes may descend faster than their trajectory, to catch up with it; NaN: others."""
+        if self.commander.active not in WITH_WAYPOINT:
+            return math.nan
+        parameter = self.view.parameter
+        return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_MARGIN * parameter("MPC_Z_V_AUTO_DN"))
 
     def _tilt_limit_rad(self) -> float:
         """MPC_TILTMAX_LND until the take-off ramp is over, then slowly more; NaN: as in flight.

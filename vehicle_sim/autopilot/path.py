@@ -6,19 +6,21 @@ Lengths in metres, NED; `run` methods of the flight tasks call it once a tick of
 from __future__ import annotations
 
 import math
-import operator
 
+from vehicle_sim.autopilot.resets import EstimateResets
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
 from vehicle_sim.autopilot.trajectory import YawRamp, fly
+from vehicle_sim.frames import wrap_angle
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
 TAKEN_OVER_M_S2 = 10.0
 """More is no motion but a push against the ground."""
-MAX_Z_LEAD_M = 1.0
-"""So far the trajectory may be above or below the vehicle."""
+GROUND_VELOCITY_DOWN_M_S = 0.7
+"""On the ground PX4 starts each trajectory downwards at this speed, so that a climb begins only after it is
+braked: 1.4 s into the ramp of a take-off."""
 
 
 class Path:
@@ -41,25 +43,24 @@ class Path:
         """NaN, here and below: as the parameters say."""
         self.climb_m_s = math.nan
         self.descent_m_s = math.nan
-        self._resets = self._reset_counters()
-
-    def _reset_counters(self) -> list[int]:
-        """How often the estimate was reset: level velocity, vertical velocity, level position, height."""
-        return self._view.simulation.fusion.resets[:, self._view.row].tolist()
+        self._locked_yaw_rad = 0.0
+        """Heading found when the flight task began."""
+        self._resets = EstimateResets(view)
 
     def follow_resets(self) -> None:
         """Where the estimate was reset the trajectory goes on from there, instead of chasing the step."""
-        now = self._reset_counters()
-        if now == self._resets:
+        reset = self._resets.take()
+        if reset is None:
             return
-        level_velocity, climb, level, height = map(operator.ne, now, self._resets)
-        self._resets = now
         position, velocity = self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s
+        moved = (reset.level_position, reset.level_position, reset.height)
+        pushed = (reset.level_velocity, reset.level_velocity, reset.vertical_velocity)
         for k, axis in enumerate((self.x, self.y, self.z)):
-            if (level, level, height)[k]:
+            if moved[k]:
                 axis.position_m = position[k]
-            if (level_velocity, level_velocity, climb)[k]:
+            if pushed[k]:
                 axis.velocity_m_s = velocity[k]
+        self.yaw.yaw_ned_rad = wrap_angle(self.yaw.yaw_ned_rad + reset.heading_rad)
 
     def restart(self, *, in_air: bool, goes_on: bool = False) -> None:
         """Begin where the vehicle is, as fast as it moves.
@@ -70,7 +71,7 @@ class Path:
         """
         estimate = self._view.estimate
         self._smoothing.begin()
-        self._resets = self._reset_counters()
+        self._resets.forget()
         self._way = None
         asked = self._row.asked() if goes_on and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
@@ -82,16 +83,17 @@ class Path:
             if abs(acceleration) <= TAKEN_OVER_M_S2:
                 axis.acceleration_m_s2 = acceleration
         self.yaw.reset(estimate.yaw_ned_rad)
-        self.yaw_target_rad = estimate.yaw_ned_rad
+        self.yaw_target_rad = self._locked_yaw_rad = estimate.yaw_ned_rad
         self.faces_target = False
         self.target_ned_m = (None, None, None)
 
     def idle(self) -> None:
-        """The vehicle stands: the trajectory waits at its place, and a target may still lift it."""
+        """The vehicle is on the ground: the trajectory waits at its position."""
         x, y, z = self._view.estimate.position_ned_m
+        self._resets.forget()
         self.x.reset(x)
         self.y.reset(y)
-        self.z.reset(z)
+        self.z.reset(z, GROUND_VELOCITY_DOWN_M_S)
 
     @property
     def position_ned_m(self) -> Vector:
@@ -133,7 +135,6 @@ class Path:
         that still stands, until that follows, and what lifts it is how high the trajectory is by then.
         """
         self._smoothing.fly(TICK_S, way, self._limits)
-        self.keep_near()
         self.write()
 
     def _way_to(self, target_ned_m: Vector) -> Way:
@@ -162,13 +163,6 @@ class Path:
         elif abs(self.z.velocity_m_s) < 0.05:
             self.target_ned_m = (north, east, self.z.position_m)
         self.z_towards(wanted, tick_s)
-        self.keep_near()
-
-    def keep_near(self) -> None:
-        """The trajectory stays within MAX_Z_LEAD_M of the vehicle's height."""
-        z = self._view.estimate.position_ned_m[2]
-        if abs(self.z.position_m - z) > MAX_Z_LEAD_M:
-            self.z.position_m = z + math.copysign(MAX_Z_LEAD_M, self.z.position_m - z)
 
     def z_towards(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
         """One tick towards a vertical speed (down is positive)."""
@@ -176,18 +170,33 @@ class Path:
         self._smoothing.plan_vertical(velocity_m_s)
 
     def turn(self) -> None:
-        """One tick of the heading towards its target."""
+        """One tick of the heading towards its target; while the heading is not good for control it is free.
+
+        PX4 then locks the heading that it finds: a climb goes on with that to which the magnetometer's
+        alignment in flight has turned the estimate.
+        """
+        if not self._steers_heading:
+            yaw_rad = self._view.estimate.yaw_ned_rad
+            self.yaw.reset(yaw_rad)
+            if self.yaw_target_rad == self._locked_yaw_rad:
+                self.yaw_target_rad = self._locked_yaw_rad = yaw_rad
+            return
         fastest_rad_s = math.radians(self._view.parameter("MPC_YAWRAUTO_MAX"))
         self.yaw.advance(self.yaw_target_rad, TICK_S, fastest_rad_s)
+
+    @property
+    def _steers_heading(self) -> bool:
+        return bool(self._view.simulation.fusion.heading_good_for_control[self._view.row])
 
     def write(self) -> None:
         """Turn, and hand the trajectory to the controllers."""
         self.turn()
         x, y, z = self.x, self.y, self.z
+        yaw_rad = self.yaw.yaw_ned_rad if self._steers_heading else math.nan
         self._row.trajectory(
             (x.position_m, y.position_m, z.position_m),
             (x.velocity_m_s, y.velocity_m_s, z.velocity_m_s),
             (x.acceleration_m_s2, y.acceleration_m_s2, z.acceleration_m_s2),
-            self.yaw.yaw_ned_rad,
+            yaw_rad,
             self.yaw.rate_rad_s,
         )

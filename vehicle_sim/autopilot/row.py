@@ -45,7 +45,10 @@ class SetpointRow:
         self._yaw, self._yaw_rate = numbers(every.yaw_ned_rad), numbers(every.yaw_rate_ned_rad_s)
         self._ramping, self._landed = _flags(every.ramp_thrust), _flags(every.landed)
         self._climb_limit, self._min_thrust = numbers(every.climb_limit_m_s), numbers(every.min_thrust)
-        self._tilt_limit = numbers(every.tilt_limit_rad)
+        self._tilt_limit, self._descent_limit = (
+            numbers(every.tilt_limit_rad),
+            numbers(every.descent_limit_m_s),
+        )
 
     def trajectory(
         self,
@@ -141,6 +144,7 @@ class SetpointRow:
         ramping: bool,
         landed: bool,
         climb_limit_m_s: float,
+        descent_limit_m_s: float,
         min_thrust: float,
         tilt_limit_rad: float,
     ) -> None:
@@ -149,5 +153,6 @@ class SetpointRow:
         self._ramping[i] = ramping
         self._landed[i] = landed
         self._climb_limit[i] = climb_limit_m_s
+        self._descent_limit[i] = descent_limit_m_s
         self._min_thrust[i] = min_thrust
         self._tilt_limit[i] = tilt_limit_rad

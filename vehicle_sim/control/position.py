@@ -115,7 +115,8 @@ class PositionControl:
         _follow(
             controlled, fresh, self._dt_s, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
             setpoints.acceleration_ned_m_s2, setpoints.yaw_ned_rad, setpoints.ramp_thrust,
-            setpoints.climb_limit_m_s, setpoints.min_thrust, setpoints.thrust_limit, setpoints.tilt_limit_rad,
+            setpoints.climb_limit_m_s, setpoints.descent_limit_m_s, setpoints.min_thrust,
+            setpoints.thrust_limit, setpoints.tilt_limit_rad,
             estimate.position_ned_m, estimate.heading_rad, self._velocity, self._velocity_rate, hover_thrust,
             self._position_p, self._velocity_p, self._velocity_i, self._velocity_d, self._limits,
             self._decouple, self.velocity_integral, self._heading_before_rad, target.velocity_ned_m_s,
@@ -266,7 +267,7 @@ def _track(
 def _follow(
     controlled: Flags, fresh: Flags, dt_s: float, wanted_position: Rows,
     wanted_velocity: Rows, wanted_acceleration: Rows, wanted_yaw: Column,
-    ramp_thrust: Flags, climb_limit: Column, min_thrust: Column, thrust_limit: Column,
+    ramp_thrust: Flags, climb_limit: Column, descent_limit: Column, min_thrust: Column, thrust_limit: Column,
     tilt_limit: Column, position: Rows, heading: Column, velocity: Rows,
     velocity_rate: Rows, hover_thrust: Column, position_p: Rows, velocity_p: Rows,
     velocity_i: Rows, velocity_d: Rows, limits: Rows, decouple: Flags,
@@ -280,6 +281,7 @@ def _follow(
             integral[i] = 0.0
         limit, hover = limits[i], hover_thrust[i]
         climb = limit[_SPEED_UP] if math.isnan(climb_limit[i]) else climb_limit[i]
+        descent = limit[_SPEED_DOWN] if math.isnan(descent_limit[i]) else descent_limit[i]
         highest = min(limit[_THRUST_MAX], thrust_limit[i])
         lowest = min(limit[_THRUST_MIN] if math.isnan(min_thrust[i]) else min_thrust[i], highest)
         tilt = limit[_TILT_MAX] if math.isnan(tilt_limit[i]) else tilt_limit[i]
@@ -288,7 +290,7 @@ def _follow(
         by_n, by_e, by_d = _towards(wanted_position[i], position[i], position_p[i])
         aim[0] = _bounded(_sum(wanted_velocity[i, 0], by_n))
         aim[1] = _bounded(_sum(wanted_velocity[i, 1], by_e))
-        aim[2] = within(_bounded(_sum(wanted_velocity[i, 2], by_d)), -climb, limit[_SPEED_DOWN])
+        aim[2] = within(_bounded(_sum(wanted_velocity[i, 2], by_d)), -climb, descent)
         if _length(aim[0], aim[1]) > limit[_SPEED_XY]:
             first_n, first_e = _known(by_n), _known(by_e)
             aim[0], aim[1] = _constrained(

@@ -80,6 +80,8 @@ class Setpoints:
     """(N,) lower limit of the collective thrust at level TRAJECTORY; NaN: MPC_THR_MIN."""
     climb_limit_m_s: FloatArray
     """(N,) upper limit of the climb rate; NaN: MPC_Z_VEL_MAX_UP (the take-off ramp lowers it)."""
+    descent_limit_m_s: FloatArray
+    """(N,) upper limit of the descent rate; NaN: MPC_Z_VEL_MAX_DN (automatic modes raise it)."""
     tilt_limit_rad: FloatArray
     """(N,) NaN: MPC_TILTMAX_AIR (near the ground the autopilot passes MPC_TILTMAX_LND)."""
     landed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
@@ -108,6 +110,7 @@ class Setpoints:
             thrust_limit=np.ones(count),
             min_thrust=_nan(count),
             climb_limit_m_s=_nan(count),
+            descent_limit_m_s=_nan(count),
             tilt_limit_rad=_nan(count),
             landed=np.zeros(count, dtype=np.bool_),
             in_air=np.zeros(count, dtype=np.bool_),

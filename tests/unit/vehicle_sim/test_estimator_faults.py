@@ -139,8 +139,11 @@ def test_a_stale_sensor_is_named_once_and_again_after_it_was_whole(name):
 @pytest.mark.parametrize(("counter", "moved"), [(0, "v"), (1, "w"), (2, "p"), (3, "z")])
 def test_a_trajectory_goes_on_from_where_the_estimate_was_reset_to(counter, moved):
     resets = np.zeros((4, 1), dtype=np.int64)
-    estimate = SimpleNamespace(position_ned_m=(30.0, 31.0, 32.0), velocity_ned_m_s=(1.0, 2.0, 3.0))
-    simulation = SimpleNamespace(fusion=SimpleNamespace(resets=resets))
+    estimate = SimpleNamespace(
+        position_ned_m=(30.0, 31.0, 32.0), velocity_ned_m_s=(1.0, 2.0, 3.0), yaw_ned_rad=0.0
+    )
+    fusion = SimpleNamespace(resets=resets, heading_reset_counter=np.zeros(1, dtype=np.int64))
+    simulation = SimpleNamespace(fusion=fusion)
     path = Path(SimpleNamespace(simulation=simulation, row=0, estimate=estimate), SimpleNamespace())
     path.follow_resets()
     assert path.position_ned_m == (0.0, 0.0, 0.0)

@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.path import TICK_S, Path
+from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.trajectory import fly, max_speed_for_distance, plan
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
-CLIMB_DELAY_S = 1.4
-"""From the start of the take-off ramp until the climb begins (measured on PX4: the ramp passes zero then)."""
 LEAST_CLIMB_M = 0.2
 """Less above the vehicle does not lift it off."""
-CLIMB_ACCELERATION_M_S2 = 0.5
-CLIMB_APPROACH = 1.15
-"""Speed over the square root of the height left near the target (both from recorded take-offs)."""
 
 
 class Climb:
@@ -28,7 +24,6 @@ class Climb:
         self._home = home
         self.alt_amsl_m = math.nan
         """What the command asked for, kept until the climb begins; NaN: MIS_TAKEOFF_ALT."""
-        self._climb_since_s = math.nan
 
     def enter(self) -> None:
         """Choose the height: the one asked for, else MIS_TAKEOFF_ALT from here, and never below here."""
@@ -59,7 +54,6 @@ class Climb:
 
     def begin(self, alt_amsl_m: float) -> None:
         """Straight up to an altitude, as a mission also asks for before its first item."""
-        self._climb_since_s = math.nan
         north, east, _ = self._view.estimate.position_ned_m
         self._path.target_ned_m = (north, east, self._view.origin[2] - alt_amsl_m)
 
@@ -70,25 +64,27 @@ class Climb:
         return math.nan if down is None else self._view.origin[2] - down
 
     def run(self) -> None:
-        """One tick of the climb; the take-off ramp limits it at first."""
-        _, _, down = self._path.target_ned_m
+        """One tick of the climb.
+
+        Below MPC_LAND_ALT1 it gains speed as slowly as the ramp of the take-off gains thrust, and its height
+        is the vehicle's own, so that it does not lead down at first.
+        """
+        path, parameter = self._path, self._view.parameter
+        _, _, down = path.target_ned_m
         z = self._view.estimate.position_ned_m[2]
-        self._path.advance_horizontal()
-        now_s = self._view.time_s
-        if math.isnan(self._climb_since_s):
-            self._climb_since_s = now_s
-        left_m = max(0.0, z - down) if down is not None else 0.0
-        high = self._home.position_ned_m[2] - z > self._view.parameter("MPC_LAND_ALT1")
-        fastest = self._view.parameter("MPC_Z_V_AUTO_UP" if high else "MPC_TKO_SPEED")
-        wanted = min(fastest, CLIMB_APPROACH * math.sqrt(left_m))
-        if now_s - self._climb_since_s < CLIMB_DELAY_S:
-            wanted = 0.0
-        if high:
-            self._path.z_towards(-wanted)
-        else:
-            rate = CLIMB_ACCELERATION_M_S2 if -wanted < self._path.z.velocity_m_s else 2.0
-            step = rate * TICK_S
-            self._path.z.velocity_m_s += max(-step, min(step, -wanted - self._path.z.velocity_m_s))
-            self._path.z.acceleration_m_s2 = 0.0
-        self._path.z.position_m = z
-        self._path.write()
+        tick_s = path.advance_horizontal()
+        low = self._home.position_ned_m[2] - z < parameter("MPC_LAND_ALT1")
+        if low:
+            path.z.position_m = z
+        to_go_m = 0.0 if down is None else down - path.z.position_m
+        fly(path.z.row, tick_s)
+        speed, acceleration = parameter("MPC_Z_V_AUTO_UP"), parameter("MPC_ACC_UP_MAX")
+        if to_go_m > 0.0:
+            speed, acceleration = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_ACC_DOWN_MAX")
+        elif low:
+            speed, ramp_s = parameter("MPC_TKO_SPEED"), parameter("MPC_TKO_RAMP_T")
+            acceleration = min(acceleration, speed / ramp_s) if ramp_s > 0.0 else acceleration
+        jerk = parameter("MPC_JERK_AUTO")
+        wanted = min(speed, max_speed_for_distance(jerk, acceleration, abs(to_go_m), 0.0))
+        plan(path.z.row, math.copysign(wanted, to_go_m), acceleration, jerk)
+        path.write()

@@ -22,7 +22,6 @@ class Descent:
         """One tick of the descent."""
         tick_s = self._path.advance_horizontal()
         self._path.z_towards(self._land_speed(), tick_s)
-        self._path.keep_near()
         self._path.write()
 
     def _land_speed(self) -> float:

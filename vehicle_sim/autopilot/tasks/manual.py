@@ -6,6 +6,7 @@ import math
 
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.path import TICK_S
+from vehicle_sim.autopilot.resets import EstimateResets
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.trajectory import Axis, fly, plan
@@ -44,6 +45,7 @@ class Manual:
         self._yaw_rad: float | None = None
         self._yaw_rate_rad_s = 0.0
         self._ran_at_s = -math.inf
+        self._resets = EstimateResets(view)
 
     # --- asked by the take-off state and the land detector -------------------------------------------------
 
@@ -88,7 +90,29 @@ class Manual:
             self._lock_m = self._height_lock_m = self._yaw_rad = None
             self._z.reset(estimate.position_ned_m[2], vd)
             self._brake_boost, self._yaw_rate_rad_s = 1.0, 0.0
+            self._resets.forget()
         self._ran_at_s = now_s
+        self._follow_resets()
+
+    def _follow_resets(self) -> None:
+        """Where the estimate was reset the flight goes on from there, instead of chasing the step."""
+        reset = self._resets.take()
+        if reset is None:
+            return
+        (north, east, down), (vn, ve, vd) = (
+            self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
+        )  # fmt: skip
+        if reset.level_position and self._lock_m is not None:
+            self._lock_m = north, east
+        if reset.level_velocity and self._lock_m is None:
+            self._velocity_m_s = vn, ve
+        if reset.height:
+            self._z.position_m = down
+            self._height_lock_m = None if self._height_lock_m is None else down
+        if reset.vertical_velocity and self._height_lock_m is None:
+            self._z.velocity_m_s = vd
+        if self._yaw_rad is not None:
+            self._yaw_rad = wrap_angle(self._yaw_rad + reset.heading_rad)
 
     def _stabilize(self) -> None:
         """Attitude by right stick, heading by rate, thrust by throttle."""

@@ -1,0 +1,133 @@
+"""What flight tasks ask for tick by tick, without a flight: the climb of a take-off, headings, resets."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.path import TICK_S, Path
+from vehicle_sim.autopilot.sticks import Deflection
+from vehicle_sim.autopilot.tasks.climb import Climb
+from vehicle_sim.autopilot.tasks.manual import Manual
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.simulation import ControlLevel, Simulation
+
+
+class Row:
+    """What was written last."""
+
+    def trajectory(self, position=None, velocity=None, acceleration=None, yaw=math.nan, rate=math.nan):
+        self.position, self.velocity, self.yaw = position, velocity, yaw
+
+    def asked(self):
+        return ((math.nan,) * 3,) * 3
+
+
+class View:
+    """A vehicle that the test moves and turns."""
+
+    def __init__(self, **parameters):
+        self.parameters = Parameters(parameters)
+        self.parameter = self.parameters.usable
+        self.choice = lambda name: int(self.parameters.get(name))
+        self.row, self.time_s, self.origin = 0, 0.0, (47.0, 8.0, 500.0)
+        self.fusion = SimpleNamespace(
+            resets=np.zeros((4, 1), dtype=np.int64),
+            heading_reset_counter=np.zeros(1, dtype=np.int64),
+            heading_good_for_control=np.ones(1, dtype=np.bool_),
+        )
+        self.simulation = SimpleNamespace(fusion=self.fusion)
+        self.estimate = SimpleNamespace(
+            position_ned_m=(0.0, 0.0, 0.0), velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.3
+        )
+
+
+HOME = SimpleNamespace(position_ned_m=(0.0, 0.0, 0.0))
+
+
+def climb_speeds(seconds, **parameters):
+    """Vertical speeds that a take-off of a vehicle which still stands asks for."""
+    view, row = View(**parameters), Row()
+    path = Path(view, row)
+    climb = Climb(view, SimpleNamespace(), path, HOME)
+    path.restart(in_air=False)
+    path.idle()
+    climb.begin(520.0)
+    speeds = []
+    for _ in range(round(seconds / TICK_S)):
+        climb.run()
+        speeds.append(row.velocity[2])
+    return np.array(speeds)
+
+
+@pytest.mark.parametrize(("ramp_s", "acceleration_m_s2"), [(3.0, 0.5), (1.0, 1.5)])
+def test_a_takeoff_first_brakes_a_descent_then_climbs_as_slowly_as_the_ramp_lasts(ramp_s, acceleration_m_s2):
+    speeds = climb_speeds(8.0, MPC_TKO_RAMP_T=ramp_s)
+    turns_s = TICK_S * np.argmax(speeds < 0.0)
+    assert speeds[0] == pytest.approx(0.7, abs=0.02)
+    assert turns_s == pytest.approx(0.7 / acceleration_m_s2 + acceleration_m_s2 / 8.0, abs=0.06)
+    steepest = np.abs(np.diff(speeds)).max() / TICK_S
+    assert steepest == pytest.approx(acceleration_m_s2, rel=0.02)
+    assert speeds[-1] == pytest.approx(-1.5, abs=0.01)
+
+
+def test_a_heading_that_is_not_good_for_control_is_free_and_then_kept_as_it_is():
+    view, row = View(), Row()
+    path = Path(view, row)
+    path.restart(in_air=True)
+    view.fusion.heading_good_for_control[0] = False
+    view.estimate.yaw_ned_rad = -0.2
+    path.write()
+    assert math.isnan(row.yaw)
+    view.fusion.heading_good_for_control[0] = True
+    path.write()
+    assert row.yaw == pytest.approx(-0.2)
+    path.yaw_target_rad = 1.0
+    view.fusion.heading_good_for_control[0] = False
+    path.write()
+    assert path.yaw_target_rad == 1.0, "a heading that was commanded is turned to later"
+
+
+def test_a_reset_heading_takes_the_yaw_setpoint_along():
+    view, row = View(), Row()
+    path = Path(view, row)
+    path.restart(in_air=True)
+    path.follow_resets()
+    path.write()
+    view.estimate.yaw_ned_rad = 2.3
+    view.fusion.heading_reset_counter[0] += 1
+    path.follow_resets()
+    assert path.yaw.yaw_ned_rad == pytest.approx(2.3)
+    path.write()
+    assert row.yaw == pytest.approx(2.3 - math.radians(view.parameter("MPC_YAWRAUTO_MAX")) * TICK_S)
+
+
+def test_resting_sticks_hold_the_position_height_and_heading_that_the_estimate_was_reset_to():
+    view, row = View(), Row()
+    sticks = SimpleNamespace(raw=Deflection(), shaped=Deflection, valid=True)
+    manual = Manual(view, row, sticks, HOME)
+    manual.run(NavState.POSITION)
+    assert row.position == (0.0, 0.0, 0.0)
+    view.estimate.position_ned_m, view.estimate.yaw_ned_rad = (30.0, 31.0, 32.0), 1.3
+    manual.run(NavState.POSITION)
+    assert row.position == (0.0, 0.0, 0.0)
+    assert row.yaw == pytest.approx(0.3)
+    view.estimate.position_ned_m, view.estimate.yaw_ned_rad = (40.0, 41.0, 42.0), 2.3
+    view.fusion.resets[2:] += 1
+    view.fusion.heading_reset_counter[0] += 1
+    manual.run(NavState.POSITION)
+    assert row.position == (40.0, 41.0, 42.0)
+    assert row.yaw == pytest.approx(1.3)
+
+
+def test_an_automatic_mode_may_descend_a_fifth_faster_than_it_plans():
+    sim = Simulation(2, sensor_noise=False)
+    sim.setpoints.armed[:] = True
+    sim.setpoints.level[:] = ControlLevel.TRAJECTORY
+    sim.setpoints.position_ned_m[:] = (0.0, 0.0, 1000.0)
+    sim.setpoints.descent_limit_m_s[1] = 1.8
+    for _ in range(4):
+        sim.step()
+    assert sim.target.velocity_ned_m_s[:, 2].tolist() == [1.5, 1.8]

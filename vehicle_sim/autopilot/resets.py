@@ -1,0 +1,47 @@
+"""Resets of one vehicle's estimate: a flight task goes on from there instead of chasing the step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from vehicle_sim.frames import wrap_angle
+from vehicle_sim.vehicle_view import VehicleView
+
+
+class Reset(NamedTuple):
+    """The parts that were reset since the last call."""
+
+    level_velocity: bool
+    vertical_velocity: bool
+    level_position: bool
+    height: bool
+    heading_rad: float
+    """How far the heading was turned; 0 without a reset."""
+
+
+class EstimateResets:
+    """Compares the estimator's reset counters from one tick to the next."""
+
+    def __init__(self, view: VehicleView) -> None:
+        self._view = view
+        self._counts = self._counters()
+        self._heading_rad = 0.0
+
+    def _counters(self) -> list[int]:
+        """Level velocity, vertical velocity, level position, height, heading."""
+        fusion, i = self._view.simulation.fusion, self._view.row
+        return [*fusion.resets[:, i].tolist(), int(fusion.heading_reset_counter[i])]
+
+    def forget(self) -> None:
+        """What was reset so far concerns nobody."""
+        self._counts, self._heading_rad = self._counters(), self._view.estimate.yaw_ned_rad
+
+    def take(self) -> Reset | None:
+        """What was reset since the last call; None: nothing. Call it once a tick."""
+        before, self._counts = self._counts, self._counters()
+        old_rad, self._heading_rad = self._heading_rad, self._view.estimate.yaw_ned_rad
+        if self._counts == before:
+            return None
+        changed = [now != then for now, then in zip(self._counts, before, strict=True)]
+        turned_rad = wrap_angle(self._heading_rad - old_rad) if changed[4] else 0.0
+        return Reset(changed[0], changed[1], changed[2], changed[3], turned_rad)
