@@ -32,7 +32,7 @@ class View:
         self.parameters = Parameters(parameters)
         self.parameter = self.parameters.usable
         self.choice = lambda name: int(self.parameters.get(name))
-        self.row, self.time_s, self.origin = 0, 0.0, (47.0, 8.0, 500.0)
+        self.row, self.parameter_changes, self.time_s, self.origin = 0, 0, 0.0, (47.0, 8.0, 500.0)
         self.fusion = SimpleNamespace(
             resets=np.zeros((4, 1), dtype=np.int64),
             heading_reset_counter=np.zeros(1, dtype=np.int64),

@@ -246,7 +246,13 @@ class Lagging:
             position_ned_m=(north_m, 0.0, -20.0), velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0,
             height_above_ground_m=20.0,
         )  # fmt: skip
-        self.simulation = SimpleNamespace(fusion=SimpleNamespace(resets=np.zeros((4, 1), dtype=np.int64)))
+        counts, good = np.zeros(1, dtype=np.int64), np.ones(1, dtype=np.bool_)
+        self.simulation = SimpleNamespace(
+            fusion=SimpleNamespace(
+                resets=np.zeros((4, 1), dtype=np.int64), heading_reset_counter=counts,
+                heading_good_for_control=good,
+            )
+        )  # fmt: skip
         self.row = self.parameter_changes = 0
         self.parameter = Parameters().usable
         self.choice = lambda name: int(Parameters().get(name))
