@@ -211,7 +211,9 @@ class Navigator:
             return self.follow.tracks  # on the ground it is too near to the ground
         if mode is NavState.RTL and self.landing:
             return False
-        if mode in (NavState.HOLD, NavState.RTL) and down is not None:
+        if mode is NavState.HOLD:
+            return self.path.lifts
+        if mode is NavState.RTL and down is not None:
             return down < self._view.estimate.position_ned_m[2] - 0.5
         return False
 

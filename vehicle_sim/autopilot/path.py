@@ -18,6 +18,8 @@ TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
 TAKEN_OVER_M_S2 = 10.0
 """More is no motion but a push against the ground."""
+LIFTING_M_S = 0.3
+"""A vehicle on the ground takes off for a trajectory that climbs faster than this."""
 GROUND_VELOCITY_DOWN_M_S = 0.7
 """On the ground PX4 starts each trajectory downwards at this speed, so that a climb begins only after it is
 braked: 1.4 s into the ramp of a take-off."""
@@ -94,6 +96,15 @@ class Path:
         self.x.reset(x)
         self.y.reset(y)
         self.z.reset(z, GROUND_VELOCITY_DOWN_M_S)
+
+    @property
+    def lifts(self) -> bool:
+        """Whether the way to the target would take off a vehicle on the ground: not one that is too flat."""
+        north, east, down = self.target_ned_m
+        if north is None or east is None or down is None:
+            return False
+        climb = self._smoothing.wanted(self._way_to((north, east, down)), self._limits)[2]
+        return climb < -LIFTING_M_S
 
     @property
     def position_ned_m(self) -> Vector:

@@ -90,6 +90,11 @@ class Smoothing:
         self._take(way)
         _fly(self._axes, self._known(), self._way_numbers, self._before_turn_m_s, dt_s, x, y, *limits)
 
+    def wanted(self, way: Way, limits: Limits) -> Vector:
+        """Velocity that the trajectory turns to: along the way, NED."""
+        self._take(way)
+        return _wanted(self._axes, self._known(), self._way_numbers, self._before_turn_m_s, *limits)
+
     def fly_level(self, dt_s: float, way: Way | None, limits: Limits) -> float:
         """One tick north and east only; without a way to rest.
 
@@ -269,6 +274,25 @@ def _fly_level(
 
 
 @kernel
+def _wanted(
+    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, cruise_m_s: float, climb_m_s: float,
+    descent_m_s: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Velocity that the trajectory turns to: along the way, NED."""
+    horizontal, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
+    dd = way[_TO + 2] - axes[_Z, POSITION]
+    vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
+    flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
+    if length < 1e-6:
+        return 0.0, 0.0, 0.0
+    speed = math.hypot(horizontal, vertical)
+    across, slower = _clamped(speed * flat / length, horizontal)
+    rising, level_part = _clamped(slower * speed * abs(dd) / length, vertical)
+    level = across * level_part / max(flat, 1e-9)
+    return level * dn, level * de, math.copysign(rising, dd)
+
+
+@kernel
 def _fly(
     axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
     cruise_m_s: float, climb_m_s: float, descent_m_s: float,
@@ -276,17 +300,7 @@ def _fly(
     stretched_s = dt_s * _stretch(axes, settings, x, y)
     for k in range(3):
         fly(axes[k], stretched_s)
-    horizontal, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
-    dd = way[_TO + 2] - axes[_Z, POSITION]
-    vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
-    flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
-    north = east = down = 0.0
-    if length >= 1e-6:
-        speed = math.hypot(horizontal, vertical)
-        across, slower = _clamped(speed * flat / length, horizontal)
-        rising, level_part = _clamped(slower * speed * abs(dd) / length, vertical)
-        level = across * level_part / max(flat, 1e-9)
-        north, east, down = level * dn, level * de, math.copysign(rising, dd)
+    north, east, down = _wanted(axes, settings, way, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s)
     _plan_level(axes, settings, north, east)
     _plan_vertical(axes[_Z], settings, down)
     synchronise(axes)

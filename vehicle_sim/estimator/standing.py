@@ -56,6 +56,8 @@ class Standing:
         self._learns = np.ones((count, SIZE))
         self.wanted = True
         """Somebody rests or is not aided: `add` counts."""
+        self._watched = np.ones(count, dtype=np.bool_)
+        """(N,) who did at the last update: what `add` counted of others depends on the rest of the fleet."""
         self._force = np.zeros((count, 3))
         self._level_samples = np.zeros(count, dtype=np.int64)
         """(N,) samples in `_force`."""
@@ -72,6 +74,7 @@ class Standing:
         """Vehicle `i` starts anew."""
         self._rested_s[i] = RESTS_AFTER_S
         self._peak_m_s2[i] = 0.0
+        self._watched[i] = True
 
     def add(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
         """Remember what the IMU measured in one prediction step (N, 3).
@@ -104,12 +107,14 @@ class Standing:
         kalman.straighten()
         alone = ready & ~aided
         if self.wanted:
-            self._assume(samples, alone, rests)
+            self._assume(samples, alone & self._watched, rests & self._watched)
             self._force.fill(0.0)
             self._level_samples.fill(0)
             self._turned.fill(0.0)
         self._hold_height(ready)
-        self.wanted = bool((alone | ~moving).any())
+        self._watched = alone | ~moving
+        self._peak_m_s2[~self._watched] = 0.0
+        self.wanted = bool(self._watched.any())
 
     def _assume(self, samples: int, alone: BoolArray, rests: BoolArray) -> None:
         fixed = alone & rests

@@ -158,8 +158,12 @@ def test_the_same_seed_gives_the_same_estimate_under_a_fault():
     flown = []
     for count in (1, 3):
         sim = Simulation(count, seed=5)
+        for row in range(1, count):
+            set_parameter(sim, row, "SIM_GPS_USED", 3)
+        sim.setpoints.armed[:] = True
+        run(sim, 8.0)
         set_parameter(sim, 0, "SIM_GPS_USED", 3)
-        run(sim, 1.0)
+        run(sim, 8.0)
         flown.append(sim.estimate.q_ned_frd[0].tobytes() + sim.estimate.position_ned_m[0].tobytes())
     assert flown[0] == flown[1]
 
