@@ -6,7 +6,7 @@ from typing import Any
 
 import viser
 
-from gcs_server.scene.dry_runs import DryRunPath, tube, way
+from gcs_server.scene.dry_runs import DryRunPath, tube, tube_edges, way
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import GIMBAL_AT_M
 from gcs_server.scene.moving_node import MovingNode
@@ -43,8 +43,10 @@ class DryRunNode:
         self._root = self._scene.add_frame(root, show_axes=False)
         self._scene.add_frame(f"{root}/flown", show_axes=False, position=origin_enu_m)
         self._lines("/flown/way", way(path), 1.6)
-        if (corridor := tube(path)) is not None:
-            self._mesh("/flown/corridor", corridor, 0.16)
+        corridor, lines = tube(path), tube_edges(path)
+        self._corridor = None if corridor is None else self._mesh("/flown/corridor", corridor, 0.16)
+        if lines is not None:
+            self._lines("/flown/edges", lines, 1.0)
         self._ghost = self._scene.add_frame(f"{root}/ghost", show_axes=False)
         self._flying = MovingNode(client, f"{root}/ghost")
         self._mesh("/ghost/shell", shapes.shell, 0.45)
@@ -61,13 +63,16 @@ class DryRunNode:
         """Takes it down."""
         self._root.remove()
 
-    def update(self, pose: VehiclePose, *, hidden: bool) -> None:
+    def update(self, pose: VehiclePose, *, hidden: bool, open_corridor: bool) -> None:
         """Moves the ghost vehicle.
 
         Args:
             hidden: hides the vehicle, because the view looks through its camera.
+            open_corridor: draws its edges alone: the camera is inside it, behind the real vehicle.
         """
         self._ghost.visible = self.label.shown = not hidden
+        if self._corridor is not None:
+            self._corridor.visible = not open_corridor
         if pose == self._drawn:
             return
         self._drawn = pose
@@ -80,8 +85,8 @@ class DryRunNode:
         self.label.move((x, y, z + LABEL_ABOVE_M))
         self.label.text, self.label.note = pose.label, pose.note
 
-    def _mesh(self, name: str, mesh: Any, opacity: float) -> None:
-        self._scene.add_mesh_simple(
+    def _mesh(self, name: str, mesh: Any, opacity: float) -> Any:
+        return self._scene.add_mesh_simple(
             self._at + name,
             mesh.vertices,
             mesh.faces,

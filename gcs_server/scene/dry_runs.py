@@ -120,6 +120,14 @@ def tube(path: DryRunPath) -> Mesh | None:
     return Mesh(corners.reshape(-1, 3).astype(np.float32), np.asarray(faces, np.uint32))
 
 
+def tube_edges(path: DryRunPath) -> Points | None:
+    """(K, 2, 3): the four edges of the corridor as line segments; None without one."""
+    corners = path.corridor_enu_m
+    if corners is None or len(corners) < 2:
+        return None
+    return np.stack([corners[:-1], corners[1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
+
+
 def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
     """The vehicle of the dry run at a time; before and after the flight at its first and last position.
 

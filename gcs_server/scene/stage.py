@@ -206,7 +206,7 @@ class Stage:
         poses = [pose_at(node.path, shown.t_s or 0.0, start_m) for node in drawn]
         for node, pose in zip(drawn, poses, strict=True):
             inside = shown.follow and view.mode == "gimbal" and node is drawn[0]
-            node.update(pose, hidden=shown.t_s is None or inside)
+            node.update(pose, hidden=shown.t_s is None or inside, open_corridor=shown.t_s is None)
         return poses[0] if shown.follow and shown.t_s is not None else None
 
     def _drop_dry_run(self) -> None:
