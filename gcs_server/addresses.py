@@ -45,16 +45,16 @@ def in_container() -> bool:
 
 def own_addresses() -> list[str]:
     """This computer's address on each default route."""
-    found: list[str] = []
-    for family, elsewhere in _SOMEWHERE_ELSE:
+    addresses: list[str] = []
+    for address_family, elsewhere in _SOMEWHERE_ELSE:
         try:
             # Connecting a datagram socket sends nothing: it only looks up the route.
-            with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            with socket.socket(address_family, socket.SOCK_DGRAM) as probe:
                 probe.connect((elsewhere, 9))
-                found.append(str(probe.getsockname()[0]))
+                addresses.append(str(probe.getsockname()[0]))
         except OSError:
             continue
-    return [address for address in dict.fromkeys(found) if not _is_loopback(address)]
+    return [address for address in dict.fromkeys(addresses) if not _is_loopback(address)]
 
 
 def _is_loopback(host: str) -> bool:

@@ -41,9 +41,9 @@ examples:
   gcs serve --no-sim --link 'serial:///dev/ttyUSB0?baud=57600'   a telemetry radio
   gcs serve --link udpin://127.0.0.1:14650 --sim-args='--gcs-remote-port 14650 --gcs-local-port 18670'
                                            a simulated vehicle on other ports
-  gcs serve --host 0.0.0.0                 let other machines in, too: prints a link with the token they need
+  gcs serve --host 0.0.0.0                 allow access from other machines; prints a link with the token
   gcs key new field; gcs serve --link 'udpin://0.0.0.0:14550?key=field'     MAVLink signing
-  gcs replay flight.tlog --speed 2         look at a recording
+  gcs replay flight.tlog --speed 2         replay a recording
   gcs sim --help                           the simulated PX4 by itself
 
 Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_SIM_ARGS,
@@ -65,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
     serve = commands.add_parser(
         "serve",
         help="run the server (the default)",
-        description="Runs the server, and a simulated vehicle unless told otherwise.",
+        description="Runs the server, and by default a simulated vehicle.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -84,7 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
     serve.add_argument(
         "--sim-args",
         metavar="ARGS",
-        help="further arguments of the simulator in one word, see `gcs sim --help`: "
+        help="further arguments of the simulator as one string, see `gcs sim --help`: "
         "--sim-args='--speed 2 --param COM_OBL_RC_ACT=5'",
     )
     replay = commands.add_parser(
@@ -94,7 +94,7 @@ def build_parser() -> argparse.ArgumentParser:
     replay.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default 1)")
     _serving_flags(replay)
     commands.add_parser(
-        "sim", help="run the simulated PX4 by itself", description="Passes everything on to vehicle_sim."
+        "sim", help="run the simulated PX4 by itself", description="Passes all arguments to vehicle_sim."
     )
     key_command.add_flags(commands.add_parser("key", help="signing keys of MAVLink links"))
     return parser
@@ -120,7 +120,9 @@ def _serving_flags(parser: argparse.ArgumentParser) -> None:
         help="an https proxy whose X-Forwarded-For and X-Forwarded-Proto are trusted; may be given several "
         "times",
     )
-    parser.add_argument("--system-id", type=int, metavar="ID", help="our MAVLink system id (default 255)")
+    parser.add_argument(
+        "--system-id", type=int, metavar="ID", help="MAVLink system id of this server (default 255)"
+    )
     parser.add_argument("--no-record", dest="record", action="store_false", default=None)
     parser.add_argument("--no-scene", dest="scene", action="store_false", default=None)
     parser.add_argument("--verbose", action="store_true", help="log more")

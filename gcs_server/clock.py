@@ -40,7 +40,7 @@ class LoopClock:
     """Follows the time of an event loop, which may be simulated.
 
     Args:
-        loop: whose `time()` is the monotonic time.
+        loop: the event loop; its `time()` is the monotonic time.
         unix_at_zero_s: value of `unix_s()` when the loop's time is 0.
     """
 

@@ -6,10 +6,10 @@
     ├── UnknownLink              no link with this name
     ├── UnknownGroup             no group with this id
     ├── UnknownOperation         no operation with this id (or it was dropped)
-    ├── UnknownPlan              no plan, or no version of it, of that id
+    ├── UnknownPlan              no plan with this id, or no such version of it
     ├── UnknownDryRun            no dry run with this id (or it was dropped)
     ├── PlanConflict             another client saved the plan meanwhile
-    ├── UnknownRecording         no recording, or no replay, of that name
+    ├── UnknownRecording         no recording or replay with this name
     ├── RecordingUnusable        a recording that cannot be read
     ├── InvalidRequest           the request is invalid; names the field
     ├── NotPermitted             the caller's role does not include the command
@@ -252,7 +252,7 @@ class NotTogether(Refused):
     ) -> None:
         super().__init__(message, remedy=remedy)
         self.vehicles = vehicles
-        """Vehicles that are the reason."""
+        """The vehicles that cause the refusal."""
         self.distance_m = distance_m
         self.reasons = bounded_reasons(reasons)
 

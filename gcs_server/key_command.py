@@ -18,8 +18,9 @@ MAX_LINE_LENGTH = 4096
 
 _EPILOG = """\
 A link signs with a key that its URL names: gcs serve --link 'udpin://0.0.0.0:14550?key=field'. The vehicle
-needs the same key; docs/links.md says how. Keys lie in the data folder (signing/NAME.key), readable by their
-owner only. `add` reads the key from the standard input, for arguments can be seen by all users of a machine:
+needs the same key; docs/links.md says how. Keys are stored in the data folder (signing/NAME.key), readable by
+their owner only. `add` reads the key from the standard input, because all users of a machine can see
+arguments:
 
   gcs key new field                     a random key
   gcs key add field < field.txt         64 hexadecimal digits, or base64 of 32 bytes

@@ -1,4 +1,5 @@
-"""Runs the simulator in a process of its own: like a real vehicle, it flies on if the server is killed.
+"""Runs the simulator in a process of its own, so that it continues if the server is killed, as a real
+vehicle does.
 
 A restarted server finds it by the port of PX4's first ground-station link (18570), which only one process can
 bind, and by its process id in the data folder; then it does not start a second one. A clean shutdown ends the
@@ -32,7 +33,7 @@ TERM_WAIT_S = 3.0
 WATCH_PERIOD_S = 0.5
 START_AGAIN_PERIOD_S = 2.0
 SHORTAGES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.ENOBUFS, errno.ENOSPC})
-"""Temporary errors, which say nothing about the simulator."""
+"""Temporary errors, which do not mean that the simulator has ended."""
 
 
 def port_is_held(port: int) -> bool:

@@ -116,18 +116,18 @@ class Access:
         self.cookie_name = "gcs-" + hmac.digest(key, b"cookie name", "sha256").hex()[:8]
         self.cookie_value = hmac.digest(key, b"cookie", "sha256").hex()
 
-    def decide(self, asked: RequestHead) -> Verdict:
+    def decide(self, head: RequestHead) -> Verdict:
         """Decides whether to allow a request."""
-        refusal = self._refuse_wrong_host(asked) or self._refuse_foreign_page(asked)
+        refusal = self._refuse_wrong_host(head) or self._refuse_foreign_page(head)
         if refusal is not None or self.token is None:
             return refusal
-        if asked.path == SIGN_IN_PATH and asked.method == "POST":
+        if head.path == SIGN_IN_PATH and head.method == "POST":
             return FormSent()
-        if asked.method in ("GET", "HEAD") and (link := given_by_link(asked.query)) is not None:
-            if self.is_token(link) or self._has_cookie(asked):
-                return SignedIn(without_token(asked.path, asked.query))
+        if head.method in ("GET", "HEAD") and (link := given_by_link(head.query)) is not None:
+            if self.is_token(link) or self._has_cookie(head):
+                return SignedIn(without_token(head.path, head.query))
             return unknown("The token in the link is not valid (any more).", guessed=True)
-        return self._refuse_without_token(asked)
+        return self._refuse_without_token(head)
 
     def is_token(self, given: str) -> bool:
         """Compared in constant time."""
@@ -140,8 +140,8 @@ class Access:
             + ("; Secure" if secure else "")
         )
 
-    def _refuse_wrong_host(self, asked: RequestHead) -> Refusal | None:
-        hosts = asked.headers.getlist("host")
+    def _refuse_wrong_host(self, head: RequestHead) -> Refusal | None:
+        hosts = head.headers.getlist("host")
         name = host_name(hosts[0]) if len(hosts) == 1 else None
         if name is None:
             return Refusal(400, "bad_host", "Not understood", "The request names no host, or more than one.")
@@ -155,26 +155,26 @@ class Access:
             )
         return None
 
-    def _refuse_foreign_page(self, asked: RequestHead) -> Refusal | None:
-        origins = asked.headers.getlist("origin")
+    def _refuse_foreign_page(self, head: RequestHead) -> Refusal | None:
+        origins = head.headers.getlist("origin")
         if not origins:
-            if asked.from_elsewhere and not asked.is_navigation:
+            if head.from_elsewhere and not head.is_navigation:
                 return _foreign("Page of another site")
             return None
-        host = asked.headers["host"]
-        if len(origins) > 1 or not same_origin(origins[0], host, secure=asked.secure):
+        host = head.headers["host"]
+        if len(origins) > 1 or not same_origin(origins[0], host, secure=head.secure):
             return _foreign(f"A page of {origins[0][:200]!r}")
         return None
 
-    def _refuse_without_token(self, asked: RequestHead) -> Refusal | None:
-        scheme, _, given = asked.headers.get("authorization", "").partition(" ")
+    def _refuse_without_token(self, head: RequestHead) -> Refusal | None:
+        scheme, _, given = head.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
             if self.is_token(given.strip()):
                 return None
             return unknown("The token is not valid.", guessed=True)
-        if not self._has_cookie(asked):
+        if not self._has_cookie(head):
             return unknown("This server requires a token.")
-        if not asked.only_reads and "origin" not in asked.headers:
+        if not head.only_reads and "origin" not in head.headers:
             # Every browser sends the Origin of the page; a request without one must carry the token itself.
             return Refusal(
                 403,
@@ -185,9 +185,9 @@ class Access:
             )
         return None
 
-    def _has_cookie(self, asked: RequestHead) -> bool:
+    def _has_cookie(self, head: RequestHead) -> bool:
         wanted = self.cookie_value.encode()
-        given = cookies_named(asked.headers.getlist("cookie"), self.cookie_name)
+        given = cookies_named(head.headers.getlist("cookie"), self.cookie_name)
         return any([hmac.compare_digest(_bytes(value), wanted) for value in given])
 
 
@@ -198,12 +198,12 @@ def unknown(detail: str, *, guessed: bool = False) -> Refusal:
     )
 
 
-def _foreign(who: str) -> Refusal:
+def _foreign(caller: str) -> Refusal:
     return Refusal(
         403,
         "foreign_origin",
         "Forbidden",
-        f"{who} may neither command vehicles here nor read from here; only the server's own page may.",
+        f"{caller} may neither command vehicles here nor read from here; only the server's own page may.",
     )
 
 

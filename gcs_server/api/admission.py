@@ -1,6 +1,6 @@
 """Limits how many requests and WebSockets one client, one address and all clients may have open.
 
-A client in control of a vehicle is only held to its own limit, not to those of its address and of all.
+For a client in control of a vehicle only its own limit applies, not those of its address and of all clients.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class OpenCounts:
         """Why one more is refused."""
         if self._open[f"client {client_key}"] >= self._limits.by_client:
             return refusals.TOO_MANY
-        crowded = self._open[f"address {address}"] >= self._limits.by_address
-        if (crowded or self._all >= self._limits.in_all) and not self._in_control(client_key):
-            return refusals.TOO_MANY if crowded else refusals.FULL
+        address_is_full = self._open[f"address {address}"] >= self._limits.by_address
+        if (address_is_full or self._all >= self._limits.in_all) and not self._in_control(client_key):
+            return refusals.TOO_MANY if address_is_full else refusals.FULL
         return None
 
     @contextmanager
@@ -95,7 +95,7 @@ class Admission:
         key = principal_of(HTTPConnection(scope)).key
         address = scope["client"][0] if scope.get("client") else ""
         connection: Connection | None = (scope.get("extensions") or {}).get(SCOPE_KEY)
-        status = self._connections.let_in(connection, key) if connection is not None else 0
+        status = self._connections.admit(connection, key) if connection is not None else 0
         counts = self._open[kind]
         refusal = refusals.BY_STATUS[status] if status else counts.refusal(key, address)
         if refusal is None:

@@ -55,10 +55,10 @@ def authorized_command(
     """Wraps every command: requires control as the table says, and writes the result to the journal.
 
     Args:
-        station: what it works on.
-        principal: who commands.
+        station: the server's parts.
+        principal: the caller.
         name: the command's row in `control/commands.py`.
-        vehicle_id: None where no single vehicle is commanded.
+        vehicle_id: the commanded vehicle; None if there is not exactly one.
         arguments: for the journal.
         refused: the refusal, if several vehicles have already been checked together.
 

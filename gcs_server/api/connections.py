@@ -3,8 +3,8 @@ too many.
 
 A connection waits until its first request is allowed (`guard.py`), then it is busy or idle. If there are too
 many, a waiting connection is closed first, then an idle one; never one of a client in control of a vehicle.
-If none can be closed, a new connection is accepted on probation, within a reserve: it is served only if its
-request comes from a client in control. Pure: sockets are `http_server/`'s.
+If none can be closed, a new connection is accepted provisionally, within a reserve: it is served only if its
+request comes from a client in control. Pure; `http_server/` has the sockets.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ WARNED_FOR_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """Numbers of connections, and the memory that all together may hold."""
+    """Limits of the number of connections, and of their memory."""
 
     in_all: int = 512
     by_address: int = 256
@@ -77,12 +77,12 @@ class Connection:
     address: str
     opened_s: float
     probation: int = 0
-    """Status (429 or 503) for requests of clients that are not in control; 0: no probation."""
+    """Status (429 or 503) of the refusal for clients that are not in control; 0: all clients are served."""
     socket: Socket | None = None
     """Set once the transport exists."""
     client_key: str = ""
-    let_in: bool = False
-    """Whether a request has passed the guard."""
+    admit: bool = False
+    """Whether a request of the connection has passed the guard."""
     busy: bool = False
     """Whether a request is being served, or a WebSocket is open."""
     body_bytes: int = 0
@@ -126,15 +126,15 @@ class Connections:
     def __len__(self) -> int:
         return len(self._all)
 
-    # --- coming and going -----------------------------------------------------------------------
+    # --- opening and closing -----------------------------------------------------------------------
 
     def open(self, address: str) -> Connection | None:
         """Registers a new connection; None if there is no room."""
         waiting = self._waiting.get(address, {})
         if len(waiting) >= self.limits.waiting_by_address:
-            self._give_way(next(iter(waiting)))
+            self._close_for_others(next(iter(waiting)))
         elif self._waiting_count >= self.limits.waiting_in_all:
-            self._give_way(next(iter(max(self._waiting.values(), key=len))))
+            self._close_for_others(next(iter(max(self._waiting.values(), key=len))))
         probation = self._probation(address)
         if probation is None:
             self.count_refusal()
@@ -166,12 +166,12 @@ class Connections:
             return
         if busy:
             self._stop_waiting(connection)
-        elif not connection.let_in:
+        elif not connection.admit:
             self._wait(connection)
 
-    def let_in(self, connection: Connection, client_key: str) -> int:
+    def admit(self, connection: Connection, client_key: str) -> int:
         """A request has passed the guard; returns the status of a refusal by the limits, or 0."""
-        connection.let_in = True
+        connection.admit = True
         connection.client_key = client_key
         return 0 if not connection.probation or self._in_control(client_key) else connection.probation
 
@@ -204,7 +204,7 @@ class Connections:
             if total <= self.limits.unread_bytes:
                 return
             total -= size
-            self._give_way(connection)
+            self._close_for_others(connection)
 
     def check(self) -> None:
         """Called periodically: lets each connection check its deadlines."""
@@ -226,36 +226,40 @@ class Connections:
         if self._clock.monotonic_s() - self._refused_s > WARNED_FOR_S:
             return None
         return (
-            f"The server is turning clients away: too many connections or requests ({self.refused} since its "
+            f"The server refuses clients: too many connections or requests ({self.refused} since its "
             f"start; {len(self)} connections are open). Clients in control of a vehicle are still served."
         )
 
     # --- the parts ------------------------------------------------------------------------------
 
     def _probation(self, address: str) -> int | None:
-        crowded = self._by_address[address] >= self.limits.by_address
-        if not crowded and len(self._all) - self._on_probation < self.limits.in_all:
+        address_is_full = self._by_address[address] >= self.limits.by_address
+        if not address_is_full and len(self._all) - self._on_probation < self.limits.in_all:
             return 0
-        candidates = [c for c in self._all if not c.probation and (not crowded or c.address == address)]
-        if self._one_gives_way(candidates):
+        candidates = [
+            c for c in self._all if not c.probation and (not address_is_full or c.address == address)
+        ]
+        if self._make_room(candidates):
             return 0
-        if self._on_probation >= self.limits.reserve and not self._one_gives_way(
+        if self._on_probation >= self.limits.reserve and not self._make_room(
             [c for c in self._all if c.probation]
         ):
             return None
-        return 429 if crowded else 503
+        return 429 if address_is_full else 503
 
-    def _one_gives_way(self, candidates: list[Connection]) -> bool:
-        able = [c for c in candidates if not c.let_in or (not c.busy and not self._protected(c))]
-        if not able:
+    def _make_room(self, candidates: list[Connection]) -> bool:
+        closable = [c for c in candidates if not c.admit or (not c.busy and not self._protected(c))]
+        if not closable:
             return False
-        self._give_way(min(able, key=lambda c: (c.let_in, -self._by_address[c.address], c.opened_s)))
+        self._close_for_others(
+            min(closable, key=lambda c: (c.admit, -self._by_address[c.address], c.opened_s))
+        )
         return True
 
     def _protected(self, connection: Connection) -> bool:
         return bool(connection.client_key) and self._in_control(connection.client_key)
 
-    def _give_way(self, connection: Connection) -> None:
+    def _close_for_others(self, connection: Connection) -> None:
         self.count_refusal()
         self.closed(connection)
         connection.end()

@@ -37,7 +37,7 @@ class TakeControl(StrictBody):
 
 
 class RequestControl(StrictBody):
-    """Why control is asked for."""
+    """Reason of a request for control."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "I see it better from here"}]})
 

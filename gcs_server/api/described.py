@@ -22,15 +22,15 @@ COMMON: dict[str, str] = {
     "422": "Invalid request; names the field.",
     "503": f"The link to the vehicle was lost, or: {refusals.FULL.detail}",
 }
-"""Status and words."""
+"""Status and text."""
 
 
 def describe_refusals(described: dict[str, Any]) -> None:
     """Errors are problem+json everywhere; those of access control and of the limits are listed at each
     operation."""
     described["components"]["responses"] = {
-        f"Refused{status}": {"description": words, "content": {PROBLEM_JSON: _PROBLEM}}
-        for status, words in COMMON.items()
+        f"Refused{status}": {"description": text, "content": {PROBLEM_JSON: _PROBLEM}}
+        for status, text in COMMON.items()
     }
     described["components"]["responses"]["Refused401"]["content"]["text/html"] = {
         "schema": {"type": "string"}
@@ -49,7 +49,7 @@ def describe_refusals(described: dict[str, Any]) -> None:
 
 
 def flatten_unions(described: dict[str, Any]) -> None:
-    """A union by `kind` whose branches are unions themselves becomes one: OpenAPI knows no nested ones."""
+    """Flattens unions by `kind` whose branches are unions, because OpenAPI has no nested unions."""
     schemas = described["components"]["schemas"]
 
     def branches(schema: dict[str, Any]) -> list[dict[str, Any]]:
@@ -79,11 +79,11 @@ def flatten_unions(described: dict[str, Any]) -> None:
 
 
 def describe_documents(described: dict[str, Any]) -> None:
-    """The fields of plans: the words under them, else their name, frame and unit."""
+    """Describes the fields of plans by their docstrings, else by name, frame and unit."""
     schemas = described["components"]["schemas"]
     for kind in _below(Model):
-        apart = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # where two have one name
-        fields = (schemas.get(kind.__name__) or schemas.get(apart) or {}).get("properties", {})
+        full_name = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # where two have one name
+        fields = (schemas.get(kind.__name__) or schemas.get(full_name) or {}).get("properties", {})
         docs = {name: text for base in kind.__mro__[:-3] for name, text in _docs(base).items()}
         for name, field in fields.items():
             if not {"description", "const", "$ref"} & set(field):

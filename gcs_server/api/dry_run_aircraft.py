@@ -24,12 +24,12 @@ NO_AVOIDANCE = "The dry run flies the path as planned: obstacle avoidance is not
 def aircraft_of(
     vehicle: Vehicle | None, document: Document, role: str | None = None
 ) -> tuple[dict[str, Any], dict[str, float] | None, list[str]]:
-    """`home`, `yaw_ned_rad`, `parameters` and `battery_share`, then its local origin, and what was assumed.
+    """Returns `home`, `yaw_ned_rad`, `parameters` and `battery_share`, the local origin, and the assumptions.
 
     Args:
-        vehicle: the real one; None: PX4's defaults, at the planned start.
+        vehicle: the real vehicle; None: PX4's defaults, at the planned start.
         document: the plan.
-        role: of a mission of several vehicles: which one it flies; what was assumed then names no vehicle.
+        role: its role in a mission of several vehicles; then the assumptions name no vehicle.
 
     Raises:
         InvalidRequest: the start position is not known.
@@ -45,7 +45,7 @@ def aircraft_of(
     }
     if not aircraft["parameters"]:
         assumed.append(f"The parameters of {who} have not been read: PX4's defaults are used.")
-    place = _place(vehicle, who, assumed)
+    place = _start_position(vehicle, who, assumed)
     if place is None:
         assumed.append(f"The position of {who} is not known: the plan's home is used.")
         aircraft["home"] = _start(planned, document, role)
@@ -63,8 +63,8 @@ def aircraft_of(
     return aircraft, None if origin is None else asdict(origin), assumed
 
 
-def said_once(assumed: Mapping[str, Sequence[str]]) -> list[str]:
-    """What was assumed, each sentence once, with the roles' names where it is about their vehicles."""
+def merged_assumptions(assumed: Mapping[str, Sequence[str]]) -> list[str]:
+    """Merges the assumptions of all roles: each sentence once, with the roles whose vehicles it concerns."""
     of: dict[str, list[str]] = {}
     for role, texts in assumed.items():
         for text in texts:
@@ -72,12 +72,12 @@ def said_once(assumed: Mapping[str, Sequence[str]]) -> list[str]:
     return [f"{' and '.join(roles)}: {text}" if "he vehicle" in text else text for text, roles in of.items()]
 
 
-def _place(vehicle: Vehicle, who: str, assumed: list[str]) -> dict[str, float] | None:
-    """Its position on the ground; in flight: its home."""
-    here, home = vehicle.topic("global_position"), vehicle.topic("home")
+def _start_position(vehicle: Vehicle, who: str, assumed: list[str]) -> dict[str, float] | None:
+    """The vehicle's position on the ground; in flight, its home position."""
+    position, home = vehicle.topic("global_position"), vehicle.topic("home")
     flies = vehicle.flight_state.armed and vehicle.flight_state.landed_state != "on_ground"
-    if here is not None and isinstance(here.value, GlobalPosition) and not flies:
-        return _of(here.value)
+    if position is not None and isinstance(position.value, GlobalPosition) and not flies:
+        return _of(position.value)
     if home is None or not isinstance(home.value, Home):
         return None
     if flies:

@@ -1,4 +1,4 @@
-"""Dry runs over HTTP: what to fly in simulation, and what came of it."""
+"""Bodies of the dry-run routes: requests and results."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ class DryRunMonteCarlo(AnswerBody):
 
 
 class DryRunClosest(AnswerBody):
-    """Where two vehicles came nearest to each other."""
+    """Smallest distance between two vehicles."""
 
     roles: tuple[str, str] = Field(description="Their roles.")
     distance_m: float = Field(description="Between their centres [m].")
@@ -261,10 +261,10 @@ class DryRunClosest(AnswerBody):
 
 
 class DryRunTogetherModel(AnswerBody):
-    """All vehicles of a mission with roles, flown together; all positions count from one `origin`."""
+    """All vehicles of a mission with roles, flown together; all positions are relative to one `origin`."""
 
     roles: dict[str, DryRunFlight] = Field(description="The flight of each role.")
-    closest: list[DryRunClosest] = Field(description="Of each two roles, as long as both flew.")
+    closest: list[DryRunClosest] = Field(description="One entry for each pair of roles, while both flew.")
 
 
 class DryRunView(AnswerBody):
@@ -278,10 +278,12 @@ class DryRunView(AnswerBody):
     vehicle: str | None = Field(
         description="Vehicle whose parameters, position and battery charge were used."
     )
-    assumed: list[str] = Field(description="What was not known, and what was assumed instead; sentences.")
+    assumed: list[str] = Field(
+        description="Values that were not known, and the assumptions instead; sentences."
+    )
     nominal: DryRunFlight = Field(
-        description="The flight in the requested conditions; of a mission with roles that of the first role, "
-        "with the findings of all."
+        description="The flight in the requested conditions. For a mission with roles: the flight "
+        "of the first role, with the findings of all roles."
     )
     together: DryRunTogetherModel | None = Field(description="Null: one vehicle flew.")
     monte_carlo: DryRunMonteCarlo | None = Field(description="Null: only one flight was simulated.")

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import dry_run_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.dry_run_aircraft import aircraft_of, said_once
+from gcs_server.api.dry_run_aircraft import aircraft_of, merged_assumptions
 from gcs_server.api.joint_mission_routes import require_roles
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.plan_checks import text_of
@@ -25,7 +25,7 @@ from missions.errors import PlanError
 from missions.offboard.document import OffboardMission
 
 Flown = tuple[dict[str, Any], list[str]]
-"""Who flies in the dry run, and what was assumed about them."""
+"""The simulated vehicles, and the assumptions about them."""
 
 router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES)
 
@@ -84,14 +84,14 @@ def _alone(station: Station, body: m.DryRunRequest, document: Document) -> Flown
 
 
 def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Flown | None:
-    """Of a mission of several vehicles; None: it is none."""
+    """The vehicles of a mission with roles; None for other plans."""
     if not isinstance(document, OffboardMission) or not document.roles:
         return None
     if body.vehicle is not None or body.flights is not None:
         field = "vehicle" if body.vehicle is not None else "flights"
         raise InvalidRequest(
             field,
-            f"A mission with roles is flown in simulation once, by all its vehicles: {field} has no meaning.",
+            f"A dry run of a mission with roles is one flight of all its vehicles: {field} is not supported.",
             remedy="Leave it out, and name the vehicles in `vehicles`.",
         )
     if body.vehicles is not None:
@@ -99,7 +99,7 @@ def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Flown
     elif any(role.start_ned_m is None for role in document.roles.values()):
         raise InvalidRequest(
             "vehicles",
-            "Where the vehicles stand is not known: none is named, and not each role has `start_ned_m`.",
+            "The start positions are not known: no vehicle is named, and some roles have no `start_ned_m`.",
             remedy="Name a vehicle for each role, or give each role `start_ned_m`.",
         )
     roles: dict[str, dict[str, Any]] = {}
@@ -109,7 +109,7 @@ def _roles(station: Station, body: m.DryRunRequest, document: Document) -> Flown
         aircraft, origin, unknown = aircraft_of(vehicle, document, role)
         roles[role] = {"aircraft": {**aircraft, **_battery(body)}, "origin": origin}
         assumed[role] = unknown
-    return {"roles": roles}, said_once(assumed)
+    return {"roles": roles}, merged_assumptions(assumed)
 
 
 def _battery(body: m.DryRunRequest) -> dict[str, Any]:

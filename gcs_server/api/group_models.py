@@ -76,8 +76,8 @@ class StartGroup(_Together):
     )
 
     @model_validator(mode="after")
-    def _each_once(self) -> StartGroup:
-        once([member.vehicle for member in self.members], "members")
+    def _check_unique(self) -> StartGroup:
+        require_unique([member.vehicle for member in self.members], "members")
         return self
 
     def to_order(self, principal: Principal) -> GroupOrder:
@@ -108,16 +108,16 @@ class GroupSetpoints(_Together):
     )
 
     @model_validator(mode="after")
-    def _each_once(self) -> GroupSetpoints:
-        once([member.vehicle for member in self.setpoints], "setpoints")
+    def _check_unique(self) -> GroupSetpoints:
+        require_unique([member.vehicle for member in self.setpoints], "setpoints")
         return self
 
 
-def once(vehicles: list[str], where: str) -> None:
+def require_unique(vehicles: list[str], field: str) -> None:
     """Raises ValueError if a vehicle is named twice."""
     twice = [vehicle for vehicle, count in Counter(vehicles).items() if count > 1]
     if twice:
-        raise ValueError(f"{where}: vehicle {twice[0]} is named twice")
+        raise ValueError(f"{field}: vehicle {twice[0]} is named twice")
 
 
 GroupModel = model_of(

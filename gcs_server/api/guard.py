@@ -44,63 +44,63 @@ class Guard:
         self._access = access
         self._clock = clock
         self._wrong_since = 0
-        self._said_s = float("-inf")
+        self._logged_s = float("-inf")
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        asked = RequestHead.of(scope)
-        verdict = self._access.decide(asked)
+        head = RequestHead.of(scope)
+        verdict = self._access.decide(head)
         if verdict is None:
             await self._app(scope, receive, send)
         elif scope["type"] == "websocket":
             await receive()
             reason = ""
             if isinstance(verdict, Refusal):
-                self._note(scope, verdict)
+                self._log_wrong_token(scope, verdict)
                 reason = verdict.code
             await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
         else:
-            await (await self._answer(asked, verdict, scope, receive))(scope, receive, send)
+            await (await self._answer(head, verdict, scope, receive))(scope, receive, send)
 
     async def _answer(
-        self, asked: RequestHead, verdict: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
+        self, head: RequestHead, verdict: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
     ) -> Response:
         if isinstance(verdict, Refusal):
-            self._note(scope, verdict)
-            return _refused(asked, verdict)
+            self._log_wrong_token(scope, verdict)
+            return _refused(head, verdict)
         if isinstance(verdict, SignedIn):
             location = verdict.location
         else:
             given, location = await _read_form(scope, receive)
             if not self._access.is_token(given):
                 refusal = unknown("This token is not valid.", guessed=True)
-                self._note(scope, refusal)
+                self._log_wrong_token(scope, refusal)
                 return sign_in_page(refusal, location)
         answer = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})
-        answer.headers["Set-Cookie"] = self._access.cookie(secure=asked.secure)
+        answer.headers["Set-Cookie"] = self._access.cookie(secure=head.secure)
         return answer
 
-    def _note(self, scope: Scope, refusal: Refusal) -> None:
+    def _log_wrong_token(self, scope: Scope, refusal: Refusal) -> None:
         """Logs wrong tokens. They never lock a client out, because that could be the pilot."""
         if not refusal.guessed:
             return
         self._wrong_since += 1
         now_s = self._clock.monotonic_s()
-        if now_s - self._said_s < QUIET_S:
+        if now_s - self._logged_s < QUIET_S:
             return
         caller = scope["client"][0] if scope.get("client") else "somebody"
         log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_since)
-        self._wrong_since, self._said_s = 0, now_s
+        self._wrong_since, self._logged_s = 0, now_s
 
 
-def _refused(asked: RequestHead, refusal: Refusal) -> Response:
+def _refused(head: RequestHead, refusal: Refusal) -> Response:
     headers = {"Cache-Control": "no-store"}
     if refusal.status == 401:
-        if asked.only_reads and "text/html" in asked.headers.get("accept", ""):
-            page = sign_in_page(refusal, without_token(asked.path, asked.query))
-            if asked.is_navigation and asked.from_elsewhere:
+        if head.only_reads and "text/html" in head.headers.get("accept", ""):
+            page = sign_in_page(refusal, without_token(head.path, head.query))
+            if head.is_navigation and head.from_elsewhere:
                 # A browser sends no cookie with another site's link, but does so when this server's page
                 # reloads.
                 page.headers["Refresh"] = "0"

@@ -23,7 +23,7 @@ router = APIRouter(tags=["commands"], responses=RESPONSES)
 
 
 class HoldRequest(StrictBody):
-    """Which vehicles are to hold."""
+    """Vehicles that are to switch to Hold."""
 
     model_config = example(vehicles=["1", "2"])
 
@@ -43,7 +43,7 @@ class HoldResult(BaseModel):
 
 
 class HoldResults(BaseModel):
-    """What came of it, for each vehicle."""
+    """The result for each vehicle."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -54,8 +54,8 @@ class HoldResults(BaseModel):
 async def hold_several(body: HoldRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
 
-    The command goes to all of them before any answer is waited for, and one that fails keeps none of the
-    others from holding. Answers once each has shown Hold or failed.
+    The command is sent to all vehicles at once, and a failure of one does not affect the others. Answers
+    once each vehicle has reported Hold or failed.
     """
 
     async def hold(vehicle_id: str) -> dict[str, object]:
@@ -70,9 +70,9 @@ async def hold_several(body: HoldRequest, station: StationDep, principal: Princi
         return {"vehicle": vehicle_id, "held": problem is None, "problem": problem}
 
     armed = (vehicle.id for vehicle in station.fleet.all() if vehicle.flight_state.armed)
-    wanted = dict.fromkeys(armed if body.vehicles is None else body.vehicles)
-    results = await asyncio.gather(*map(hold, wanted), return_exceptions=True)
+    vehicle_ids = dict.fromkeys(armed if body.vehicles is None else body.vehicles)
+    results = await asyncio.gather(*map(hold, vehicle_ids), return_exceptions=True)
     for result in results:
-        if isinstance(result, BaseException):  # of one; the others have been held by now
+        if isinstance(result, BaseException):  # the error of one vehicle; the others hold
             raise result
     return answer({"results": results})

@@ -1,4 +1,4 @@
-"""The start of an offboard mission of several vehicles; pause, resume and abort are those of any of them."""
+"""Starts an offboard mission of several vehicles. Pause, resume and abort of one vehicle act on all."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ async def start_joint_mission(
 ) -> Response:
     """Starts a mission with roles, a vehicle for each. All vehicles are checked first; all start, or none.
 
-    409 `plan_findings` if a role or the separation of two has error findings, unless `despite` names their
-    codes. They begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and `abort` of any act on
-    all.
+    409 `plan_findings` if a role, or the separation of two vehicles, has error findings, unless `despite`
+    names their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and
+    `abort` of one vehicle act on all.
     """
     shared = body.model_dump(exclude={"mission"}, exclude_none=True)
     with together(station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}):
@@ -46,14 +46,14 @@ async def start_joint_mission(
         vehicles = _vehicles_of(station, mission, body.vehicles)
         for vehicle in vehicles.values():
             await station.offboard(vehicle.id).ensure_parameters()
-        found = await station.plan_work.run(
+        compiled = await station.plan_work.run(
             "compile_roles",
             {"plan": text, "vehicles": {role: _known(vehicle) for role, vehicle in vehicles.items()}},
             small=False,
             field="mission",
         )
-        check_findings(name.name, found["findings"], body.despite)
-        flown = pickle.loads(base64.b64decode(found["flown"]))
+        check_findings(name.name, compiled["findings"], body.despite)
+        flown = pickle.loads(base64.b64decode(compiled["flown"]))
         if any(timeline.avoids for timeline, _ in flown.values()):
             for role, vehicle in vehicles.items():
                 if flown[role][0].avoids:
@@ -64,18 +64,18 @@ async def start_joint_mission(
         starts: dict[str, tuple[str, Start]] = {}
         for role, vehicle in vehicles.items():
             timeline, motion = flown[role]
-            share = low_battery_share(vehicle)
-            starts[role] = vehicle.id, Start(name, timeline, motion, principal.name, share, role=role)
+            battery_share = low_battery_share(vehicle)
+            starts[role] = vehicle.id, Start(name, timeline, motion, principal.name, battery_share, role=role)
         station.missions.begin_together(starts, mission.separation_m)
         views = [{"vehicle": v.id, "mission": station.missions.status(v.id)} for v in vehicles.values()]
         return answer({"vehicles": views})
 
 
 def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, str]) -> dict[str, Vehicle]:
-    """By role, in the order of the document; all of them ready.
+    """The vehicles by role, in the order of the document; all are ready.
 
     Raises:
-        InvalidRequest: the mission has no roles, or others than are named.
+        InvalidRequest: the mission has no roles, or the named roles differ from its roles.
     """
     if not mission.roles:
         raise InvalidRequest(
@@ -92,27 +92,27 @@ def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, st
 
 
 def require_roles(mission: OffboardMission, named: Mapping[str, str]) -> None:
-    """Raises InvalidRequest unless each role of the mission is named, and no other."""
+    """Raises InvalidRequest unless exactly the roles of the mission are named."""
     missing = [role for role in mission.roles if role not in named]
     unknown = [role for role in named if role not in mission.roles]
     if missing or unknown:
-        what = f"role {missing[0]!r} has no vehicle" if missing else f"there is no role {unknown[0]!r}"
+        problem = f"role {missing[0]!r} has no vehicle" if missing else f"there is no role {unknown[0]!r}"
         raise InvalidRequest(
             "vehicles",
-            f"vehicles: {what}.",
+            f"vehicles: {problem}.",
             remedy=f"Name a vehicle for each role: {', '.join(mission.roles)}.",
         )
 
 
 def _require_ready(vehicle: Vehicle) -> None:
-    """Raises Refused if the vehicle is on the ground and says that it cannot be armed."""
+    """Raises Refused if the vehicle is on the ground and reports that it cannot be armed."""
     status, health = vehicle.status, vehicle.topic("health")
     if status.armed or health is None or not isinstance(health.value, Health):
         return
     if health.value.ready_to_arm is False:
         raise Refused(
             f"Vehicle {vehicle.id} cannot be armed now, so none of the vehicles starts.",
-            remedy=f"See what it reports (GET /vehicles/{vehicle.id}/readiness), then start all again.",
+            remedy=f"See its report (GET /vehicles/{vehicle.id}/readiness), then start all again.",
         )
 
 

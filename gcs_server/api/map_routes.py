@@ -44,18 +44,18 @@ async def list_maps(station: StationDep) -> Response:
     },
 )
 async def map_file(
-    name: str, station: StationDep, wanted: Annotated[str | None, Header(alias="Range")] = None
+    name: str, station: StationDep, range_header: Annotated[str | None, Header(alias="Range")] = None
 ) -> Response:
     """A PMTiles file, whole or (with a Range header) a part."""
     path = await _find(station, name)
     if path is None or path.suffix != ".pmtiles":
         return _unknown(name)
-    if wanted is not None and not _lies_within(wanted, path.stat().st_size):
+    if range_header is not None and not _is_within(range_header, path.stat().st_size):
         return problem(
             416,
             "No such part",
             "no_such_part",
-            f"{name} has no part {wanted[:100]!r}.",
+            f"{name} has no part {range_header[:100]!r}.",
             remedy="Ask for `bytes=FIRST-LAST` within the file.",
         )
     return FileResponse(path, media_type="application/octet-stream", headers=FRESH)
@@ -89,12 +89,12 @@ async def map_tile(
     return Response(tile, media_type=info.content_type, headers={**FRESH, **zipped})
 
 
-def _lies_within(wanted: str, size: int) -> bool:
+def _is_within(range_header: str, size: int) -> bool:
     """Whether this Range header requests one part inside the file."""
-    found = RANGE.fullmatch(wanted)
-    if found is None:
+    match = RANGE.fullmatch(range_header)
+    if match is None:
         return False
-    first, last = found["first"], found["last"]
+    first, last = match["first"], match["last"]
     if not first:
         return bool(last) and int(last) > 0
     return int(first) < size and (not last or int(last) >= int(first))

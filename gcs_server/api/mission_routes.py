@@ -129,22 +129,23 @@ async def downloaded_plan(vehicle: VehicleDep) -> Response:
 
 @router.post("/compare", response_model=m.MissionComparison)
 async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -> Response:
-    """What differs between a plan and what the vehicle held when it was last read.
+    """Differences between a plan and the items of the last download from the vehicle.
 
-    A kept plan that is equal to what the vehicle still holds counts from then on as the plan that it holds.
+    If a stored plan is equal, and the vehicle still has these items, the server takes it as the vehicle's
+    plan.
     """
     name, plan = await _chosen(station, body)
     held = _held(vehicle)
     items = _items(plan)
-    found = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
-    equal, still_held = not any(each.essential for each in found), _still_held(vehicle, held)
+    all_differences = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
+    equal, still_held = not any(each.essential for each in all_differences), _still_held(vehicle, held)
     if equal and still_held and name.id is not None:
         vehicle.mission.held = replace(held, plan=name)
     return answer(
         {
             "vehicle": vehicle.id,
             "equal": equal,
-            "differences": found,
+            "differences": all_differences,
             "read_unix_s": held.at_unix_s,
             "still_held": still_held,
         }
@@ -243,20 +244,21 @@ async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -
     if held is None or not still_held:
         if NOT_KNOWN not in despite:
             raise PlanFindings(
-                f"The server does not know which plan vehicle {vehicle.id} holds, so it is not checked.",
+                f"The server does not know which plan is on vehicle {vehicle.id}, "
+                "so the plan is not checked.",
                 codes=(NOT_KNOWN,),
                 remedy="Download or upload it first, or name plan_not_known in `despite`.",
             )
         return
     plan, _ = plan_of(held)
-    found = await check_document(station, plan, vehicle)
-    errors = [each for each in found["findings"] if each["severity"] == "error"]
-    wrong = [each for each in errors if each["code"] not in despite]
-    if wrong:
+    all_differences = await check_document(station, plan, vehicle)
+    errors = [each for each in all_differences["findings"] if each["severity"] == "error"]
+    unaccepted = [each for each in errors if each["code"] not in despite]
+    if unaccepted:
         raise PlanFindings(
-            f"The plan that vehicle {vehicle.id} holds has errors: {wrong[0]['text']}",
-            codes=tuple(dict.fromkeys(each["code"] for each in wrong)),
-            reasons=tuple(each["text"] for each in wrong),
+            f"The plan on vehicle {vehicle.id} has errors: {unaccepted[0]['text']}",
+            codes=tuple(dict.fromkeys(each["code"] for each in unaccepted)),
+            reasons=tuple(each["text"] for each in unaccepted),
             remedy="Correct the plan and upload it, or accept the findings by naming their codes in "
             "`despite`.",
         )
@@ -275,8 +277,8 @@ def _begin(
             f"Vehicle {vehicle.id} already has a mission transfer; only one can run at a time.",
             remedy="Wait until it is done, or cancel it (DELETE /operations/{id}).",
         )
-    verb = "Uploading to" if kind == "mission/upload" else "Downloading from"
-    text = f"{verb} vehicle {vehicle.id}."
+    activity = "Uploading to" if kind == "mission/upload" else "Downloading from"
+    text = f"{activity} vehicle {vehicle.id}."
     return station.operations.start(
         kind, work, text=text, vehicle=vehicle.id, subject=subject, by=by, needs_vehicle=True
     )
@@ -293,10 +295,10 @@ async def _operation_answer(station: Station, operation: Operation, wait: bool) 
     return response
 
 
-def _confirmed(vehicle: Vehicle, command: str, said: str | None) -> None:
+def _confirmed(vehicle: Vehicle, command: str, confirmation: str | None) -> None:
     """A vehicle in Mission mode flies the changed mission at once: the request must confirm that."""
     if vehicle.flight_state.armed and vehicle.status.mode == "mission":
-        BY_NAME[command].require_confirmation(said or "", vehicle=vehicle.id)
+        BY_NAME[command].require_confirmation(confirmation or "", vehicle=vehicle.id)
 
 
 async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanName, Plan]:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gcs_server.api.group_models import VehicleId, once
+from gcs_server.api.group_models import VehicleId, require_unique
 from gcs_server.api.plan_models import MissionBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import StrictBody
@@ -54,8 +54,8 @@ class StartJointMission(WhichMission):
     )
 
     @model_validator(mode="after")
-    def _each_once(self) -> Self:
-        once(list(self.vehicles.values()), "vehicles")
+    def _check_unique(self) -> Self:
+        require_unique(list(self.vehicles.values()), "vehicles")
         return self
 
 
@@ -87,15 +87,13 @@ class JointMissionView(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    vehicles: list[OffboardMissionView] = Field(
-        description="Each vehicle with its part, in the order of roles."
-    )
+    vehicles: list[OffboardMissionView] = Field(description="Each vehicle's mission, in the order of roles.")
 
 
 class FlownMissionView(BaseModel):
-    """The newest mission of a vehicle as it was flown."""
+    """The flown path of a vehicle's newest mission."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     vehicle: str = Field(description="The vehicle's id.")
-    flown: FlownMissionModel = Field(description="So far, while it is flown.")  # type: ignore[valid-type]
+    flown: FlownMissionModel = Field(description="The flown path so far.")  # type: ignore[valid-type]

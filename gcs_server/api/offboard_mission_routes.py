@@ -40,7 +40,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.get("/flown", response_model=m.FlownMissionView)
 async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
-    """Where the newest mission led, and the places that were sent at the same moments."""
+    """The flown positions of the newest mission, and the positions that were sent at the same times."""
     return answer({"vehicle": vehicle.id, "flown": station.missions.flight(vehicle.id).flown()})
 
 
@@ -58,7 +58,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         name, text = await chosen_mission(station, body)
         await station.offboard(v).ensure_parameters()
         known = known_of(vehicle)
-        found = await station.plan_work.run(
+        compiled = await station.plan_work.run(
             "compile",
             {
                 "plan": text,
@@ -69,14 +69,14 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
             small=False,
             field="mission",
         )
-        check_findings(name.name, found["findings"], body.despite)
-        timeline, motion = pickle.loads(base64.b64decode(found["flown"]))
+        check_findings(name.name, compiled["findings"], body.despite)
+        timeline, motion = pickle.loads(base64.b64decode(compiled["flown"]))
         if timeline.avoids:
             await station.offboard(v).avoidance.wait_for_sensor()
-        share = low_battery_share(vehicle)
+        battery_share = low_battery_share(vehicle)
         corridor = None if body.dry_run is None else _corridor(station, vehicle, body.dry_run)
         station.missions.begin(
-            v, Start(name, timeline, motion, principal.name, share, corridor, dry_run=body.dry_run)
+            v, Start(name, timeline, motion, principal.name, battery_share, corridor, dry_run=body.dry_run)
         )
         return _view(station, v)
 
@@ -85,7 +85,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
 async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Pauses on the path, in Offboard; during take-off and landing in Hold.
 
-    Of a mission of several vehicles this pauses all of them, as `resume` and `abort` act on all.
+    In a mission of several vehicles, pause, resume and abort act on all of them.
     """
     return steer(station, principal, "offboard_mission/pause", v, lambda flight: flight.pause(principal.name))
 
@@ -141,7 +141,7 @@ def steer(
     do: Callable[[MissionFlight], None],
     arguments: dict[str, object] | None = None,
 ) -> Response:
-    """Commands a vehicle's mission, and with it all vehicles that fly it together: needs their control."""
+    """Commands the mission of a vehicle. The caller needs control of all vehicles of this mission."""
     vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
     with together(station, principal, command, {v: arguments or {} for v in vehicles}):
         station.fleet.get(vehicle_id).require_commandable()
@@ -178,7 +178,7 @@ def start_of(vehicle: Vehicle) -> dict[str, Any]:
     local, attitude, home = estimates.local(), estimates.attitude(), estimates.home()
     if local is None or attitude is None or not estimates.has_position():
         raise Refused(
-            f"Vehicle {vehicle.id} has no valid position estimate, which a mission starts from.",
+            f"Vehicle {vehicle.id} has no valid position estimate, which a mission needs.",
             remedy="Wait for GPS and the estimator (see the vehicle's messages), then try again.",
         )
     origin = estimates.origin()
@@ -194,16 +194,16 @@ def start_of(vehicle: Vehicle) -> dict[str, Any]:
 def _corridor(station: Station, vehicle: Vehicle, dry_run_id: str) -> Corridor:
     estimates = VehicleEstimates(vehicle)
     local = estimates.local()
-    here = (0.0, 0.0, 0.0) if local is None else local.position_ned_m
-    return corridor_of(station.dry_runs.get(dry_run_id), here, estimates.origin())
+    position = (0.0, 0.0, 0.0) if local is None else local.position_ned_m
+    return corridor_of(station.dry_runs.get(dry_run_id), position, estimates.origin())
 
 
 def check_findings(name: str, findings: list[dict[str, Any]], despite: list[str]) -> None:
-    wrong = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
-    if wrong:
+    unaccepted = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
+    if unaccepted:
         raise PlanFindings(
-            f"The mission {name!r} has errors: {wrong[0]['text']}",
-            codes=tuple(dict.fromkeys(each["code"] for each in wrong)),
-            reasons=tuple(f"{each['step'] or 'The mission'}: {each['text']}" for each in wrong),
-            remedy="Correct the mission, or name the codes in `despite` if they are meant.",
+            f"The mission {name!r} has errors: {unaccepted[0]['text']}",
+            codes=tuple(dict.fromkeys(each["code"] for each in unaccepted)),
+            reasons=tuple(f"{each['step'] or 'The mission'}: {each['text']}" for each in unaccepted),
+            remedy="Correct the mission, or name the codes in `despite` if you accept them.",
         )

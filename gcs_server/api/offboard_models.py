@@ -41,8 +41,8 @@ class CircleFenceBody(StrictBody):
 AnyFence = Annotated[PolygonFenceBody | CircleFenceBody, Field(discriminator="kind")]
 
 
-def _limit(words: str, low: float, high: float) -> Any:
-    return Field(default=None, allow_inf_nan=False, ge=low, le=high, description=words)
+def _limit(description: str, low: float, high: float) -> Any:
+    return Field(default=None, allow_inf_nan=False, ge=low, le=high, description=description)
 
 
 class LimitsRequest(StrictBody):
@@ -89,7 +89,7 @@ class AvoidanceRequest(StrictBody):
 
     model_config = example(on=True, way="over")
 
-    on: bool = Field(description="Whether the vehicle is led past obstacles.")
+    on: bool = Field(description="Whether avoidance is on: the vehicle flies around or over obstacles.")
     way: Literal["over", "around"] = Field(
         default="over",
         description="Direction that is tried first: climb over an obstacle, or pass it at the same altitude.",
@@ -118,7 +118,7 @@ class FailsafeRequest(StrictBody):
     )
 
     @model_validator(mode="after")
-    def _something(self) -> FailsafeRequest:
+    def _check_not_empty(self) -> FailsafeRequest:
         if self.action is None and self.after_s is None:
             raise ValueError("give action, after_s or both")
         return self

@@ -122,7 +122,7 @@ class SetpointSocket:
                     applied = "error" not in answer
                     self._answer(answer)
             period_s = 1.0 / MAX_HZ
-            next_s = max(next_s, self._clock.monotonic_s() - period_s) + period_s  # one may come early
+            next_s = max(next_s, self._clock.monotonic_s() - period_s) + period_s  # an order may arrive early
 
     async def _send(self) -> None:
         while True:

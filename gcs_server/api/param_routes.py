@@ -1,5 +1,4 @@
-"""Routes of a vehicle's parameters: all with their descriptions, and single ones read and set with
-verification."""
+"""Routes of a vehicle's parameters: lists all with their metadata, reads and sets single ones."""
 
 from __future__ import annotations
 
@@ -96,7 +95,7 @@ def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:
 
 @router.get("/{v}/params", response_model=ParametersView)
 async def all_params(vehicle: VehicleDep) -> Response:
-    """All known parameters, without asking the vehicle; `POST …/params/refresh` reads them."""
+    """All known parameters; sends nothing to the vehicle. `POST …/params/refresh` reads them."""
     known = vehicle.params.all()
     head = encode({"vehicle": vehicle.id, "list": vehicle.params.list})
     parts: list[bytes] = []
@@ -129,11 +128,11 @@ async def refresh_params(
     params = vehicle.params
 
     async def read(report: ReportProgress) -> dict[str, object]:
-        def told(known: ParamList) -> None:
-            share = None if not known.count else known.received / known.count
-            report(f"{known.received} of {known.count or 'unknown'} parameters received.", share)
+        def report_progress(known: ParamList) -> None:
+            fraction = None if not known.count else known.received / known.count
+            report(f"{known.received} of {known.count or 'unknown'} parameters received.", fraction)
 
-        known = await params.refresh(ignore_cache=request.ignore_cache, progress=told)
+        known = await params.refresh(ignore_cache=request.ignore_cache, progress=report_progress)
         return {"received": known.received, "source": known.source}
 
     operation = station.operations.start(

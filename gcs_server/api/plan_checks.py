@@ -1,4 +1,4 @@
-"""Checks a plan with what the server knows of a vehicle."""
+"""Checks a plan with the server's data of a vehicle."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class PlanContext:
     origin: dict[str, float] | None = None
     """Origin of the local frame, same keys."""
     not_known: tuple[str, ...] = ()
-    """Sentences."""
+    """Sentences about unknown values."""
     reported: tuple[str, ...] | None = None
     """Values of conditions that it sends; None without a vehicle."""
 
@@ -52,9 +52,9 @@ async def check_document(
         "power": power,
     }
     small = not isinstance(document, OffboardMission) and is_small(document)
-    found = await station.plan_work.run("check", arguments, small=small)
-    not_known = (*known.not_known, *found.pop("ground_not_known"))
-    return {**found, "vehicle": None if vehicle is None else vehicle.id, "not_known": not_known}
+    result = await station.plan_work.run("check", arguments, small=small)
+    not_known = (*known.not_known, *result.pop("ground_not_known"))
+    return {**result, "vehicle": None if vehicle is None else vehicle.id, "not_known": not_known}
 
 
 def text_of(document: Document) -> str:
@@ -63,7 +63,7 @@ def text_of(document: Document) -> str:
 
 
 def is_small(document: Document) -> bool:
-    """Whether a thread may work on it; what takes longer gets a process."""
+    """Whether the work is short enough for a thread; longer work runs in a process."""
     if isinstance(document, OffboardMission):
         return len(documents.write(document)) <= SMALL_MISSION_BYTES
     corners = sum(len(zone.polygon) for zone in document.fence if zone.shape == "polygon")
@@ -76,13 +76,15 @@ def known_of(vehicle: Vehicle | None) -> PlanContext:
     if vehicle is None:
         return PlanContext()
     not_known: list[str] = []
-    found = {name: vehicle.params.known(name) for name in {*PARAMETERS.values(), *MOTION_PARAMETERS.values()}}
-    parameters = {name: float(param.value) for name, param in found.items() if param is not None}
+    result = {
+        name: vehicle.params.known(name) for name in {*PARAMETERS.values(), *MOTION_PARAMETERS.values()}
+    }
+    parameters = {name: float(param.value) for name, param in result.items() if param is not None}
     if not parameters:
         not_known.append(
             f"The parameters of vehicle {vehicle.id} have not been read: PX4's defaults are used."
         )
-    elif missing := sorted(name for name in found if name not in parameters):
+    elif missing := sorted(name for name in result if name not in parameters):
         not_known.append(f"Unknown parameters, PX4's defaults are used: {', '.join(missing)}.")
     sample = vehicle.topic("home")
     if sample is None:

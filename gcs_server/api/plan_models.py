@@ -1,7 +1,7 @@
 """Bodies and answers of the routes for plans.
 
-The documents themselves are those of `missions`; they are checked as JSON there, so that a list is a list
-and a number a number, and what is wrong names the item and the fix.
+The documents themselves are those of `missions`; `missions` checks their JSON types, and its errors name the
+item and the fix.
 """
 
 from __future__ import annotations
@@ -191,8 +191,8 @@ OriginModel = model_of(LocalOrigin, "PlanOrigin")
 class OffboardFlight(AnswerBody):
     """An offboard mission as it will be flown, from the ground at home."""
 
-    steps: list[StepTimeModel] = Field(description="Steps in order; at a branch, the longest way.")  # type: ignore[valid-type]
-    legs: list[LegModel] = Field(description="The path, segment by segment, on all ways.")  # type: ignore[valid-type]
+    steps: list[StepTimeModel] = Field(description="Steps in order; at a branch, the longest one.")  # type: ignore[valid-type]
+    legs: list[LegModel] = Field(description="The segments of the path, on all branches.")  # type: ignore[valid-type]
     needs: list[str] = Field(description="The estimates that the vehicle must have.")
     start_ned_m: tuple[float, float, float] = Field(description="Start position, from the local origin [m].")
     origin: OriginModel | None = Field(  # type: ignore[valid-type]

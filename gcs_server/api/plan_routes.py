@@ -1,4 +1,4 @@
-"""Plans of both kinds: kept with versions, checked, read from files, written to them, made from patterns."""
+"""Routes of plans: storing versions, checking, importing, exporting, patterns."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     known = known_of(vehicle)
     home = known.home if body.plan.planned_home is None else None
     arguments = {"plan": text_of(body.plan), "name": body.name, "parameters": known.parameters, "home": home}
-    found = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
-    return answer({**found, "plan": Raw(found["plan"].encode())})
+    result = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
+    return answer({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.post("/ground", response_model=m.GroundPlan)
@@ -93,8 +93,8 @@ async def follow_ground(body: m.PlanToFollowGround, station: StationDep) -> Resp
     waypoints are added where a line would be too far from its height above the ground.
     """
     arguments = {"plan": text_of(body.plan), "tolerance_m": body.tolerance_m}
-    found = await station.plan_work.run("follow_ground", arguments, small=False)
-    return answer({**found, "plan": Raw(found["plan"].encode())})
+    result = await station.plan_work.run("follow_ground", arguments, small=False)
+    return answer({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.get("/schema/{kind}", response_model=dict[str, Any])
@@ -130,7 +130,8 @@ async def import_plan(
     ] = None,
     altitude_reference: Annotated[Reference, Query(description="Reference of `altitude_m`.")] = "home",
 ) -> Response:
-    """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, our own JSON, or YAML. Saves nothing.
+    """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
+    nothing.
 
     The body is the file as it is.
     """
@@ -143,8 +144,8 @@ async def import_plan(
     arguments = {"file": base64.b64encode(data).decode(), "filename": filename, "altitude": altitude}
     most = SMALL_YAML_BYTES if filename.lower().endswith((".yaml", ".yml")) else SMALL_FILE_BYTES
     small = len(data) <= most and not data.startswith(b"PK")
-    found = await station.plan_work.run("import", arguments, small=small, field="body")
-    return answer({**found, "plan": Raw(found["plan"].encode())})
+    result = await station.plan_work.run("import", arguments, small=small, field="body")
+    return answer({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.post(
@@ -152,7 +153,8 @@ async def import_plan(
     response_class=Response,
     responses={
         200: {
-            "description": "The file; `X-Plan-Notes` is a JSON list of sentences about what it cannot hold.",
+            "description": "The file; `X-Plan-Notes` is a JSON list of sentences about contents "
+            "that the format cannot represent.",
             "content": {kind.partition(";")[0]: {} for kind in MEDIA_TYPES.values()},
         }
     },
@@ -162,15 +164,18 @@ async def export_plan(
     station: StationDep,
     format: Annotated[
         FormatName,
-        Query(description="`plan` is QGroundControl's, `json` our own; of a mission `yaml` or `json`."),
+        Query(
+            description="`plan` is QGroundControl's format, `json` this project's. "
+            "An offboard mission: `yaml` or `json`."
+        ),
     ],
 ) -> Response:
-    """The plan as a file. The header `X-Plan-Notes` says, as a JSON list, what the format left out."""
+    """The plan as a file. The header `X-Plan-Notes` lists, as JSON, what the format cannot represent."""
     arguments = {"plan": text_of(body.plan), "format": format}
-    found = await station.plan_work.run("export", arguments, small=is_small(body.plan))
-    notes = [note for note in found["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
+    result = await station.plan_work.run("export", arguments, small=is_small(body.plan))
+    notes = [note for note in result["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
     return Response(
-        base64.b64decode(found["file"]),
+        base64.b64decode(result["file"]),
         headers={
             "Content-Type": MEDIA_TYPES[format],
             "Content-Disposition": f'attachment; filename="plan.{format}"',
@@ -187,8 +192,8 @@ async def make_pattern(
     """Items from an area, a line or a point: survey, corridor, perimeter, orbit or structure scan."""
     arguments = {"pattern": pattern.model_dump_json()}
     small = isinstance(pattern, OrbitPattern | PerimeterPattern)
-    found = await station.plan_work.run("pattern", arguments, small=small, field="body")
-    return answer({**found, "plan": Raw(found["plan"].encode())})
+    result = await station.plan_work.run("pattern", arguments, small=small, field="body")
+    return answer({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.get("/{plan}", response_model=m.KeptPlan)

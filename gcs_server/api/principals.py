@@ -15,22 +15,22 @@ SCOPE_KEY = "gcs.principal"
 def principal_of(connection: HTTPConnection) -> Principal:
     """The caller, from `X-Client` and `X-Client-Id`, else from its address; made once per request.
 
-    WebSockets of browsers carry no headers: they give `?client=` and `&client_id=`.
+    WebSockets of browsers have no such headers; they use `?client=` and `&client_id=`.
     """
     known = connection.scope.get(SCOPE_KEY)
     if known is None:
-        name, own_id = _says_of_itself(connection)
+        name, own_id = _given_identity(connection)
         address = connection.client.host if connection.client is not None else ""
         known = connection.scope[SCOPE_KEY] = Principal.of(name, own_id, address)
     return known
 
 
-def names_itself(connection: HTTPConnection) -> bool:
+def has_identity(connection: HTTPConnection) -> bool:
     """Whether the caller gave a name or an id, not only its address."""
-    return any(_says_of_itself(connection))
+    return any(_given_identity(connection))
 
 
-def _says_of_itself(connection: HTTPConnection) -> tuple[str, str]:
+def _given_identity(connection: HTTPConnection) -> tuple[str, str]:
     headers = connection.headers
     query = connection.query_params if connection.scope["type"] == "websocket" else {}
     return (

@@ -154,7 +154,7 @@ def _body(status: int, title: str, code: str, detail: str, more: Mapping[str, ob
 
 def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
     """(field, message) of the first invalid values; the names of union branches are left out of the path."""
-    found: list[dict[str, str]] = []
+    problems: list[dict[str, str]] = []
     errors = [item for item in error.errors() if item["type"] != "too_short" or not _follows(item, error)]
     for item in errors[:MAX_ERRORS]:
         parts = [str(part) for part in item["loc"]]
@@ -164,16 +164,16 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
         message = str(item["msg"]).removeprefix("Value error, ")
         if item["type"] == "json_invalid":
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
-        found.append({"field": _short(".".join(parts) or "body"), "message": _short(message)})
+        problems.append({"field": _short(".".join(parts) or "body"), "message": _short(message)})
     if len(errors) > MAX_ERRORS:
-        found.append({"field": "body", "message": f"and {len(errors) - MAX_ERRORS} more invalid values"})
-    return found
+        problems.append({"field": "body", "message": f"and {len(errors) - MAX_ERRORS} more invalid values"})
+    return problems
 
 
 def _follows(item: dict[str, Any], error: RequestValidationError) -> bool:
-    """Whether a list counts as too short only because checking ended at its first bad item."""
-    place = tuple(item["loc"])
-    return any(other["loc"][: len(place)] == place and other is not item for other in error.errors())
+    """Whether a list seems too short only because checking ended at its first invalid item."""
+    path = tuple(item["loc"])
+    return any(other["loc"][: len(path)] == path and other is not item for other in error.errors())
 
 
 def _short(text: str) -> str:
@@ -205,7 +205,7 @@ def install(app: FastAPI) -> None:
         code = {404: "not_found", 405: "method_not_allowed"}.get(error.status_code, "http_error")
         return problem(error.status_code, str(error.detail), code, str(error.detail))
 
-    async def unforeseen(request: Request, error: Exception) -> Response:
+    async def unexpected_error(request: Request, error: Exception) -> Response:
         log.error("%s %s failed", request.method, request.url.path, exc_info=error)
         answer = problem(
             500,
@@ -214,10 +214,10 @@ def install(app: FastAPI) -> None:
             f"{type(error).__name__} while handling {request.method} {request.url.path}.",
             remedy="Check what the vehicle does before you try again; the server's log has the details.",
         )
-        answer.headers.update(security_headers(request.scope))  # it is made outside of all middleware
+        answer.headers.update(security_headers(request.scope))  # this answer does not pass any middleware
         return answer
 
     app.add_exception_handler(GcsError, gcs_error)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(HTTPException, http_error)
-    app.add_exception_handler(Exception, unforeseen)
+    app.add_exception_handler(Exception, unexpected_error)

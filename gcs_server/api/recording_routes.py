@@ -26,7 +26,9 @@ router = APIRouter(tags=["recordings"], responses={s: RESPONSES[s] for s in (404
 
 @router.get("/recordings", response_model=responses.Recordings)
 async def list_recordings(station: StationDep) -> Response:
-    """Recorded flights, newest first; one that is damaged or still being written says so."""
+    """Recorded flights, newest first; `problem` and `running` mark those that are damaged or still being
+    written.
+    """
     return answer({"recordings": await station.replays.recordings()})
 
 
@@ -36,7 +38,7 @@ async def list_recordings(station: StationDep) -> Response:
     responses={200: {"content": {"application/octet-stream": {}}}},
 )
 async def download_recording(name: str, station: StationDep) -> StreamingResponse:
-    """The file; if it is still being written, what it holds now."""
+    """The file; if it is still being written, its current content."""
     path = station.replays.path(name)
     size = path.stat().st_size
     headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{_quoted(name)}"'}
@@ -105,7 +107,7 @@ async def change_replay(name: str, body: models.ReplayChange, station: StationDe
 
 @router.get("/replays/{name}/index", response_model=responses.RecordingIndexModel)
 async def index_replay(name: str, station: StationDep) -> Response:
-    """The same index for a replay, also one that was opened by `gcs replay FILE`."""
+    """The index of an open replay, also of one that `gcs replay FILE` has opened."""
     return answer(await station.replays.index_of_replay(name))
 
 

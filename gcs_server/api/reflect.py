@@ -1,7 +1,7 @@
-"""Pydantic models of our dataclasses for the OpenAPI description: fields, units and descriptions stay in one
-place.
+"""Pydantic models of dataclasses for the OpenAPI description, so that fields, units and descriptions are
+written once.
 
-The descriptions are the attribute docstrings of the dataclass, else made from the name's frame and unit.
+Descriptions are the attribute docstrings of the dataclass, else they are made from the name's frame and unit.
 Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
 """
 
@@ -46,17 +46,17 @@ def described(name: str) -> str:
     """Description of a field without a docstring: its name, frame and unit."""
     unit = next((text for end, text in _UNITS.items() if name.endswith(end)), "")
     frame = next((text for part, text in _FRAMES.items() if f"{part}_" in f"{name}_"), "")
-    words = name
+    description = name
     for end in _UNITS:
         if unit and name.endswith(end):
-            words = name[: -len(end)]
+            description = name[: -len(end)]
             break
-    plain = words.replace("_", " ").capitalize()
+    plain = description.replace("_", " ").capitalize()
     return " ".join(part for part in (plain, f"({frame})" if frame else "", unit) if part) + "."
 
 
 def attribute_docs(kind: type) -> dict[str, str]:
-    """The strings that stand under the attributes of a class and of the dataclasses that it extends."""
+    """The docstrings of the attributes of a class and of its base dataclasses."""
     docs: dict[str, str] = {}
     for base in kind.__bases__:
         if dataclasses.is_dataclass(base):
@@ -80,15 +80,15 @@ def model_of(kind: type, name: str | None = None, **overrides: Any) -> type[Base
 
     Args:
         kind: the dataclass.
-        name: what the schema is called; the class's name unless given.
+        name: name of the schema; default: the class's name.
         overrides: other types for some fields.
     """
     docs = attribute_docs(kind)
     hints = typing.get_type_hints(kind)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
-        words = docs.get(field.name) or described(field.name)
-        fields[field.name] = (overrides.get(field.name, hints[field.name]), Field(description=words))
+        description = docs.get(field.name) or described(field.name)
+        fields[field.name] = (overrides.get(field.name, hints[field.name]), Field(description=description))
     return create_model(
         name or kind.__name__,
         __config__=ConfigDict(frozen=True, extra="forbid"),

@@ -19,7 +19,7 @@ HEAD_DEADLINE_S = 10.0
 """Deadline for the headers, from the start of the connection or the first byte of a later request."""
 BODY_DEADLINE_S = 20.0
 UNREAD_DEADLINE_S = 20.0
-"""How long a client may read nothing of what was written for it."""
+"""How long a client may leave all written data unread."""
 MAX_PIPELINED = 8
 """Requests that wait on one connection behind the one that is being answered."""
 

@@ -1,9 +1,9 @@
 """Starts requests one after the other, each in its own turn of the event loop.
 
-Two hundred requests that come in at once would otherwise be answered in one turn, and whatever else the loop
-does would wait for all of them. Clients in control of a vehicle go first, then those that were there before,
-then new ones, so that a client with ever new names delays nobody. Among equals it goes address by address,
-then client by client.
+Otherwise two hundred simultaneous requests would be answered in one turn, and all other work of the loop
+would wait for them. Clients in control of a vehicle are first, then known clients, then new ones, so that a
+client that keeps changing its name delays nobody. Within a priority, addresses take turns, and clients of an
+address take turns.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class RequestQueue:
         """By client key: time of the first and the last request."""
 
     async def wait(self, client: Principal) -> None:
-        """Returns when it is this client's turn: at once if no other request has the present one."""
+        """Returns when it is this client's turn; at once if no other request waits."""
         loop = asyncio.get_running_loop()
         known = self._note(client.key, loop.time())
         if not self._taken:

@@ -83,7 +83,7 @@ ControlModel = model_of(
 
 
 class ControlView(ControlModel):  # type: ignore[misc,valid-type]
-    """Control of a vehicle, as the caller sees it."""
+    """Control of a vehicle, with fields about the caller."""
 
     yours: bool = Field(description="Whether the caller holds it.")
     your_key: str = Field(description="The caller's key.")
@@ -140,7 +140,7 @@ _vehicle_fields: dict[str, Any] = {
 VehicleModel = create_model(
     "Vehicle",
     __config__=ConfigDict(frozen=True, extra="forbid"),
-    __doc__="A vehicle as the server knows it now.",
+    __doc__="The current data of a vehicle.",
     **_vehicle_fields,
 )
 
@@ -167,7 +167,7 @@ class Message(AnswerBody):
     index: int = Field(description="Counts up within the vehicle's feed; give it as `since`.")
     kind: str = Field(description="status_text, event, mode_changed, armed, disarmed, command, …")
     vehicle: str | None = Field(description="The vehicle's id.")
-    unix_s: float = Field(description="When the server had it [s since 1970 UTC].")
+    unix_s: float = Field(description="Time of the event at the server [s since 1970 UTC].")
     severity: int = Field(description="MAV_SEVERITY: 0 emergency … 6 info, 7 debug.")
     text: str = Field(description="For people.")
     data: dict[str, Any] = Field(description="Further data of this kind.")
@@ -218,7 +218,7 @@ class Links(AnswerBody):
 
 
 class MapFile(AnswerBody):
-    """An offline map of the operator's own."""
+    """An offline map of the operator."""
 
     name: str = Field(description="The file's name in the maps folder.")
     url: str = Field(description="PMTiles: the file, read in parts. MBTiles: add `/{zoom}/{x}/{y}`.")
@@ -341,15 +341,15 @@ def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[byte
     def line(sample: Sample) -> dict[str, object]:
         return {"vehicle": vehicle.id, "topic": sample.topic, **sample_view(sample)}
 
-    def together(part: Sequence[Sample]) -> bytes:
+    def encode_lines(part: Sequence[Sample]) -> bytes:
         return encode([line(sample) for sample in part])[1:-1]
 
     for start in range(0, len(samples), LINES_PER_TURN):
         part = samples[start : start + LINES_PER_TURN]
-        piece = run("the history", together, part)
+        piece = run("the history", encode_lines, part)
         if piece is None:
-            each = (run(f"the history of {sample.topic}", together, [sample]) for sample in part)
-            piece = b",".join(made for made in each if made)
+            each = (run(f"the history of {sample.topic}", encode_lines, [sample]) for sample in part)
+            piece = b",".join(encoded_line for encoded_line in each if encoded_line)
         if piece:
             yield piece
 

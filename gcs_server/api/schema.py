@@ -41,7 +41,7 @@ from gcs_server.version import __version__
 
 
 def api_router() -> APIRouter:
-    """Everything under /api/v1."""
+    """The router of all routes under /api/v1."""
     router = APIRouter(prefix=API, dependencies=[Depends(renew_control)])
     for part in (
         station_routes,

@@ -47,7 +47,7 @@ class SetpointBody(StrictBody, ABC):
 
     @model_validator(mode="before")
     @classmethod
-    def _nothing_of_mavlinks(cls, data: Any) -> Any:
+    def _refuse_mavlink_fields(cls, data: Any) -> Any:
         if isinstance(data, dict):
             for name in cast(dict[object, object], data):
                 if isinstance(name, str) and name in MAVLINK_ONLY_FIELDS:

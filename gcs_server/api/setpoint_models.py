@@ -79,8 +79,9 @@ class PositionGlobalSetpoint(YawOrRate):
 
 
 class PositionBodySetpoint(SetpointBody):
-    """An offset from the vehicle's position when the server takes the setpoint, along its heading at that
-    time."""
+    """An offset from the vehicle's position, along its heading, both at the time when the server accepts the
+    setpoint.
+    """
 
     model_config = example(type="position_body", offset_frd_m=[5, 0, 0])
 
@@ -248,7 +249,7 @@ class ActuatorsSetpoint(SetpointBody):
     )
 
     @model_validator(mode="after")
-    def _some(self) -> ActuatorsSetpoint:
+    def _check_not_empty(self) -> ActuatorsSetpoint:
         if not self.motors and not self.servos:
             raise ValueError("give motors or servos")
         return self
@@ -289,7 +290,7 @@ class PathSetpoint(SetpointBody):
     )
 
     @model_validator(mode="after")
-    def _in_time(self) -> PathSetpoint:
+    def _check_times(self) -> PathSetpoint:
         times = [point.t_s for point in self.points]
         if times[0] != 0:
             raise ValueError("points.0.t_s must be 0: the path starts when the server accepts it")

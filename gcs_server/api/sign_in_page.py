@@ -36,7 +36,7 @@ def sign_in_page(refusal: Refusal, location: str) -> HTMLResponse:
     """The page.
 
     Args:
-        refusal: shown beside the field if the token was wrong.
+        refusal: shown at the field if the token was wrong.
         location: address on this server to open afterwards.
     """
     document, style, policy = _parts()

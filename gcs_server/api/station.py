@@ -1,4 +1,4 @@
-"""The running server's parts, as the routes use them."""
+"""The parts of the running server that the routes use."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 @dataclass(slots=True)
 class Station:
-    """The running server, as the API sees it."""
+    """The parts of the running server."""
 
     clock: Clock
     router: Router
@@ -96,7 +96,7 @@ StationDep = Annotated[Station, Depends(get_station)]
 
 
 async def renew_control(station: StationDep, principal: PrincipalDep) -> None:
-    """Dependency of all routes: any request of a caller renews the control that it holds."""
+    """Dependency of all routes: each request renews the caller's control of vehicles."""
     station.authority.renew(principal)
 
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 
 from gcs_server.api import models, responses
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.principals import PrincipalDep, names_itself, principal_of
+from gcs_server.api.principals import PrincipalDep, has_identity, principal_of
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep
@@ -100,7 +100,7 @@ async def journal(
     station: StationDep,
     limit: Annotated[int, Query(ge=1, le=1000, description="Maximum number of entries.")] = 100,
 ) -> Response:
-    """The commands with client, arguments and result, newest first."""
+    """Commands with client, arguments and result, newest first."""
     return answer({"entries": station.journal.tail(limit)})
 
 
@@ -115,9 +115,9 @@ async def telemetry(socket: WebSocket) -> None:
     """See "Telemetry" in docs/api.md."""
     station: Station = socket.app.state.station
     await socket.accept()
-    here = station.authority.connected(principal_of(socket)) if names_itself(socket) else nullcontext()
+    connection = station.authority.connected(principal_of(socket)) if has_identity(socket) else nullcontext()
     try:
-        with here:
+        with connection:
             await station.hub.serve(socket)
     except* (WebSocketDisconnect, RuntimeError):
         pass  # the browser disconnected; sending to a closed socket raises RuntimeError

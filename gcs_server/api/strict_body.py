@@ -1,6 +1,7 @@
-"""Base classes of bodies. Of requests unknown fields are refused, and numbers must be JSON numbers.
+"""Base classes of bodies. Requests with unknown fields are refused, and numbers must be JSON numbers.
 
-Pydantic would take `true` for 1.0 and `"30"` for 30, and a vehicle would climb to it. Here floats also accept
+Pydantic would read `true` as 1.0 and `"30"` as 30, and a vehicle would climb to that altitude. Here floats
+also accept
 whole numbers, and every other field accepts only its own JSON type; NaN and infinity are refused.
 """
 
@@ -43,6 +44,6 @@ class StrictBody(BaseModel):
 
 
 class AnswerBody(BaseModel):
-    """Base of the bodies of answers: no other fields than those that are described."""
+    """Base of the bodies of answers: they have only the described fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -38,7 +38,7 @@ async def carry_out(
 ) -> Response:
     """Runs a command under the journal; answers once the vehicle's own state shows it.
 
-    `result_as` names the field of the answer that holds what `work` returned.
+    `result_as`: field of the answer for the result of `work`.
     """
     with authorized_command(station, principal, command, vehicle_id, arguments) as outcome:
         vehicle = station.fleet.get(vehicle_id)
@@ -56,7 +56,7 @@ async def carry_out(
 
 @router.get("", response_model=list[responses.VehicleModel])
 async def list_vehicles(station: StationDep) -> Response:
-    """All vehicles with everything known of them."""
+    """All vehicles with all their data."""
     return answer([responses.vehicle_view(vehicle) for vehicle in station.fleet.all()])
 
 
@@ -94,15 +94,15 @@ async def history(
     ] = None,
 ) -> Response:
     """The last minutes at up to 4 Hz, oldest first."""
-    wanted = tuple(dict.fromkeys(name for name in topics.split(",") if name)) or tuple(TOPICS)
-    unknown = [name for name in wanted if name not in TOPICS]
+    topic_names = tuple(dict.fromkeys(name for name in topics.split(",") if name)) or tuple(TOPICS)
+    unknown = [name for name in topic_names if name not in TOPICS]
     if unknown:
         raise InvalidRequest(
             "topics", f"Unknown: {', '.join(unknown)}.", remedy=f"Known topics: {', '.join(TOPICS)}."
         )
     since = vehicle.clock.unix_s() - HISTORY_S if since_unix_s is None else since_unix_s
     samples: list[Sample] = []
-    for topic in wanted:
+    for topic in topic_names:
         samples += vehicle.history((topic,), since)
         await asyncio.sleep(0)  # decoding thousands of frames: the event loop does other work in between
     samples.sort(key=lambda sample: sample.received_monotonic_s)
@@ -117,7 +117,7 @@ async def history(
 async def messages(
     vehicle: VehicleDep, since: Annotated[int, Query(ge=0, description="Only messages after this index.")] = 0
 ) -> Response:
-    """Status texts, events and what the server noticed."""
+    """Status texts of the vehicle, and events of vehicle and server."""
     return answer({"messages": [responses.message_view(e) for e in vehicle.events.since(since)]})
 
 
@@ -215,7 +215,7 @@ async def mode(v: str, body: models.ModeRequest, station: StationDep, principal:
 
 @router.post("/{v}/goto", response_model=responses.CommandDone, tags=["commands"])
 async def goto(v: str, body: models.GotoRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Flies to a position in Hold; answers once the vehicle is under way."""
+    """Flies to a position in Hold; answers once the vehicle has accepted the target."""
 
     async def work(vehicle: Vehicle) -> None:
         await vehicle.command.goto(

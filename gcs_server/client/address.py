@@ -10,8 +10,9 @@ from urllib.parse import parse_qs, urlsplit, urlunsplit
 def address_and_token(
     url: str, token: str | None, environment: Mapping[str, str] | None = None
 ) -> tuple[str, str | None]:
-    """The server's address without the token, and the token: the given one, else the link's, else
-    `GCS_TOKEN`."""
+    """The server's address without the token, and the token: the given token, else the link's, else that of
+    `GCS_TOKEN`.
+    """
     parts = urlsplit(url)
     if token is None:
         known = os.environ if environment is None else environment

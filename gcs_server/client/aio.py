@@ -35,13 +35,13 @@ class Gcs:
     """A connection to the server.
 
     Args:
-        url: where the server is.
-        client: the name under which commands stand in the journal.
+        url: address of the server.
+        client: name of this program in the journal.
         timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
-        token: needed by a server that listens to other machines; else taken from `url`, if that is the
-            link that the server printed, else from `GCS_TOKEN`.
-        client_id: tells this program from others of the same name, which decides who has control of a
-            vehicle; a random one unless given here or by `GCS_CLIENT_ID`.
+        token: required by a server that other machines can reach. Default: the token in `url`, if that
+            is the link that the server printed, else `GCS_TOKEN`.
+        client_id: distinguishes this program from others of the same name, because only one client
+            controls a vehicle. Default: `GCS_CLIENT_ID`, else a random id.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Gcs:
     async def raw(
         self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None
     ) -> bytes:
-        """One call below `/api/v1` that sends or answers a file; errors as `request`."""
+        """One call below `/api/v1` that sends or returns a file; errors as `request`."""
         self._has_commanded = self._has_commanded or method != "GET"
         try:
             response = await self._http.request(method, path, json=body, content=content)
@@ -105,10 +105,10 @@ class Gcs:
         """Switches several vehicles to Hold at once, whoever has control.
 
         Args:
-            vehicles: their ids; all that are armed unless given.
+            vehicles: their ids; default: all armed vehicles.
 
         Returns:
-            For each `vehicle` whether it is `held`, else its `problem`.
+            For each `vehicle` whether it is `held`, otherwise its `problem`.
         """
         body: Body = {"vehicles": None if vehicles is None else list(vehicles)}
         return (await self.request("POST", "/hold", body))["results"]
@@ -118,7 +118,7 @@ class Gcs:
         return Operations(self)
 
     def plans(self) -> Plans:
-        """The waypoint plans that the server keeps."""
+        """The plans stored on the server."""
         return Plans(self)
 
     def dry_runs(self) -> DryRuns:
@@ -148,13 +148,13 @@ class Gcs:
         """A WebSocket below `/api/v1`.
 
         Raises:
-            ApiError: the server does not let us in.
+            ApiError: the server refused the connection.
             Unreachable: it did not answer.
         """
         address = f"{self.url.replace('http', 'ws', 1)}/api/v1{path}"
         try:
             return await connect(address, additional_headers=self._headers, compression=None)
-        except InvalidStatus as refused:  # a handshake carries no reason: an ordinary call tells it
+        except InvalidStatus as refused:  # a handshake has no reason; an ordinary call gets it
             await self.request("GET", "/version")
             raise Unreachable(f"{self.url} refused {path}: {refused}.") from refused
         except OSError as error:
@@ -176,14 +176,14 @@ class Gcs:
         """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
         Each starts with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; if one
-        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of the
-        longest path. Where the Hold after an exception fails, a note on that exception says why.
+        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of
+        the longest path. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
-            The group, once all are in Offboard; `started["start_unix_s"]` is when they begin.
+            The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
 
         Raises:
-            Refused: one cannot fly, two would come too near, or another has control of one.
+            Refused: a vehicle cannot fly, two would come too near, or another client has control of one.
         """
         life = lifetime(valid_for_s, on_expiry, hold_for_s)
         given = {
@@ -199,7 +199,7 @@ class Gcs:
         except BaseException as error:
             try:
                 await asyncio.shield(group.hold())
-            except (ApiError, Unreachable) as problem:  # the block's own error is the one to see
+            except (ApiError, Unreachable) as problem:  # the error of the block must be raised
                 error.add_note(f"Group {group.id} could not be put into Hold: {problem}")
             raise
         await group.hold()
@@ -213,22 +213,22 @@ class Gcs:
         version: int | None = None,
         despite: Sequence[str] = (),
     ) -> list[dict[str, Any]]:
-        """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of the
-        `offboard_mission` of any of them act on all.
+        """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of one
+        vehicle's `offboard_mission` act on all.
 
         Args:
             vehicles: the vehicle's id for each role.
-            mission: its document; else `plan_id`, of one that the server keeps.
-            plan_id: of a kept mission.
-            version: of that; the newest unless given.
+            mission: its document; otherwise give `plan_id` of a stored mission.
+            plan_id: id of a stored mission.
+            version: version of the stored mission; default: the newest.
             despite: codes of error findings that are accepted.
 
         Returns:
             For each `vehicle` its `mission`, as `offboard_mission.state()`.
 
         Raises:
-            Refused: one cannot start, another has control of one, or the mission has errors that `despite`
-                does not name.
+            Refused: a vehicle cannot start, another client has control of one, or the mission has errors
+                that `despite` does not name.
         """
         body = start_body(mission, plan_id, version, despite, vehicles=dict(vehicles))
         return (await self.request("POST", "/offboard_missions/start", body))["vehicles"]
@@ -239,7 +239,7 @@ class Gcs:
         """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only.
 
         Raises:
-            ApiError: the server does not let us in.
+            ApiError: the server refused the connection.
             Unreachable: it did not answer.
         """
         socket = await self.socket("/telemetry")

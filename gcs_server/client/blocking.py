@@ -35,13 +35,13 @@ class SyncGcs(LoopThread):
     """A connection to the server.
 
     Args:
-        url: where the server is.
-        client: the name under which commands stand in the journal.
+        url: address of the server.
+        client: name of this program in the journal.
         timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
-        token: needed by a server that listens to other machines; else taken from `url`, if that is the
-            link that the server printed, else from `GCS_TOKEN`.
-        client_id: tells this program from others of the same name, which decides who has control of a
-            vehicle; a random one unless given here or by `GCS_CLIENT_ID`.
+        token: required by a server that other machines can reach. Default: the token in `url`, if that
+            is the link that the server printed, else `GCS_TOKEN`.
+        client_id: distinguishes this program from others of the same name, because only one client
+            controls a vehicle. Default: `GCS_CLIENT_ID`, else a random id.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class SyncGcs(LoopThread):
         return self._portal.call(lambda: self._inner.request(method, path, body))
 
     def raw(self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None) -> bytes:
-        """One call below `/api/v1` that sends or answers a file; errors as `request`."""
+        """One call below `/api/v1` that sends or returns a file; errors as `request`."""
         return self._portal.call(lambda: self._inner.raw(method, path, body=body, content=content))
 
     def vehicles(self) -> list[SyncVehicle]:
@@ -84,10 +84,10 @@ class SyncGcs(LoopThread):
         """Switches several vehicles to Hold at once, whoever has control.
 
         Args:
-            vehicles: their ids; all that are armed unless given.
+            vehicles: their ids; default: all armed vehicles.
 
         Returns:
-            For each `vehicle` whether it is `held`, else its `problem`.
+            For each `vehicle` whether it is `held`, otherwise its `problem`.
         """
         return self._portal.call(lambda: self._inner.hold(vehicles))
 
@@ -96,7 +96,7 @@ class SyncGcs(LoopThread):
         return SyncOperations(self._inner.operations(), self._portal)
 
     def plans(self) -> SyncPlans:
-        """The waypoint plans that the server keeps."""
+        """The plans stored on the server."""
         return SyncPlans(self._inner.plans(), self._portal)
 
     def dry_runs(self) -> SyncDryRuns:
@@ -135,14 +135,14 @@ class SyncGcs(LoopThread):
         """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
         Each starts with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; if one
-        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of the
-        longest path. Where the Hold after an exception fails, a note on that exception says why.
+        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of
+        the longest path. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
-            The group, once all are in Offboard; `started["start_unix_s"]` is when they begin.
+            The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
 
         Raises:
-            Refused: one cannot fly, two would come too near, or another has control of one.
+            Refused: a vehicle cannot fly, two would come too near, or another client has control of one.
         """
         with self._portal.wrap_async_context_manager(
             self._inner.group(
@@ -167,22 +167,22 @@ class SyncGcs(LoopThread):
         version: int | None = None,
         despite: Sequence[str] = (),
     ) -> list[dict[str, Any]]:
-        """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of the
-        `offboard_mission` of any of them act on all.
+        """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of one
+        vehicle's `offboard_mission` act on all.
 
         Args:
             vehicles: the vehicle's id for each role.
-            mission: its document; else `plan_id`, of one that the server keeps.
-            plan_id: of a kept mission.
-            version: of that; the newest unless given.
+            mission: its document; otherwise give `plan_id` of a stored mission.
+            plan_id: id of a stored mission.
+            version: version of the stored mission; default: the newest.
             despite: codes of error findings that are accepted.
 
         Returns:
             For each `vehicle` its `mission`, as `offboard_mission.state()`.
 
         Raises:
-            Refused: one cannot start, another has control of one, or the mission has errors that `despite`
-                does not name.
+            Refused: a vehicle cannot start, another client has control of one, or the mission has errors
+                that `despite` does not name.
         """
         return self._portal.call(
             lambda: self._inner.start_together(
@@ -196,7 +196,7 @@ class SyncGcs(LoopThread):
         """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only.
 
         Raises:
-            ApiError: the server does not let us in.
+            ApiError: the server refused the connection.
             Unreachable: it did not answer.
         """
         return iterate(self._portal, self._inner.telemetry(vehicles=vehicles, topics=topics, rate_hz=rate_hz))
@@ -277,7 +277,7 @@ class SyncVehicle:
         self._portal.call(lambda: self._inner.land_now())
 
     def rtl(self) -> None:
-        """Returns and lands."""
+        """Returns to launch and lands."""
         self._portal.call(lambda: self._inner.rtl())
 
     def hold(self) -> None:
@@ -318,7 +318,7 @@ class SyncVehicle:
     def set_offboard_failsafe(
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:
-        """What the vehicle does by itself when the stream stops: a mode (land, hold, rtl, …)."""
+        """Sets the vehicle's own action when the stream stops: a mode (land, hold, rtl, …)."""
         return self._portal.call(lambda: self._inner.set_offboard_failsafe(action, after_s=after_s))
 
     @contextmanager

@@ -29,7 +29,7 @@ from gcs_server.client.setpoints import Body, PathPoints
 
 
 class SyncControl:
-    """A vehicle's `control`; each call answers how it then stands (`holder`, `yours`, `requests`, …)."""
+    """A vehicle's `control`; each call returns the state of control (`holder`, `yours`, `requests`, …)."""
 
     def __init__(self, inner: control.Control, portal: BlockingPortal) -> None:
         self._inner = inner
@@ -48,7 +48,7 @@ class SyncControl:
             on_expiry: command sent to the flying vehicle if this program is silent for `lease_s`.
 
         Raises:
-            NotInControl: another has it.
+            NotInControl: another client has control.
             Refused: forced without asking first.
         """
         return self._portal.call(lambda: self._inner.take(force=force, on_expiry=on_expiry))
@@ -103,7 +103,7 @@ class SyncGimbal:
         self._portal.call(lambda: self._inner.take())
 
     def release(self) -> None:
-        """Gives control back."""
+        """Releases control."""
         self._portal.call(lambda: self._inner.release())
 
     def angles(
@@ -123,21 +123,21 @@ class SyncGimbal:
         self._portal.call(lambda: self._inner.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
 
     def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Keeps looking at a place."""
+        """Keeps the camera pointed at a location."""
         self._portal.call(lambda: self._inner.roi(lat_deg, lon_deg, alt_amsl_m))
 
     def clear_roi(self) -> None:
-        """Stops looking at a place."""
+        """Stops pointing at a location."""
         self._portal.call(lambda: self._inner.clear_roi())
 
 
 class SyncGroup:
-    """A group that flies.
+    """A flying group.
 
     Args:
         gcs: the client.
-        started: what the server answered to its start.
-        life: how long setpoints count, and what follows.
+        started: the server's answer to the start.
+        life: validity of setpoints, and the action on expiry.
     """
 
     def __init__(self, inner: group.Group, portal: BlockingPortal) -> None:
@@ -147,11 +147,11 @@ class SyncGroup:
         self.started = self._inner.started
 
     def send(self, setpoints: Setpoints) -> dict[str, Any]:
-        """New setpoints for some members or all, sent at one instant; those of the others are renewed.
+        """New setpoints for some or all members, sent at the same instant; the others' setpoints are renewed.
 
         Raises:
-            Invalid: a value is not acceptable, or a vehicle is not in the group.
-            Refused: one cannot be flown, two would come too near, or the group has ended.
+            Invalid: a value is invalid, or a vehicle is not in the group.
+            Refused: a setpoint cannot be flown, two vehicles would come too near, or the group has ended.
         """
         return self._portal.call(lambda: self._inner.send(setpoints))
 
@@ -160,11 +160,11 @@ class SyncGroup:
         return self._portal.call(lambda: self._inner.renew())
 
     def status(self) -> dict[str, Any]:
-        """State, members, the two that are nearest, findings, why it ended."""
+        """State, members, the two nearest members, findings, and why it ended."""
         return self._portal.call(lambda: self._inner.status())
 
     def hold(self) -> dict[str, Any]:
-        """Puts all members that still fly it into Hold; nothing happens where it has ended."""
+        """Puts all members that still follow the group into Hold; does nothing if it has ended."""
         return self._portal.call(lambda: self._inner.hold())
 
 
@@ -176,7 +176,7 @@ class SyncMission:
         self._portal = portal
 
     def state(self) -> dict[str, Any]:
-        """Where the vehicle is in its mission, and which plan it `holds`."""
+        """Progress of the vehicle's mission, and the plan that it `holds`."""
         return self._portal.call(lambda: self._inner.state())
 
     def upload(
@@ -193,7 +193,7 @@ class SyncMission:
         `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
 
         Raises:
-            Refused: the vehicle refuses an item, or holds something else afterwards; says what it holds.
+            Refused: the vehicle refuses an item, or has other items afterwards; the text names them.
         """
         return self._portal.call(
             lambda: self._inner.upload(
@@ -202,17 +202,17 @@ class SyncMission:
         )
 
     def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
-        """Reads what the vehicle holds; as `plan`."""
+        """Reads the vehicle's items; returns the same as `plan`."""
         return self._portal.call(lambda: self._inner.download(timeout_s=timeout_s))
 
     def plan(self) -> dict[str, Any]:
-        """What was read or verified last: `plan`, `read_unix_s`, `still_held`."""
+        """The last downloaded or verified plan: `plan`, `read_unix_s`, `still_held`."""
         return self._portal.call(lambda: self._inner.plan())
 
     def compare(
         self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
     ) -> dict[str, Any]:
-        """Whether a plan is `equal` to what was read last, and the `differences`."""
+        """Whether a plan is `equal` to the last downloaded one, and the `differences`."""
         return self._portal.call(lambda: self._inner.compare(plan, plan_id=plan_id, version=version))
 
     def clear(self) -> None:
@@ -220,25 +220,25 @@ class SyncMission:
         self._portal.call(lambda: self._inner.clear())
 
     def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
-        """Flies it, from an item (counted from 0) or the current one; arms where needed.
+        """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
         Raises:
-            Refused: the plan has errors, or is not known, and `despite` does not name their codes.
+            Refused: the plan has errors, or is not known, and `despite` does not name the codes.
         """
         self._portal.call(lambda: self._inner.start(item, despite=despite))
 
     def resume(self) -> None:
-        """Resumes in flight from the current item; `vehicle.hold()` pauses."""
+        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it."""
         self._portal.call(lambda: self._inner.resume())
 
 
 class SyncOffboard(Steering[Answer]):
-    """A running stream.
+    """A running setpoint stream.
 
     Args:
-        vehicle: whose.
-        started: what the server answered to its start.
-        life: how long each setpoint counts, and what follows.
+        vehicle: the vehicle.
+        started: the server's answer to the start.
+        life: validity of each setpoint, and the action on expiry.
     """
 
     def __init__(self, inner: offboard.Offboard, portal: BlockingPortal) -> None:
@@ -250,22 +250,22 @@ class SyncOffboard(Steering[Answer]):
         """Sends any setpoint body; returns the stream's state.
 
         Raises:
-            Invalid: a value is not acceptable.
+            Invalid: a value is invalid.
             Refused: it cannot be flown, or no stream runs any more.
         """
         return self._portal.call(lambda: self._inner.send(body))
 
     def follow_path(self, points: PathPoints) -> None:
-        """Flies a curve through points in time and returns at its end; its last point is then held.
+        """Flies a curve through points in time and returns at its end; then the last point is held.
 
         Raises:
-            Timeout: another setpoint, mode or client has ended it.
+            Timeout: another setpoint, mode or client has interrupted it.
         """
         self._portal.call(lambda: self._inner.follow_path(points))
 
     @contextmanager
     def live(self) -> Generator[SyncLiveOffboard]:
-        """Setpoints over a WebSocket, at up to 100 Hz; the stream goes on at the block's end.
+        """Setpoints over a WebSocket, at up to 100 Hz; the stream continues after the block.
 
         Yields:
             The same calls; each returns once the server has answered.
@@ -274,7 +274,9 @@ class SyncOffboard(Steering[Answer]):
             yield SyncLiveOffboard(found, self._portal)
 
     def status(self) -> Answer:
-        """Rate achieved, age of the setpoint, validity left; limits, failsafe, what can be flown."""
+        """Achieved rate, age and remaining validity of the setpoint; limits, failsafe, available setpoint
+        types.
+        """
         return self._portal.call(lambda: self._inner.status())
 
     def stop(self) -> None:
@@ -290,20 +292,21 @@ class SyncLiveOffboard(Steering[Answer]):
         self._portal = portal
 
     def send(self, body: Body) -> Answer:
-        """Sends any setpoint body; returns what was `applied`, and what `limited` it.
+        """Sends any setpoint body; returns the `applied` setpoint, and the limits that reduced it
+        (`limited`).
 
         Raises:
             Invalid, Refused: as over HTTP; the socket stays open.
-            Unreachable: the server has gone.
+            Unreachable: the server has closed the connection.
         """
         return self._portal.call(lambda: self._inner.send(body))
 
 
 class SyncOffboardMission:
-    """The offboard mission of a vehicle: started, watched, steered. `then` of `abort`: hold, return or land.
+    """The offboard mission of a vehicle.
 
-    It goes on while the program is away; what it does when nobody has control any more stands in its
-    document (`actions.control_lost`, `hold` unless given).
+    The mission continues without the program. Its document defines what it does when no client has control
+    (`actions.control_lost`, default `hold`).
     """
 
     def __init__(self, inner: offboard_mission.OffboardMission, portal: BlockingPortal) -> None:
@@ -311,11 +314,13 @@ class SyncOffboardMission:
         self._portal = portal
 
     def state(self) -> dict[str, Any] | None:
-        """How the newest one stands (as the topic `offboard_mission`); None: there has been none."""
+        """Status of the newest mission (as the topic `offboard_mission`); None if there was none."""
         return self._portal.call(lambda: self._inner.state())
 
     def flown(self) -> dict[str, Any]:
-        """The newest one as it was flown: `samples` with place and sent place, `deviation_mean_m`, …"""
+        """The flown path of the newest mission: `samples` with flown and sent positions, `deviation_mean_m`,
+        …
+        """
         return self._portal.call(lambda: self._inner.flown())
 
     def start(
@@ -327,12 +332,14 @@ class SyncOffboardMission:
         dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> dict[str, Any]:
-        """Flies a mission's document, or one that the server keeps; arms and takes off where it says so.
+        """Starts a mission, given as document or stored on the server; arms and takes off if the mission has
+        these steps.
 
-        With the id of a dry run of several flights the server tells when the vehicle leaves its corridor.
+        With `dry_run`, the id of a dry run of several flights, the server reports when the vehicle leaves
+        its corridor.
 
         Raises:
-            Refused: it has errors that `despite` does not name, or an estimate is missing.
+            Refused: the mission has errors that `despite` does not name, or an estimate is missing.
         """
         return self._portal.call(
             lambda: self._inner.start(
@@ -341,21 +348,21 @@ class SyncOffboardMission:
         )
 
     def pause(self) -> dict[str, Any]:
-        """Stands still on its path."""
+        """Pauses the mission: the vehicle stops on its path."""
         return self._portal.call(lambda: self._inner.pause())
 
     def resume(self) -> dict[str, Any]:
-        """Goes on, from wherever the vehicle is."""
+        """Resumes the mission from the vehicle's current position."""
         return self._portal.call(lambda: self._inner.resume())
 
     def skip(self) -> dict[str, Any]:
-        """Leaves the present step out."""
+        """Skips the current step."""
         return self._portal.call(lambda: self._inner.skip())
 
     def go_on(self) -> dict[str, Any]:
-        """Answers a wait for a person."""
+        """Answers the question of a step that waits for the operator."""
         return self._portal.call(lambda: self._inner.go_on())
 
     def abort(self, then: str = "hold") -> dict[str, Any]:
-        """Ends it; the vehicle holds, returns or lands."""
+        """Ends the mission; `then` is hold, return or land."""
         return self._portal.call(lambda: self._inner.abort(then))

@@ -38,16 +38,16 @@ class SyncDryRuns:
         flights: int | None = None,
         settings: Body | None = None,
     ) -> dict[str, Any]:
-        """Begins one, and returns its operation.
+        """Starts a dry run and returns its operation.
 
         Args:
             plan: the document of a waypoint plan or an offboard mission.
-            plan_id: of a plan that the server keeps, instead.
-            version: of that plan; the newest unless named.
-            vehicle_id: whose parameters, place and charge are taken.
-            flights: Monte Carlo: so many flights more, each in other conditions.
+            plan_id: id of a stored plan, instead of `plan`.
+            version: version of the stored plan; default: the newest.
+            vehicle_id: the vehicle whose parameters, position and battery charge are used.
+            flights: Monte Carlo: number of further flights, each in other conditions.
             settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`;
-                `vehicles` by role, of a mission of several vehicles.
+                `vehicles` by role, for a mission of several vehicles.
         """
         return self._portal.call(
             lambda: self._inner.start(
@@ -61,7 +61,7 @@ class SyncDryRuns:
         )
 
     def get(self, dry_run_id: str) -> dict[str, Any]:
-        """What came of one: `nominal` (path, steps, findings, …) and `monte_carlo`."""
+        """The result of a dry run: `nominal` (path, steps, findings, …) and `monte_carlo`."""
         return self._portal.call(lambda: self._inner.get(dry_run_id))
 
     def run(
@@ -75,11 +75,11 @@ class SyncDryRuns:
         settings: Body | None = None,
         timeout_s: float = RUN_S,
     ) -> dict[str, Any]:
-        """As `start`; waits for its end, and returns what came of it.
+        """As `start`; waits for the end, and returns the result.
 
         Raises:
-            ApiError: it failed, for the reason that the error says.
-            Timeout: it still runs; it goes on without this program.
+            ApiError: it failed; the error has the reason.
+            Timeout: it still runs, and continues without this program.
         """
         return self._portal.call(
             lambda: self._inner.run(
@@ -95,7 +95,7 @@ class SyncDryRuns:
 
 
 class SyncOperations:
-    """The server's running and last ended operations; each as `GET /operations/{o}` answers it."""
+    """The server's running and last ended operations; each as from `GET /operations/{o}`."""
 
     def __init__(self, inner: operations.Operations, portal: BlockingPortal) -> None:
         self._inner = inner
@@ -106,36 +106,36 @@ class SyncOperations:
         return self._portal.call(lambda: self._inner.all(vehicle_id))
 
     def get(self, operation_id: str) -> dict[str, Any]:
-        """One operation: `state`, `progress`, `text`, and once it has ended `result` or `error`."""
+        """One operation: `state`, `progress`, `text`, and at the end `result` or `error`."""
         return self._portal.call(lambda: self._inner.get(operation_id))
 
     def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
-        """Waits for its end: `state` is then `succeeded` or `cancelled`.
+        """Waits for the end; then `state` is `succeeded` or `cancelled`.
 
         Raises:
-            ApiError: it failed, for the reason that the error says.
-            Timeout: it still runs; it goes on without this program.
+            ApiError: it failed; the error has the reason.
+            Timeout: it still runs, and continues without this program.
         """
         return self._portal.call(lambda: self._inner.wait(operation_id, timeout_s=timeout_s))
 
     def cancel(self, operation_id: str) -> dict[str, Any]:
-        """Cancels it, and returns how it ended; one that has ended is not changed."""
+        """Cancels an operation and returns its final state; an ended operation is not changed."""
         return self._portal.call(lambda: self._inner.cancel(operation_id))
 
 
 class SyncPlans:
-    """The plans of the server; each as `GET /plans/{plan}` answers it: `id`, `version`, `plan`, …"""
+    """The plans of the server; each as from `GET /plans/{plan}`: `id`, `version`, `plan`, …"""
 
     def __init__(self, inner: plans.Plans, portal: BlockingPortal) -> None:
         self._inner = inner
         self._portal = portal
 
     def all(self) -> list[dict[str, Any]]:
-        """The newest version of each, without the plans themselves, by name."""
+        """The newest version of each plan, by name, without the documents."""
         return self._portal.call(lambda: self._inner.all())
 
     def get(self, plan_id: str, version: int | None = None) -> dict[str, Any]:
-        """A plan with its document; the newest version unless one is named."""
+        """A plan with its document; default: the newest version."""
         return self._portal.call(lambda: self._inner.get(plan_id, version))
 
     def versions(self, plan_id: str) -> list[dict[str, Any]]:
@@ -147,10 +147,10 @@ class SyncPlans:
         return self._portal.call(lambda: self._inner.create(name, plan))
 
     def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:
-        """Adds a version to the one that was changed.
+        """Adds a version, based on `base_version`.
 
         Raises:
-            Refused: somebody else saved meanwhile (`conflict`); nothing is overwritten.
+            Refused: another client saved meanwhile (`conflict`); nothing is overwritten.
         """
         return self._portal.call(lambda: self._inner.save(plan_id, name, plan, base_version=base_version))
 
@@ -161,10 +161,11 @@ class SyncPlans:
     def check(
         self, plan: Plan, *, vehicle_id: str | None = None, power: Mapping[str, float] | None = None
     ) -> dict[str, Any]:
-        """`findings`, `estimates` and of an offboard mission `flight`: its path, what each step takes.
+        """`findings` and `estimates`; for an offboard mission also `flight`: its path, and the duration of
+        each step.
 
-        With a vehicle by its parameters and home, as far as they are known; with `power` (`hover_power_w`,
-        `battery_wh`, `mass_kg`) also its energy.
+        With `vehicle_id`, the vehicle's parameters and home are used, as far as known. With `power`
+        (`hover_power_w`, `battery_wh`, `mass_kg`) energy is checked as well.
         """
         return self._portal.call(lambda: self._inner.check(plan, vehicle_id=vehicle_id, power=power))
 

@@ -26,7 +26,7 @@ class Requester(Protocol):
 
 
 class Control:
-    """A vehicle's `control`; each call answers how it then stands (`holder`, `yours`, `requests`, …)."""
+    """A vehicle's `control`; each call returns the state of control (`holder`, `yours`, `requests`, …)."""
 
     def __init__(self, vehicle: Requester) -> None:
         self._vehicle = vehicle
@@ -44,7 +44,7 @@ class Control:
             on_expiry: command sent to the flying vehicle if this program is silent for `lease_s`.
 
         Raises:
-            NotInControl: another has it.
+            NotInControl: another client has control.
             Refused: forced without asking first.
         """
         body: Body = {"force": force}
@@ -78,8 +78,8 @@ class Control:
 
     async def deny(self, client: str, reason: str | None = None) -> dict[str, Any]:
         """Denies a request; the denied client may then take control by force."""
-        why: Body = {} if reason is None else {"reason": reason}
-        return await self._vehicle.request("POST", "/control/deny", {"client": client, **why})
+        body: Body = {} if reason is None else {"reason": reason}
+        return await self._vehicle.request("POST", "/control/deny", {"client": client, **body})
 
     async def release(self) -> dict[str, Any]:
         """Releases control; the flight is not changed."""
@@ -91,18 +91,18 @@ class Control:
     ) -> AsyncGenerator[dict[str, Any]]:
         """Holds control inside a block: renewed while the program runs, released at the end."""
         status = await self.take(force=force, on_expiry=on_expiry)
-        trouble: BaseException | None = None
+        problem: BaseException | None = None
         async with asyncio.TaskGroup() as group:
             renewing = group.create_task(self._renew(status["lease_s"] / RENEWALS_A_LEASE))
             try:
                 yield status
             except BaseException as error:
-                trouble = error  # raised below: a group would wrap it
+                problem = error  # raised below, because a TaskGroup would wrap it
             renewing.cancel()
         with suppress(ApiError, Unreachable):
             await asyncio.shield(self.release())
-        if trouble is not None:
-            raise trouble
+        if problem is not None:
+            raise problem
 
     async def _renew(self, period_s: float) -> None:
         while True:

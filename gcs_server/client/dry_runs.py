@@ -33,16 +33,16 @@ class DryRuns:
         flights: int | None = None,
         settings: Body | None = None,
     ) -> dict[str, Any]:
-        """Begins one, and returns its operation.
+        """Starts a dry run and returns its operation.
 
         Args:
             plan: the document of a waypoint plan or an offboard mission.
-            plan_id: of a plan that the server keeps, instead.
-            version: of that plan; the newest unless named.
-            vehicle_id: whose parameters, place and charge are taken.
-            flights: Monte Carlo: so many flights more, each in other conditions.
+            plan_id: id of a stored plan, instead of `plan`.
+            version: version of the stored plan; default: the newest.
+            vehicle_id: the vehicle whose parameters, position and battery charge are used.
+            flights: Monte Carlo: number of further flights, each in other conditions.
             settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`;
-                `vehicles` by role, of a mission of several vehicles.
+                `vehicles` by role, for a mission of several vehicles.
         """
         given = {
             "plan": None if plan is None else dict(plan), "plan_id": plan_id, "version": version,
@@ -52,7 +52,7 @@ class DryRuns:
         return await self._gcs.request("POST", "/dry_runs", body)
 
     async def get(self, dry_run_id: str) -> dict[str, Any]:
-        """What came of one: `nominal` (path, steps, findings, …) and `monte_carlo`."""
+        """The result of a dry run: `nominal` (path, steps, findings, …) and `monte_carlo`."""
         return await self._gcs.request("GET", f"/dry_runs/{dry_run_id}")
 
     async def run(
@@ -66,11 +66,11 @@ class DryRuns:
         settings: Body | None = None,
         timeout_s: float = RUN_S,
     ) -> dict[str, Any]:
-        """As `start`; waits for its end, and returns what came of it.
+        """As `start`; waits for the end, and returns the result.
 
         Raises:
-            ApiError: it failed, for the reason that the error says.
-            Timeout: it still runs; it goes on without this program.
+            ApiError: it failed; the error has the reason.
+            Timeout: it still runs, and continues without this program.
         """
         operation = await self.start(
             plan, plan_id=plan_id, version=version, vehicle_id=vehicle_id, flights=flights, settings=settings

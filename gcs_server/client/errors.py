@@ -4,11 +4,11 @@ ApiError                    any answer that is not a success
 ├── NotAllowed              401, 403: the token is missing or wrong, or the server answers this machine only
 ├── Invalid                 422: a field is missing, not finite or out of range
 ├── Unknown                 404: no such vehicle, link or parameter
-├── Refused                 409: our checks or the vehicle said no, with the vehicle's own reasons
+├── Refused                 409: the server's checks or the vehicle refused, with the vehicle's reasons
 │   └── NotInControl        409: another client has control of the vehicle
 └── NoReply                 504: the vehicle did not answer
 Unreachable                 the server itself did not answer
-Timeout                     what was waited for did not happen
+Timeout                     a condition did not become true in time
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ class ApiError(Exception):
         self.detail = str(problem.get("detail", problem.get("title", f"HTTP {status}")))
         self.remedy = str(problem["remedy"]) if problem.get("remedy") else None
         self.reasons = [str(reason) for reason in reasons] if isinstance(reasons, list) else []
-        """The vehicle's own words."""
+        """Texts from the vehicle."""
         self.field = str(problem["field"]) if problem.get("field") else None
         super().__init__(" ".join(part for part in (self.detail, self.remedy) if part))
 
 
 class NotAllowed(ApiError):
-    """The server lets nobody in without its token (`Gcs(token=…)`, `GCS_TOKEN`)."""
+    """The server requires its token (`Gcs(token=…)`, `GCS_TOKEN`)."""
 
 
 class Invalid(ApiError):
-    """A value was not acceptable; `field` names it."""
+    """A value is invalid; `field` names it."""
 
 
 class Unknown(ApiError):
-    """There is no such thing."""
+    """There is no such vehicle, link or parameter."""
 
 
 class Refused(ApiError):
-    """Not done: the server's checks or the vehicle itself refused."""
+    """The server's checks or the vehicle refused."""
 
 
 class NotInControl(Refused):
@@ -56,7 +56,7 @@ class NotInControl(Refused):
         super().__init__(status, problem)
         self.holder = str(problem.get("holder", ""))
         self.holder_key = str(problem.get("holder_key", ""))
-        """Tells holders of one name apart."""
+        """Distinguishes holders of the same name."""
 
 
 class NoReply(ApiError):
@@ -68,7 +68,7 @@ class Unreachable(Exception):
 
 
 class Timeout(Exception):
-    """What was waited for did not happen in time."""
+    """A condition did not become true in time."""
 
 
 _BY_STATUS: dict[int, type[ApiError]] = {
@@ -85,7 +85,7 @@ _STATUS_BY_CODE = {"invalid_request": 422, "unknown_vehicle": 404, "disconnected
 
 
 def raise_problem(problem: dict[str, object]) -> NoReturn:
-    """Raises the `ApiError` for a problem that came in another document than an HTTP answer."""
+    """Raises the `ApiError` for a problem inside another document, such as an operation."""
     code = str(problem.get("code"))
     told = problem.get("status")
     status = told if isinstance(told, int) else _STATUS_BY_CODE.get(code, 409)

@@ -34,7 +34,7 @@ class Gimbal:
         await self._post("take")
 
     async def release(self) -> None:
-        """Gives control back."""
+        """Releases control."""
         await self._post("release")
 
     async def angles(
@@ -56,9 +56,9 @@ class Gimbal:
         await self._post("rates", {**body, "yaw_lock": yaw_lock})
 
     async def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Keeps looking at a place."""
+        """Keeps the camera pointed at a location."""
         await self._post("roi", {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": alt_amsl_m})
 
     async def clear_roi(self) -> None:
-        """Stops looking at a place."""
+        """Stops pointing at a location."""
         await self._post("roi/clear")

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from gcs_server.client.setpoints import Body
 
 Setpoints = Mapping[str, Body]
-"""By vehicle's id, each a body of `gcs_server.client.setpoints`."""
+"""Setpoint bodies (`gcs_server.client.setpoints`) by vehicle id."""
 
 
 class Requester(Protocol):
@@ -18,12 +18,12 @@ class Requester(Protocol):
 
 
 class Group:
-    """A group that flies.
+    """A flying group.
 
     Args:
         gcs: the client.
-        started: what the server answered to its start.
-        life: how long setpoints count, and what follows.
+        started: the server's answer to the start.
+        life: validity of setpoints, and the action on expiry.
     """
 
     def __init__(self, gcs: Requester, started: dict[str, Any], life: Body) -> None:
@@ -34,11 +34,11 @@ class Group:
         """As `status`; `start_unix_s` is the common start."""
 
     async def send(self, setpoints: Setpoints) -> dict[str, Any]:
-        """New setpoints for some members or all, sent at one instant; those of the others are renewed.
+        """New setpoints for some or all members, sent at the same instant; the others' setpoints are renewed.
 
         Raises:
-            Invalid: a value is not acceptable, or a vehicle is not in the group.
-            Refused: one cannot be flown, two would come too near, or the group has ended.
+            Invalid: a value is invalid, or a vehicle is not in the group.
+            Refused: a setpoint cannot be flown, two vehicles would come too near, or the group has ended.
         """
         return await self._gcs.request(
             "POST", f"/groups/{self.id}/setpoints", {"setpoints": members_of(setpoints), **self._life}
@@ -49,14 +49,14 @@ class Group:
         return await self.send({})
 
     async def status(self) -> dict[str, Any]:
-        """State, members, the two that are nearest, findings, why it ended."""
+        """State, members, the two nearest members, findings, and why it ended."""
         return await self._gcs.request("GET", f"/groups/{self.id}")
 
     async def hold(self) -> dict[str, Any]:
-        """Puts all members that still fly it into Hold; nothing happens where it has ended."""
+        """Puts all members that still follow the group into Hold; does nothing if it has ended."""
         return await self._gcs.request("POST", f"/groups/{self.id}/hold")
 
 
 def members_of(setpoints: Setpoints) -> list[Body]:
-    """As the API takes them."""
+    """The members as in the API."""
     return [{"vehicle": vehicle, "setpoint": dict(setpoint)} for vehicle, setpoint in setpoints.items()]

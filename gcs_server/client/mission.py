@@ -11,7 +11,7 @@ from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body
 
 TRANSFER_S = 600.0
-"""A thousand items on a link that loses every third packet take some minutes."""
+"""Longest wait [s]: a thousand items take some minutes on a link that loses every third packet."""
 
 
 class Mission:
@@ -22,7 +22,7 @@ class Mission:
         self._operations = operations
 
     async def state(self) -> dict[str, Any]:
-        """Where the vehicle is in its mission, and which plan it `holds`."""
+        """Progress of the vehicle's mission, and the plan that it `holds`."""
         return await self._vehicle.request("GET", "/mission")
 
     async def upload(
@@ -39,26 +39,26 @@ class Mission:
         `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
 
         Raises:
-            Refused: the vehicle refuses an item, or holds something else afterwards; says what it holds.
+            Refused: the vehicle refuses an item, or has other items afterwards; the text names them.
         """
         body = {**_which(plan, plan_id, version), **({} if confirm is None else {"confirm": confirm})}
         begun = await self._vehicle.request("POST", "/mission/upload", body)
         return (await self._operations.wait(begun["id"], timeout_s=timeout_s))["result"]
 
     async def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
-        """Reads what the vehicle holds; as `plan`."""
+        """Reads the vehicle's items; returns the same as `plan`."""
         begun = await self._vehicle.request("POST", "/mission/download")
         await self._operations.wait(begun["id"], timeout_s=timeout_s)
         return await self.plan()
 
     async def plan(self) -> dict[str, Any]:
-        """What was read or verified last: `plan`, `read_unix_s`, `still_held`."""
+        """The last downloaded or verified plan: `plan`, `read_unix_s`, `still_held`."""
         return await self._vehicle.request("GET", "/mission/plan")
 
     async def compare(
         self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
     ) -> dict[str, Any]:
-        """Whether a plan is `equal` to what was read last, and the `differences`."""
+        """Whether a plan is `equal` to the last downloaded one, and the `differences`."""
         return await self._vehicle.request("POST", "/mission/compare", _which(plan, plan_id, version))
 
     async def clear(self) -> None:
@@ -66,10 +66,10 @@ class Mission:
         await self._vehicle.request("DELETE", "/mission")
 
     async def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
-        """Flies it, from an item (counted from 0) or the current one; arms where needed.
+        """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
         Raises:
-            Refused: the plan has errors, or is not known, and `despite` does not name their codes.
+            Refused: the plan has errors, or is not known, and `despite` does not name the codes.
         """
         body: Body = {"despite": list(despite)}
         await self._vehicle.request(
@@ -77,7 +77,7 @@ class Mission:
         )
 
     async def resume(self) -> None:
-        """Resumes in flight from the current item; `vehicle.hold()` pauses."""
+        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it."""
         await self._vehicle.request("POST", "/mission/resume")
 
 

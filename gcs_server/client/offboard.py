@@ -1,6 +1,6 @@
 """Setpoint calls of a program: each call replaces the setpoint of the running stream at once.
 
-`Steering` has the calls once for all: what they return is what `send` returns, a value or something to await.
+`Steering` has the calls for all clients; they return the result of `send`, which is a value or an awaitable.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gcs_server.client.setpoints import Body, Partial, PathPoints
 R_co = TypeVar("R_co", covariant=True)
 POLL_S = 0.1
 Answer = dict[str, Any]
-"""How the stream stands (`GET …/offboard`), or over the WebSocket `applied` and `limited`."""
+"""State of the stream (`GET …/offboard`); over the WebSocket `applied` and `limited`."""
 
 
 class Steering(ABC, Generic[R_co]):
@@ -41,7 +41,7 @@ class Steering(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Go there and stay."""
+        """Fly to a local position and hold it."""
         body = setpoints.position_ned(
             north_m, east_m, down_m, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -56,7 +56,7 @@ class Steering(ABC, Generic[R_co]):
         alt_home_m: float | None = None,
         yaw_ned_rad: float | None = None,
     ) -> R_co:
-        """Go to a place on the earth, with exactly one altitude."""
+        """Fly to a global position, with exactly one altitude."""
         body = setpoints.position_global(
             lat_deg, lon_deg, alt_amsl_m=alt_amsl_m, alt_home_m=alt_home_m, yaw_ned_rad=yaw_ned_rad
         )
@@ -65,7 +65,7 @@ class Steering(ABC, Generic[R_co]):
     def position_body(
         self, forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
     ) -> R_co:
-        """Step from where it is, along its heading."""
+        """Fly to an offset from the current position, along the heading."""
         return self.send(setpoints.position_body(forward_m, right_m, down_m, yaw_offset_rad=yaw_offset_rad))
 
     def velocity_ned(
@@ -187,12 +187,12 @@ class Requester(Protocol):
 
 
 class Offboard(Steering[Awaitable[Answer]]):
-    """A running stream.
+    """A running setpoint stream.
 
     Args:
-        vehicle: whose.
-        started: what the server answered to its start.
-        life: how long each setpoint counts, and what follows.
+        vehicle: the vehicle.
+        started: the server's answer to the start.
+        life: validity of each setpoint, and the action on expiry.
     """
 
     def __init__(self, vehicle: Requester, started: Answer, life: Body) -> None:
@@ -204,16 +204,16 @@ class Offboard(Steering[Awaitable[Answer]]):
         """Sends any setpoint body; returns the stream's state.
 
         Raises:
-            Invalid: a value is not acceptable.
+            Invalid: a value is invalid.
             Refused: it cannot be flown, or no stream runs any more.
         """
         return await self._vehicle.request("POST", "/offboard/setpoint", {"setpoint": body, **self._life})
 
     async def follow_path(self, points: PathPoints) -> None:
-        """Flies a curve through points in time and returns at its end; its last point is then held.
+        """Flies a curve through points in time and returns at its end; then the last point is held.
 
         Raises:
-            Timeout: another setpoint, mode or client has ended it.
+            Timeout: another setpoint, mode or client has interrupted it.
         """
         listed = list(points)
         started = await self.path(listed)
@@ -222,11 +222,11 @@ class Offboard(Steering[Awaitable[Answer]]):
             await asyncio.sleep(POLL_S)
             started = await self.status()
             if started["ordered_type"] != "path":
-                raise Timeout(started["ended"] or "Another setpoint has taken the path's place.")
+                raise Timeout(started["ended"] or "Another setpoint has replaced the path.")
 
     @asynccontextmanager
     async def live(self) -> AsyncGenerator[LiveOffboard]:
-        """Setpoints over a WebSocket, at up to 100 Hz; the stream goes on at the block's end.
+        """Setpoints over a WebSocket, at up to 100 Hz; the stream continues after the block.
 
         Yields:
             The same calls; each returns once the server has answered.
@@ -236,7 +236,9 @@ class Offboard(Steering[Awaitable[Answer]]):
             yield LiveOffboard(socket, self._life)
 
     async def status(self) -> Answer:
-        """Rate achieved, age of the setpoint, validity left; limits, failsafe, what can be flown."""
+        """Achieved rate, age and remaining validity of the setpoint; limits, failsafe, available setpoint
+        types.
+        """
         return await self._vehicle.request("GET", "/offboard")
 
     async def stop(self) -> None:
@@ -253,11 +255,12 @@ class LiveOffboard(Steering[Awaitable[Answer]]):
         self._seq = 0
 
     async def send(self, body: Body) -> Answer:
-        """Sends any setpoint body; returns what was `applied`, and what `limited` it.
+        """Sends any setpoint body; returns the `applied` setpoint, and the limits that reduced it
+        (`limited`).
 
         Raises:
             Invalid, Refused: as over HTTP; the socket stays open.
-            Unreachable: the server has gone.
+            Unreachable: the server has closed the connection.
         """
         self._seq += 1
         try:

@@ -1,4 +1,4 @@
-"""A mission that the server flies by setpoints, in a program's hands."""
+"""Starts and controls a mission that the server flies by setpoints."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from gcs_server.client.setpoints import Body
 
 
 class OffboardMission:
-    """The offboard mission of a vehicle: started, watched, steered. `then` of `abort`: hold, return or land.
+    """The offboard mission of a vehicle.
 
-    It goes on while the program is away; what it does when nobody has control any more stands in its
-    document (`actions.control_lost`, `hold` unless given).
+    The mission continues without the program. Its document defines what it does when no client has control
+    (`actions.control_lost`, default `hold`).
     """
 
     def __init__(self, vehicle: Requester) -> None:
         self._vehicle = vehicle
 
     async def state(self) -> dict[str, Any] | None:
-        """How the newest one stands (as the topic `offboard_mission`); None: there has been none."""
+        """Status of the newest mission (as the topic `offboard_mission`); None if there was none."""
         return (await self._vehicle.request("GET", "/offboard_mission"))["mission"]
 
     async def flown(self) -> dict[str, Any]:
-        """The newest one as it was flown: `samples` with place and sent place, `deviation_mean_m`, …"""
+        """The flown path of the newest mission: `samples` with flown and sent positions, `deviation_mean_m`,
+        …
+        """
         return (await self._vehicle.request("GET", "/offboard_mission/flown"))["flown"]
 
     async def start(
@@ -37,33 +39,35 @@ class OffboardMission:
         dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> dict[str, Any]:
-        """Flies a mission's document, or one that the server keeps; arms and takes off where it says so.
+        """Starts a mission, given as document or stored on the server; arms and takes off if the mission has
+        these steps.
 
-        With the id of a dry run of several flights the server tells when the vehicle leaves its corridor.
+        With `dry_run`, the id of a dry run of several flights, the server reports when the vehicle leaves
+        its corridor.
 
         Raises:
-            Refused: it has errors that `despite` does not name, or an estimate is missing.
+            Refused: the mission has errors that `despite` does not name, or an estimate is missing.
         """
         return await self._do("start", start_body(mission, plan_id, version, despite, dry_run=dry_run))
 
     async def pause(self) -> dict[str, Any]:
-        """Stands still on its path."""
+        """Pauses the mission: the vehicle stops on its path."""
         return await self._do("pause")
 
     async def resume(self) -> dict[str, Any]:
-        """Goes on, from wherever the vehicle is."""
+        """Resumes the mission from the vehicle's current position."""
         return await self._do("resume")
 
     async def skip(self) -> dict[str, Any]:
-        """Leaves the present step out."""
+        """Skips the current step."""
         return await self._do("skip")
 
     async def go_on(self) -> dict[str, Any]:
-        """Answers a wait for a person."""
+        """Answers the question of a step that waits for the operator."""
         return await self._do("go_on")
 
     async def abort(self, then: str = "hold") -> dict[str, Any]:
-        """Ends it; the vehicle holds, returns or lands."""
+        """Ends the mission; `then` is hold, return or land."""
         return await self._do("abort", {"then": then})
 
     async def _do(self, action: str, body: Body | None = None) -> dict[str, Any]:
@@ -73,6 +77,6 @@ class OffboardMission:
 def start_body(
     mission: Plan | None, plan_id: str | None, version: int | None, despite: Sequence[str], **more: Any
 ) -> dict[str, Any]:
-    """As the API takes it; what is None is left out."""
+    """The body for the API, without values that are None."""
     given = {"mission": mission, "plan_id": plan_id, "version": version, **more}
     return {"despite": list(despite), **{name: each for name, each in given.items() if each is not None}}

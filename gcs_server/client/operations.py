@@ -1,4 +1,4 @@
-"""Operations of the server, followed by a program: reading parameters, indexing a recording, …"""
+"""Operations of the server, such as reading parameters or indexing a recording."""
 
 from __future__ import annotations
 
@@ -18,37 +18,39 @@ class Caller(Protocol):
 
 
 class Operations:
-    """The server's running and last ended operations; each as `GET /operations/{o}` answers it."""
+    """The server's running and last ended operations; each as from `GET /operations/{o}`."""
 
     def __init__(self, gcs: Caller) -> None:
         self._gcs = gcs
 
     async def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
         """The operations of one vehicle, or all; oldest first."""
-        found = (await self._gcs.request("GET", "/operations"))["operations"]
-        return [each for each in found if vehicle_id in (None, each["vehicle"])]
+        operations = (await self._gcs.request("GET", "/operations"))["operations"]
+        return [each for each in operations if vehicle_id in (None, each["vehicle"])]
 
     async def get(self, operation_id: str) -> dict[str, Any]:
-        """One operation: `state`, `progress`, `text`, and once it has ended `result` or `error`."""
+        """One operation: `state`, `progress`, `text`, and at the end `result` or `error`."""
         return await self._gcs.request("GET", f"/operations/{operation_id}")
 
     async def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
-        """Waits for its end: `state` is then `succeeded` or `cancelled`.
+        """Waits for the end; then `state` is `succeeded` or `cancelled`.
 
         Raises:
-            ApiError: it failed, for the reason that the error says.
-            Timeout: it still runs; it goes on without this program.
+            ApiError: it failed; the error has the reason.
+            Timeout: it still runs, and continues without this program.
         """
         loop = asyncio.get_running_loop()
         end_s = loop.time() + timeout_s
-        while (shown := await self.get(operation_id))["state"] == "running":
+        while (operation := await self.get(operation_id))["state"] == "running":
             if loop.time() > end_s:
-                raise Timeout(f"Operation {operation_id} still runs after {timeout_s:g} s: {shown['text']}")
+                raise Timeout(
+                    f"Operation {operation_id} still runs after {timeout_s:g} s: {operation['text']}"
+                )
             await asyncio.sleep(POLL_S)
-        if shown["error"] is not None:
-            raise_problem(shown["error"])
-        return shown
+        if operation["error"] is not None:
+            raise_problem(operation["error"])
+        return operation
 
     async def cancel(self, operation_id: str) -> dict[str, Any]:
-        """Cancels it, and returns how it ended; one that has ended is not changed."""
+        """Cancels an operation and returns its final state; an ended operation is not changed."""
         return await self._gcs.request("DELETE", f"/operations/{operation_id}")

@@ -1,4 +1,4 @@
-"""Plans of both kinds on the server: kept with versions, checked, read from files and written to them."""
+"""Plans of both kinds on the server: versions, checks, import and export of files."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class Caller(Protocol):
 
 
 class Plans:
-    """The plans of the server; each as `GET /plans/{plan}` answers it: `id`, `version`, `plan`, …"""
+    """The plans of the server; each as from `GET /plans/{plan}`: `id`, `version`, `plan`, …"""
 
     def __init__(self, gcs: Caller) -> None:
         self._gcs = gcs
 
     async def all(self) -> list[dict[str, Any]]:
-        """The newest version of each, without the plans themselves, by name."""
+        """The newest version of each plan, by name, without the documents."""
         return (await self._gcs.request("GET", "/plans"))["plans"]
 
     async def get(self, plan_id: str, version: int | None = None) -> dict[str, Any]:
-        """A plan with its document; the newest version unless one is named."""
+        """A plan with its document; default: the newest version."""
         query = "" if version is None else f"?version={version}"
         return await self._gcs.request("GET", f"/plans/{quote(plan_id, safe='')}{query}")
 
@@ -46,10 +46,10 @@ class Plans:
         return await self._gcs.request("POST", "/plans", {"name": name, "plan": dict(plan)})
 
     async def save(self, plan_id: str, name: str, plan: Plan, *, base_version: int) -> dict[str, Any]:
-        """Adds a version to the one that was changed.
+        """Adds a version, based on `base_version`.
 
         Raises:
-            Refused: somebody else saved meanwhile (`conflict`); nothing is overwritten.
+            Refused: another client saved meanwhile (`conflict`); nothing is overwritten.
         """
         body: Body = {"name": name, "plan": dict(plan), "base_version": base_version}
         return await self._gcs.request("PUT", f"/plans/{quote(plan_id, safe='')}", body)
@@ -62,10 +62,11 @@ class Plans:
     async def check(
         self, plan: Plan, *, vehicle_id: str | None = None, power: Mapping[str, float] | None = None
     ) -> dict[str, Any]:
-        """`findings`, `estimates` and of an offboard mission `flight`: its path, what each step takes.
+        """`findings` and `estimates`; for an offboard mission also `flight`: its path, and the duration of
+        each step.
 
-        With a vehicle by its parameters and home, as far as they are known; with `power` (`hover_power_w`,
-        `battery_wh`, `mass_kg`) also its energy.
+        With `vehicle_id`, the vehicle's parameters and home are used, as far as known. With `power`
+        (`hover_power_w`, `battery_wh`, `mass_kg`) energy is checked as well.
         """
         body: dict[str, Any] = {"plan": dict(plan)}
         if vehicle_id is not None:

@@ -13,10 +13,10 @@ _END: Any = object()
 
 
 class LoopThread:
-    """The loop's thread, alive for the length of a `with` block.
+    """The thread of the event loop; it runs during a `with` block.
 
     Args:
-        leave: what is run on the loop at the block's end.
+        leave: called on the loop at the end of the block.
     """
 
     def __init__(self, leave: Callable[..., Any]) -> None:
@@ -42,7 +42,7 @@ class LoopThread:
 
 
 def iterate(portal: BlockingPortal, source: AsyncGenerator[T]) -> Generator[T]:
-    """What an asynchronous generator yields; it is closed when the loop over it ends, however it ends."""
+    """Iterates over an asynchronous generator, and closes it at the end of the iteration in any case."""
 
     async def following() -> T:
         return await anext(source, _END)

@@ -1,4 +1,4 @@
-"""Setpoints as the API takes them: one function a kind. None is "not controlled", or "not given"."""
+"""Makes setpoint bodies for the API: one function for each kind. None: "not controlled" or "not given"."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Expiry = Literal["hold", "land", "stop_stream"]
 Body = dict[str, object]
 Partial = Sequence[float | None]
 PathPoints = Iterable[tuple[float, Sequence[float]] | tuple[float, Sequence[float], float]]
-"""Seconds since the start, north, east, down [m], and yaw [rad] for all points or for none."""
+"""(seconds since the start, north, east, down [m]), and yaw [rad] for all points or for none."""
 
 
 def _body(setpoint_type: str, **fields: object) -> Body:
@@ -47,7 +47,7 @@ def position_global(
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """A place on the earth, with exactly one altitude."""
+    """A global position, with exactly one altitude."""
     return _body(
         "position_global",
         lat_deg=lat_deg,
@@ -62,8 +62,9 @@ def position_global(
 def position_body(
     forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
 ) -> Body:
-    """An offset from the vehicle's position when the server takes it, along its heading; zeros hold the
-    position."""
+    """An offset from the vehicle's position when the server accepts it, along its heading; zeros hold the
+    position.
+    """
     return _body("position_body", offset_frd_m=(forward_m, right_m, down_m), yaw_offset_rad=yaw_offset_rad)
 
 

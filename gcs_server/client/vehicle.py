@@ -1,4 +1,4 @@
-"""A vehicle, as a program commands it: `gcs.vehicle("1")`."""
+"""A vehicle of the client: `gcs.vehicle("1")`."""
 
 from __future__ import annotations
 
@@ -86,11 +86,11 @@ class Vehicle:
             Timeout: the condition did not become true in time.
         """
 
-        async def look() -> dict[str, Any] | None:
-            shown = await self.show()
-            return shown if condition(shown) else None
+        async def poll() -> dict[str, Any] | None:
+            state = await self.show()
+            return state if condition(state) else None
 
-        return await until_found(look, timeout_s, what)
+        return await until_found(poll, timeout_s, what)
 
     async def until_disarmed(self, *, timeout_s: float = 120.0) -> None:
         """Waits for the motors to stop."""
@@ -117,7 +117,7 @@ class Vehicle:
         await self.request("POST", "/land_now", {"confirm": f"vehicle {self.id} lands now"})
 
     async def rtl(self) -> None:
-        """Returns and lands."""
+        """Returns to launch and lands."""
         await self.request("POST", "/rtl")
 
     async def hold(self) -> None:
@@ -158,13 +158,13 @@ class Vehicle:
     async def set_offboard_failsafe(
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:
-        """What the vehicle does by itself when the stream stops: a mode (land, hold, rtl, …)."""
+        """Sets the vehicle's own action when the stream stops: a mode (land, hold, rtl, …)."""
         given = {"action": action, "after_s": after_s}
         body: Body = {name: value for name, value in given.items() if value is not None}
         return await self.request("PUT", "/offboard/failsafe", body)
 
     async def socket(self, path: str) -> ClientConnection:
-        """A WebSocket below the vehicle's part of `/api/v1`."""
+        """A WebSocket below `/api/v1/vehicles/{id}`."""
         return await self._gcs.socket(f"/vehicles/{self.id}{path}")
 
     @asynccontextmanager
@@ -201,13 +201,13 @@ class Vehicle:
         except BaseException as error:
             try:
                 await asyncio.shield(stream.stop())
-            except (ApiError, Unreachable) as problem:  # the block's own error is the one to see
+            except (ApiError, Unreachable) as problem:  # the error of the block must be raised
                 error.add_note(f"Vehicle {self.id} could not be put into Hold: {problem}")
             raise
         await stream.stop()
 
 
-async def until_found(look: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
+async def until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
     """Polls `look` until it returns a value.
 
     Raises:
@@ -216,7 +216,7 @@ async def until_found(look: Callable[[], Awaitable[T | None]], timeout_s: float,
     loop = asyncio.get_running_loop()
     end_s = loop.time() + timeout_s
     while True:
-        found = await look()
+        found = await poll()
         if found is not None:
             return found
         if loop.time() > end_s:

@@ -13,8 +13,9 @@ KEPT = 256
 
 
 def for_connections() -> int:
-    """Raises the soft limit as far as useful and allowed; returns the number of connections that leaves
-    `KEPT` free."""
+    """Raises the soft limit as far as useful and allowed; returns the number of connections with which
+    `KEPT` descriptors stay free.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     allowed = soft
     if soft != resource.RLIM_INFINITY and soft < WANTED:

@@ -101,7 +101,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         """Sends to the client.
 
         Raises:
-            ClientDisconnected: it went before it was accepted.
+            ClientDisconnected: the client disconnected before it was accepted.
         """
         accepting = not self.handshake_complete
         if accepting and self.transport.is_closing():

@@ -1,4 +1,4 @@
-"""The 3D view: the only place that knows viser, and the only one that speaks ENU."""
+"""The 3D view: the only package that uses viser and ENU."""
 
 from gcs_server.scene.clicks import SceneClick
 from gcs_server.scene.gizmo import SceneGizmo

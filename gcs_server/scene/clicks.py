@@ -51,11 +51,11 @@ class SceneClick:
 def ground_point(eye_enu_m: Vector3, ray_enu: Vector3, ground_z_m: float) -> Vector3 | None:
     """Intersection of the ray with the level ground; None: in the sky, from below, or farther than
     `REACH_M`."""
-    fall = -ray_enu[2]
+    descent = -ray_enu[2]
     height_m = eye_enu_m[2] - ground_z_m
-    if fall <= 0.0 or height_m <= 0.0:
+    if descent <= 0.0 or height_m <= 0.0:
         return None
-    away = (ray_enu[0] / fall * height_m, ray_enu[1] / fall * height_m)
+    away = (ray_enu[0] / descent * height_m, ray_enu[1] / descent * height_m)
     if math.hypot(*away) > REACH_M:
         return None
     return (eye_enu_m[0] + away[0], eye_enu_m[1] + away[1], ground_z_m)

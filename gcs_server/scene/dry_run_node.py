@@ -1,4 +1,4 @@
-"""One vehicle of a dry run in a browser's scene: corridor and path once, then only where it is."""
+"""One vehicle of a dry run in a browser's scene: corridor and path are sent once, then only its pose."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class DryRunNode:
         self.label = Label(client, f"{root}/label", palette.target)
 
     def remove(self) -> None:
-        """Takes it down."""
+        """Removes all nodes."""
         self._root.remove()
 
     def update(self, pose: VehiclePose, *, hidden: bool, open_corridor: bool) -> None:

@@ -1,4 +1,6 @@
-"""A dry run as the 3D view draws it: path, corridor of many flights, its vehicle at one moment. Pure."""
+"""Computes what the 3D view draws of a dry run: path, corridor of many flights, the vehicle at one time.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,16 @@ from gcs_server.scene.pose import VehiclePose
 from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, q_from_euler
 
 MAX_POINTS = 600
-"""Of the path that is drawn."""
+"""Largest number of drawn path segments."""
 LEVEL_M = 0.01
-"""Places nearer to each other over the ground than this give no direction."""
+"""Points nearer to each other than this (horizontally) define no direction."""
 
 DryRunResults = Callable[[str], Mapping[str, Any]]
-"""What came of a dry run, by its id, as the API answers it; raises UnknownDryRun."""
+"""Returns the result of a dry run by its id, as in the API; raises UnknownDryRun."""
 
 
 class DryRunRequest(BaseModel):
-    """Which dry run a page shows, and which moment of it."""
+    """The dry run that a page shows, and the shown time."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -44,12 +46,14 @@ class DryRunRequest(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DryRunPath:
-    """One vehicle's nominal flight, N samples; corridor of many, M places; ENU about `origin_deg_m`."""
+    """One vehicle's nominal flight (N samples) and the corridor of all flights (M points), in ENU from
+    `origin_deg_m`.
+    """
 
     origin_deg_m: tuple[float, float, float]
-    """Where the first vehicle starts: latitude, longitude, altitude AMSL."""
+    """Start position of the first vehicle: latitude, longitude, altitude AMSL."""
     t_s: NDArray[np.float64]
-    """(N,) since the start."""
+    """(N,) times since the start [s]."""
     position_enu_m: NDArray[np.float64]
     """(N, 3)."""
     q_ned_frd: NDArray[np.float64]
@@ -57,14 +61,14 @@ class DryRunPath:
     gimbal_rad: NDArray[np.float64]
     """(N, 2): pitch, up is positive; yaw from north."""
     corridor_enu_m: NDArray[np.float64] | None
-    """(M, 4, 3): its corners at each place, in the order left low, right low, right high, left high."""
+    """(M, 4, 3): its corners at each point, in the order left low, right low, right high, left high."""
     role: str | None = None
-    """Of several vehicles: which one."""
+    """The vehicle's role in a mission of several vehicles."""
 
 
 @dataclass(frozen=True, slots=True)
 class DryRunMoment:
-    """What a page shows of a dry run."""
+    """The dry run that a page shows, and the shown time."""
 
     id: str
     paths: tuple[DryRunPath, ...]
@@ -74,11 +78,11 @@ class DryRunMoment:
     follow: bool
 
 
-def paths_of(found: Mapping[str, Any]) -> tuple[DryRunPath, ...]:
+def paths_of(result: Mapping[str, Any]) -> tuple[DryRunPath, ...]:
     """From what came of a dry run: of each vehicle that flew."""
-    together, many = found["together"], found["monte_carlo"]
+    together, many = result["together"], result["monte_carlo"]
     corridor = None if many is None else many["corridor"]
-    flights = {None: found["nominal"]} if together is None else together["roles"]
+    flights = {None: result["nominal"]} if together is None else together["roles"]
     paths = (_path_of(role, flight, corridor) for role, flight in flights.items())
     return tuple(path for path in paths if path is not None)
 
@@ -113,9 +117,9 @@ def tube(path: DryRunPath) -> Mesh | None:
     if corners is None or len(corners) < 2:
         return None
     faces: list[tuple[int, int, int]] = []
-    for place in range(len(corners) - 1):
+    for index in range(len(corners) - 1):
         for side in range(4):
-            a, b = 4 * place + side, 4 * place + (side + 1) % 4
+            a, b = 4 * index + side, 4 * index + (side + 1) % 4
             faces += [(a, b, a + 4), (b, b + 4, a + 4)]
     return Mesh(corners.reshape(-1, 3).astype(np.float32), np.asarray(faces, np.uint32))
 
@@ -129,7 +133,7 @@ def tube_edges(path: DryRunPath) -> Points | None:
 
 
 def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
-    """The vehicle of the dry run at a time; before and after the flight at its first and last position.
+    """The vehicle's pose at a time; before and after the flight its first and last pose.
 
     Args:
         origin_enu_m: start of the flight, in the world's ENU frame.
@@ -166,7 +170,7 @@ def _enu(positions_ned_m: Any) -> NDArray[np.float64]:
 
 
 def _corners(corridor: Mapping[str, Any]) -> NDArray[np.float64]:
-    """What 95 % of the flights stay within sideways, and the middle 90 % up and down."""
+    """Corners of the corridor: 95 % of the flights sideways, and the middle 90 % vertically."""
     middle = _enu(corridor["position_ned_m"])
     ahead = np.gradient(middle[:, :2], axis=0) if len(middle) > 1 else np.zeros((len(middle), 2))
     length_m = np.hypot(ahead[:, 0], ahead[:, 1])

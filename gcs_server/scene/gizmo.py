@@ -1,8 +1,9 @@
 """The preview of a setpoint before it is sent, and the two handles to drag it.
 
 The handles are viser's transform controls: one along the ground and about the vertical, one up and down, so
-that nobody tilts a place. What a browser says of them is read and judged here and never reaches viser; it
-becomes a place in the vehicle's local NED, which the page that owns the view may then send or not.
+that a position cannot be tilted. This module reads and checks a browser's messages about them, and does not
+pass them to viser. A drag becomes a position in the vehicle's local NED, which the page that owns the view
+may send.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ GROUND_HANDLE = "/world/gizmo_ground"
 HEIGHT_HANDLE = "/world/gizmo_height"
 HANDLE_PX = 96.0
 REACH_M = 1_000.0
-"""Farther from its vehicle than this nothing is dragged: at the horizon a pixel is that long."""
+"""Longest distance from the vehicle to which the preview can be dragged; at the horizon a pixel is that
+long.
+"""
 AWAY_M = 0.35
 LABEL_BELOW_M = 0.14
 
@@ -36,7 +39,7 @@ Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math
 
 
 class PreviewRequest(BaseModel):
-    """What a page wants drawn as not sent yet."""
+    """A setpoint that a page shows before it is sent."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -56,7 +59,7 @@ class MovedMessage(
     frozen=True,
     forbid_unknown_fields=True,
 ):
-    """viser's word for a handle under a hand."""
+    """viser's message about a handle that is being dragged."""
 
     name: str
     wxyz: tuple[float, float, float, float]
@@ -71,7 +74,7 @@ class ReleasedMessage(
     frozen=True,
     forbid_unknown_fields=True,
 ):
-    """viser's word for a handle let go."""
+    """viser's message about a released handle."""
 
     name: str
     owner: str = ""
@@ -79,29 +82,29 @@ class ReleasedMessage(
 
 @dataclass(frozen=True, slots=True)
 class Drag:
-    """What one browser did to a handle, in the world's ENU; released without a pose of its own."""
+    """A drag of a handle in one browser, in the world's ENU. A release has no pose."""
 
     position_enu_m: Vector3 | None
     q_enu: Quaternion | None
     turns: bool
-    """The handle that turns too; by the other the yaw stays."""
+    """Whether it is the handle that also changes the yaw."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneGizmo:
-    """Where a view's preview has been dragged to, in its vehicle's local NED."""
+    """Position to which a view's preview was dragged, in its vehicle's local NED."""
 
     view: str
-    """The token of the view it was dragged in."""
+    """Token of the view."""
     vehicle: str
     position_ned_m: Vector3
     yaw_ned_rad: float | None
     released: bool
-    """The hand has let go."""
+    """Whether the handle was released."""
 
 
 def drag_of(message: MovedMessage | ReleasedMessage) -> Drag | None:
-    """What a browser's message means; None: no handle of ours, or no place."""
+    """The drag in a browser's message; None: another handle, or not a valid position."""
     if message.name not in (GROUND_HANDLE, HEIGHT_HANDLE):
         return None
     turns = message.name == GROUND_HANDLE
@@ -143,7 +146,7 @@ def drag_label(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3
 
 
 class PreviewNode:
-    """The ghost of what is not sent yet, in one browser's scene; there only while there is one."""
+    """The preview in one browser's scene; it exists only while the page shows a preview."""
 
     def __init__(self, client: viser.ClientHandle, palette: Palette, shapes: Shapes) -> None:
         self._scene = client.scene
@@ -158,7 +161,7 @@ class PreviewNode:
         self._held = GROUND_HANDLE
 
     def remove(self) -> None:
-        """Takes it down, handles and all."""
+        """Removes the preview and its handles."""
         self._remove_handles()
         self._root.remove()
 
@@ -174,7 +177,7 @@ class PreviewNode:
         """Moves the preview; moves the handles only if the page, not this browser, set the position.
 
         Args:
-            handles: whether this view's world does not move, so that handles can be dragged.
+            handles: whether handles can be dragged, because this view's world does not move.
         """
         east, north, up = enu_from_ned(preview.position_ned_m)
         at = (origin_enu_m[0] + east, origin_enu_m[1] + north, origin_enu_m[2] + up)
@@ -194,7 +197,7 @@ class PreviewNode:
         self._serial, self._drawn = preview.serial, preview
 
     def _follow(self, at: Vector3, q: Quaternion) -> None:
-        """The handle that is not under the hand goes with the one that is; that one the browser moves."""
+        """Moves the handle that is not being dragged; the browser moves the other one."""
         assert self._handles is not None
         ground, height = self._handles
         if self._held == HEIGHT_HANDLE:
@@ -203,7 +206,7 @@ class PreviewNode:
             height.position = at
 
     def held(self, turns: bool) -> None:
-        """Which handle is under the hand."""
+        """Records which handle is being dragged."""
         self._held = GROUND_HANDLE if turns else HEIGHT_HANDLE
 
     def _add_handles(self, at: Vector3, q: Quaternion, *, turns: bool) -> tuple[Any, Any]:

@@ -4,8 +4,8 @@ viser checks neither origin nor identity of clients, and every browser could ope
 no TCP port (a web page cannot open a Unix socket, and other users cannot access the folder), clients must
 know a secret of this run, and the tunnel is disabled. Its banner is suppressed.
 
-viser has no setting for any of this; the seam is the `websockets` name inside `viser.infra._infra`,
-replaced only while the server starts (hence the pinned minor version; `tests/` hold it).
+viser has no setting for any of this. So the name `websockets` inside `viser.infra._infra` is replaced while
+the server starts (hence the pinned minor version, which a test checks).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class _PrivateViser(viser.ViserServer):
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Always refused: no click may publish the view of an aircraft on the internet."""
         del verbose
-        log.warning("a public tunnel to the 3D view was asked for and refused")
+        log.warning("a request for a public tunnel to the 3D view was refused")
         return None
 
 
@@ -134,7 +134,7 @@ class ViserHost:
         return server
 
     def _guarded(self, listener: socket.socket) -> types.SimpleNamespace:
-        """`websockets` as viser sees it while it starts: it serves our socket, and asks for the secret."""
+        """Replaces `websockets` while viser starts: serves this server's socket, and requires the secret."""
 
         def serve(handler: Callable[..., Any], _host: str, _port: int, **options: Any) -> Any:
             theirs = options.pop("process_request", None)

@@ -18,7 +18,7 @@ from missions.frames import Vector3
 Side = Literal["above", "below", "sign"]
 
 EVERY_S = 0.2
-"""Numbers that change faster cannot be read."""
+"""Shortest time between two updates; numbers that change faster cannot be read."""
 
 
 def height_text(height_m: float) -> str:
@@ -30,7 +30,7 @@ class Label:
     """A tag at a point of the scene.
 
     Args:
-        side: over the point or hanging under it; a sign is a letter at the point, without a frame.
+        side: above or below the point; `sign` is a letter at the point, without a frame.
     """
 
     def __init__(self, client: viser.ClientHandle, name: str, colour: str, *, side: Side = "above") -> None:
@@ -63,17 +63,17 @@ class Board:
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._html = client.gui.add_html("")
-        self._said = ""
+        self._sent_text = ""
         self._next_s = 0.0
 
     def is_due(self, now_s: float) -> bool:
-        """True at most five times a second: then `say` is called."""
+        """Whether `update` is due: at most five times a second."""
         if now_s < self._next_s:
             return False
         self._next_s = now_s + EVERY_S
         return True
 
-    def say(self, labels: list[Label], *, mode: str, scale: str) -> None:
+    def update(self, labels: list[Label], *, mode: str, scale: str) -> None:
         """Sends the texts if one has changed.
 
         Args:
@@ -82,8 +82,8 @@ class Board:
         """
         view = f'<i data-gcs-mode="{html.escape(mode)}">{html.escape(scale)}</i>'
         text = view + "".join(label.html() for label in labels)
-        if text != self._said:
-            self._said = text
+        if text != self._sent_text:
+            self._sent_text = text
             self._html.content = text
 
     def remove(self) -> None:

@@ -45,14 +45,14 @@ class Mesh:
 
 
 def joined(*meshes: Mesh) -> Mesh:
-    """Several meshes as one: what has one colour is sent as one."""
+    """Joins meshes of one colour, so that they are sent as one."""
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
     faces = [m.faces + np.uint32(offset) for m, offset in zip(meshes, offsets, strict=True)]
     return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces).astype(np.uint32))
 
 
 def moved(mesh: Mesh, by_m: Vector3) -> Mesh:
-    """The same mesh somewhere else."""
+    """The mesh, moved by a vector."""
     return Mesh(mesh.vertices + np.asarray(by_m, np.float32), mesh.faces)
 
 
@@ -186,7 +186,7 @@ def camera_lens_ring() -> Points:
 
 
 def frustum() -> tuple[Mesh, Points]:
-    """The camera's field of view, one metre deep: its four sides with the far face, and its edges."""
+    """The camera's field of view, one metre deep: its four sides, the far face, and its edges."""
     w, h = FRUSTUM_HALF_WIDTH, FRUSTUM_HALF_HEIGHT
     corners = [(1.0, w, h), (1.0, -w, h), (1.0, -w, -h), (1.0, w, -h)]
     apex = (0.0, 0.0, 0.0)
@@ -221,7 +221,7 @@ def rotor_quaternions(angles_rad: tuple[float, ...]) -> NDArray[np.float32]:
 
 
 def q_along(direction: Vector3) -> Quaternion:
-    """Turns x to this direction, the shortest way; the identity where it has no length."""
+    """The shortest rotation of the x axis to this direction; the identity if it has no length."""
     x, y, z = direction
     length = math.sqrt(x * x + y * y + z * z)
     if length < 1e-9:

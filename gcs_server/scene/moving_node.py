@@ -1,9 +1,10 @@
-"""Moves the nodes of one browser's scene past viser's handles.
+"""Moves the nodes of one browser's scene without viser's handles, which are slow.
 
-A handle compares with NumPy, casts by type hints and serializes each message by its annotations: that was
-most of what an open 3D view cost the server. What moves at each step goes into viser's queue for the browser
-directly: in the order of all other messages, under viser's own keys, so that a newer value replaces one that
-has not been sent. The tests compare these messages with those of viser's handles (hence the pinned minor
+A handle compares with NumPy, casts by type hints and serializes each message by its annotations: this was
+most of the server's cost of an open 3D view. So the values that change at each step are put directly into
+viser's queue for the browser: in the order of all other messages, with viser's own keys, so that a newer
+value replaces one that has not been sent. The tests compare these messages with those of viser's handles
+(hence the pinned minor
 version).
 """
 
@@ -20,7 +21,7 @@ from viser.infra import Message
 from missions.frames import Quaternion, Vector3
 
 MOVED_M = 2e-4
-"""A smaller move is not sent: no screen shows it."""
+"""A smaller move is not sent, because it is not visible [m]."""
 TURNED = 2e-5
 """The same for the components of a quaternion."""
 SCALED = 5e-3
@@ -31,8 +32,8 @@ class NodeChange(Message):
     """One value of one node, as viser writes it.
 
     Args:
-        key: which message it replaces while neither has been sent.
-        fields: of the message; an array is written as viser writes arrays.
+        key: a message with the same key that has not been sent yet is replaced.
+        fields: fields of the message; arrays are written as viser writes them.
     """
 
     include_in_scene_serialization = False
@@ -46,7 +47,9 @@ class NodeChange(Message):
         return self._key
 
     def entity_state_key(self) -> None:
-        """None: viser need not find these by node. What waits when a node is removed is sent before that."""
+        """None: viser does not have to find these messages by node. Messages that wait when a node is
+        removed are sent before the removal.
+        """
 
     def as_serializable_dict(self, binary_buffers: list[memoryview] | None = None) -> dict[str, Any]:
         """The message, with its arrays in `binary_buffers`."""
@@ -57,12 +60,13 @@ class NodeChange(Message):
 
 
 class MovingNode:
-    """Pose and properties of a node that moves. Only they are sent past its handle: it must not set them too.
+    """Pose and properties of a moving node. They are sent without its handle, which must not set them as
+    well.
 
     Args:
-        name: of the node.
-        position_m: where it was added, in its parent's frame.
-        q: how it was turned then.
+        name: name of the node.
+        position_m: its initial position, in its parent's frame.
+        q: its initial rotation.
     """
 
     __slots__ = ("_name", "_owner", "_position_m", "_q", "_queue", "_scale")
@@ -103,14 +107,15 @@ class MovingNode:
         """Sends a property.
 
         Args:
-            value: an array is sent as it is, later: nothing may write to it.
+            value: an array is sent later without a copy, so it must not be changed.
         """
         fields = {"name": self._name, "updates": {prop: value}, "owner": self._owner}
         fields["type"] = "SceneNodeUpdateMessage"
         self._queue(NodeChange(f"scene:{self._name}:update:{prop}", fields))
 
     def _send(self, kind: str, field: str, value: tuple[float, ...]) -> None:
-        # A float of NumPy cannot be encoded, and what cannot ends the browser's connection.
+        # A float of NumPy cannot be encoded, and a value that cannot be encoded ends the browser's
+        # connection.
         plain = tuple(map(float, value))
         fields = {"name": self._name, field: plain, "owner": self._owner, "type": kind}
         self._queue(NodeChange(f"scene:{self._name}:update:{kind}", fields))

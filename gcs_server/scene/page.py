@@ -1,7 +1,7 @@
 """viser's browser program, adapted to this page: no panel, no branding, this page's ground and labels.
 
-The program is one file with everything inside; it is served from the installed package with a few lines
-put before it. Its content policy lets it reach this server and nothing else.
+The program is one file with everything inside; it is served from the installed package, after a few lines of
+this server. Its content policy lets it reach this server and nothing else.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ def page() -> Page:
 
 
 def content_policy(host: str, *, secure: bool) -> str:
-    """Everything from the document itself; the stream from this server; nothing from anywhere else."""
+    """Allows content of the document itself and the stream from this server, and nothing else."""
     # Named in addition to 'self', because not every browser applies 'self' to WebSockets.
     stream = f"{'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
     return (

@@ -1,7 +1,7 @@
 """The colours of the 3D view, for both themes.
 
-The values are those of the page's tokens; one colour means one thing: cyan (and the other identity
-colours) what is, violet what we ask for, everything else grey.
+The values are those of the page's tokens; each colour has one meaning: cyan and the other identity colours
+for vehicles, violet for targets, grey for everything else.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Palette:
 
     theme: Theme
     identities: tuple[str, ...]
-    """Of the first vehicle, the second, …; then from the start again."""
+    """Colours of the first vehicle, the second, …; after the last one they repeat."""
     target: str
     text: str
     text_2: str
@@ -36,7 +36,7 @@ class Palette:
     grid: str
     grid_section: str
     body: Rgb
-    """The airframe's shell: the theme's text colour, so that it stands out of the ground."""
+    """The airframe's shell: the theme's text colour, so that it contrasts with the ground."""
     dark_part: Rgb
     """Motors, lens and landing gear."""
     lost: Rgb
@@ -44,7 +44,7 @@ class Palette:
     disc_opacity: float
 
     def identity(self, index: int) -> str:
-        """The colour of the vehicle at this place in the fleet."""
+        """The colour of the vehicle with this index in the fleet."""
         return self.identities[index % len(self.identities)]
 
 
@@ -93,8 +93,8 @@ PALETTES: dict[Theme, Palette] = {
 def lit(colour: str, palette: Palette) -> Rgb:
     """The colour to send so that viser's filmic tone curve displays the given one.
 
-    The curve washes bright colours out; taking most of the grey out beforehand makes up for it. Dark
-    ones it leaves nearly alone.
+    The curve desaturates bright colours, so most of the grey is removed beforehand. It hardly changes dark
+    colours.
     """
     red, green, blue = rgb(colour)
     if palette.theme == "light":

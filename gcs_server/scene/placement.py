@@ -1,8 +1,9 @@
 """One common ENU frame for vehicles with different local origins.
 
-The world's origin is the first home (or, before one is known, the first global position): there the
-grid's zero and the ground lie. A vehicle's local origin is put into it from its home, which it gives in
-both frames, else from one pair of global and local position; a vehicle without any geographic position
+The world's origin is the first home (or, before one is known, the first global position): the zero of the
+grid, and the height of the ground. A vehicle's local origin is computed from its home, which the vehicle
+reports in both frames, else from one pair of global and local position; a vehicle without any geographic
+position
 shares the world's origin.
 """
 
@@ -21,7 +22,7 @@ STANDING_HEIGHT_M = 0.225
 """Height of the drawn body above its skids."""
 LANDED_WITHIN_M = 3.0
 """A landed vehicle is drawn on the ground if its estimate is this near, because estimates drift by a metre in
-a flight. Farther off it has landed on a hill or a roof."""
+a flight. With a larger difference it has landed on a hill or a roof."""
 RELATCH_M = 5.0
 """If global and local position differ by more, the local origin has moved (an estimator reset)."""
 
@@ -59,7 +60,7 @@ class Placement:
         self._local_origins_enu_m.clear()
 
     def place(self, vehicle: SceneVehicle) -> VehiclePlace:
-        """Where to draw the vehicle now."""
+        """The position at which to draw the vehicle now."""
         home = value_of(vehicle, "home", Home)
         global_position = value_of(vehicle, "global_position", GlobalPosition)
         local = value_of(vehicle, "local_position", LocalPosition)

@@ -33,29 +33,31 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class VehiclePose:
-    """All that a view draws of one vehicle."""
+    """The pose and the texts of one vehicle for drawing."""
 
     position_enu_m: Vector3
     q_enu_flu: Quaternion
     ground_z_m: float
     home_enu_m: Vector3 | None
     q_body_camera: Quaternion | None
-    """Takes the camera's forward-left-up to the body's; None: no gimbal has been heard."""
+    """Rotation of the camera from its forward-left-up axes to those of the body; None: no gimbal has
+    reported.
+    """
     motors: tuple[float, float, float, float] | None
-    """Commanded effort of PX4's motors 1–4, 0 to 1; None where the vehicle does not tell."""
+    """Commanded effort of PX4's motors 1–4, 0 to 1; None if the vehicle does not report it."""
     target: Target | None
     lost: bool
     label: str
     note: str
-    """What must stand beside the label: simulated, replayed, lost, no position; else empty."""
+    """Note after the label: simulated, replayed, lost, no position; else empty."""
     returns_enu_m: tuple[Vector3, ...] = ()
-    """Where its distance sensors measured something."""
+    """Points measured by its distance sensors."""
 
 
 def pose_of(
     vehicle: SceneVehicle, place: VehiclePlace, offboard: OffboardTarget | None, now_monotonic_s: float
 ) -> VehiclePose:
-    """Looks at a vehicle's newest samples."""
+    """The pose from a vehicle's newest samples."""
     attitude = value_of(vehicle, "attitude", Attitude)
     status = value_of(vehicle, "status", Status)
     q_ned_frd = (normalized(attitude.q_ned_frd) if attitude else None) or IDENTITY
@@ -77,7 +79,7 @@ def pose_of(
 
 
 def gimbal_in_body(gimbal: Gimbal | None, q_ned_frd: Quaternion, yaw_ned_rad: float) -> Quaternion | None:
-    """The camera against the airframe, both in FLU: what the drawn gimbal has to turn by."""
+    """Rotation of the camera relative to the airframe, both in FLU."""
     q = normalized(gimbal.q) if gimbal else None
     if gimbal is None or q is None:
         return None
@@ -88,7 +90,7 @@ def gimbal_in_body(gimbal: Gimbal | None, q_ned_frd: Quaternion, yaw_ned_rad: fl
 
 
 def motor_efforts(motors: Motors | None, *, armed: bool) -> tuple[float, float, float, float] | None:
-    """PWM of the first four outputs as 0 to 1; a disarmed vehicle's motors stand still."""
+    """PWM of the first four outputs as 0 to 1; 0 if the vehicle is disarmed."""
     if motors is None or len(motors.pwm_us) < 4:
         return None
     if not armed:
@@ -151,4 +153,4 @@ def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
         (vehicle.identity.simulated is None, "simulated?"),
         (vehicle.identity.replayed, "replayed"),
     )
-    return ", ".join(text for is_so, text in facts if is_so)
+    return ", ".join(text for applies, text in facts if applies)

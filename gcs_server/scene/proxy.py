@@ -1,10 +1,9 @@
 """The proxy to the 3D view on the server's port; there is no other access.
 
-`GET /scene/` is the program, `WS /scene/` its stream, `POST /scene/view/{token}` says what one view shows,
-`POST /scene/view/{token}/click` where somebody clicked into it. A browser may say through the stream where
-its camera is and, of the two handles of its view's preview, how they are dragged (`gizmo.py`, which viser
-does not get to hear); everything else that viser would obey (above all the request for a public tunnel)
-ends here.
+`GET /scene/` is the program, `WS /scene/` its stream. `POST /scene/view/{token}` sets what one view shows,
+`POST /scene/view/{token}/click` reports a click in it. Through the stream a browser may send the pose of its
+camera, and drags of its preview's two handles (`gizmo.py`; not passed to viser). Everything else that viser
+would execute (above all the request for a public tunnel) is dropped.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ QUERY_KEYS = ("view", "theme", "mode", "vehicle")
 
 
 class ViewRequest(BaseModel):
-    """What a page asks of one of its views; what is left out stays as it is."""
+    """What one view of a page shows; omitted fields stay unchanged."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -67,7 +66,7 @@ class ViewRequest(BaseModel):
 class CameraMessage(
     msgspec.Struct, tag_field="type", tag="ViewerCameraMessage", frozen=True, forbid_unknown_fields=True
 ):
-    """Where a browser's camera is: viser's ViewerCameraMessage, and all that viser gets to hear."""
+    """Pose of a browser's camera: viser's ViewerCameraMessage, the only message that is passed to viser."""
 
     wxyz: tuple[float, float, float, float]
     position: tuple[float, float, float]
@@ -83,31 +82,31 @@ class CameraMessage(
 _decoder = msgspec.msgpack.Decoder(CameraMessage | MovedMessage | ReleasedMessage)
 
 BRIDGE_KEY = "bridge"
-"""In what viser is asked: which bridge its client came by."""
+"""Query key of the bridge through which viser's client connected."""
 STALLED_AFTER_S = 1.0
 
 
 class Bridges:
-    """Whether the browsers at the other end read: for one that does not nothing need be drawn."""
+    """Detects browsers that do not read; nothing is drawn for them."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._made = 0
+        self._count = 0
         self._sending_since_s: dict[str, float] = {}
 
     def new(self) -> str:
-        """A name for one that opens."""
-        self._made += 1
-        return str(self._made)
+        """The name of a new bridge."""
+        self._count += 1
+        return str(self._count)
 
     def stalled(self, bridge: str) -> bool:
-        """Whether one message has been on its way to the browser for longer than `STALLED_AFTER_S`."""
+        """Whether the sending of one message to the browser has taken longer than `STALLED_AFTER_S`."""
         since_s = self._sending_since_s.get(bridge)
         return since_s is not None and self._clock.monotonic_s() - since_s > STALLED_AFTER_S
 
     @contextmanager
     def sending(self, bridge: str) -> Generator[None]:
-        """Around the sending of one message."""
+        """Measures the sending of one message."""
         self._sending_since_s[bridge] = self._clock.monotonic_s()
         try:
             yield
@@ -115,8 +114,8 @@ class Bridges:
             del self._sending_since_s[bridge]
 
 
-def understood(data: bytes) -> bytes | Drag | None:
-    """What a browser says: a camera for viser, written anew by us; a drag for us; None: anything else."""
+def parse_message(data: bytes) -> bytes | Drag | None:
+    """Reads a browser's message: a camera message for viser (encoded again), or a drag; None: any other."""
     if len(data) > MAX_FROM_BROWSER:
         return None
     try:
@@ -127,7 +126,7 @@ def understood(data: bytes) -> bytes | Drag | None:
 
 
 def _camera(message: CameraMessage) -> bytes | None:
-    """Not finite or without a direction, a camera would make viser raise whenever we set one later."""
+    """A camera that is not finite, or has no direction, would later make viser raise an exception."""
     values = (*message.wxyz, *message.position, *message.look_at, *message.up_direction)
     if not all(map(math.isfinite, (*values, message.fov, message.near, message.far))):
         return None
@@ -176,15 +175,15 @@ def scene_router(
         return Response(body, media_type="text/html; charset=utf-8", headers=headers)
 
     @router.post("/view/{token}")
-    async def choose_view(token: str, wanted: ViewRequest, request: Request) -> dict[str, Any]:
+    async def choose_view(token: str, request_body: ViewRequest, request: Request) -> dict[str, Any]:
         _require_own(token, request)
-        view = set_view(token, wanted)
+        view = set_view(token, request_body)
         return {"mode": view.mode, "vehicle": view.vehicle, "theme": view.theme}
 
     @router.post("/view/{token}/click")
-    async def clicked(token: str, where: ClickRequest, request: Request) -> dict[str, Any]:
+    async def clicked(token: str, body: ClickRequest, request: Request) -> dict[str, Any]:
         _require_own(token, request)
-        on_ground = click(token, where)
+        on_ground = click(token, body)
         return {"ground": on_ground is not None}
 
     @router.websocket("/")
@@ -204,7 +203,7 @@ def _require_own(token: str, request: Request) -> None:
     if not TOKEN.fullmatch(token):
         raise Refused(
             "The token of a view has 1 to 64 letters, digits, - or _.",
-            remedy="Use the one of the frame's own address, ?view=….",
+            remedy="Use the token in the frame's own address, ?view=….",
         )
 
 
@@ -262,10 +261,10 @@ async def _from_browser(
     try:
         while True:
             data = await websocket.receive_bytes()
-            said = understood(data)
-            if isinstance(said, Drag):
-                drag(said)
-            elif said is not None:
-                await upstream.send(said)
+            message = parse_message(data)
+            if isinstance(message, Drag):
+                drag(message)
+            elif message is not None:
+                await upstream.send(message)
     except (ConnectionClosed, WebSocketDisconnect, RuntimeError, KeyError, OSError):
         await upstream.close()

@@ -1,4 +1,4 @@
-"""What a vehicle's distance sensors met, as places in the scene."""
+"""Points measured by a vehicle's distance sensors, as positions in the scene."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from missions.avoidance.scans import STEEP, fresh
 from missions.frames import Quaternion, Vector3
 
 SHOWN_S = 2.5
-"""PX4 sends DISTANCE_SENSOR every two seconds by itself."""
+"""By default PX4 sends DISTANCE_SENSOR every two seconds."""
 HALF_HEIGHT_M = 0.18
-"""Of the stroke that marks a place."""
+"""Height of the stroke that marks a point [m]."""
 
 
 def returns_of(
     vehicle: SceneVehicle, q_ned_frd: Quaternion, position_enu_m: Vector3, now_monotonic_s: float
 ) -> tuple[Vector3, ...]:
-    """Where its sensors measured something; without what looks down: that is the ground below it."""
+    """Measured points, without those of sensors that point down to the ground."""
     samples = (vehicle.topic("distance_sensors"), vehicle.topic("obstacle_distance"))
     if samples == (None, None):
         return ()
     x, y, z = position_enu_m
-    found: list[Vector3] = []
+    points: list[Vector3] = []
     for scan in fresh(scans_of(samples, q_ned_frd, now_monotonic_s), now_monotonic_s, SHOWN_S):
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True):
             if far_m is not None and d <= STEEP:
                 east, north, up = enu_from_ned((n * far_m, e * far_m, d * far_m))
-                found.append((x + east, y + north, z + up))
-    return tuple(found)
+                points.append((x + east, y + north, z + up))
+    return tuple(points)
 
 
 def strokes(places_enu_m: tuple[Vector3, ...]) -> Points:
-    """An upright stroke at each place: as wide from everywhere, (N, 2, 3)."""
+    """An upright stroke at each point, equally visible from all sides, (N, 2, 3)."""
     at = np.asarray(places_enu_m, np.float32).reshape(-1, 1, 3)
     half = np.asarray([[0.0, 0.0, -HALF_HEIGHT_M], [0.0, 0.0, HALF_HEIGHT_M]], np.float32)
     return at + half

@@ -1,7 +1,7 @@
 """The 3D view of the fleet: reads the topics 30 times a second, only while a view is open.
 
-It reads and never commands. A vehicle that cannot be drawn is left out. Whatever else goes wrong in here ends
-`run()`, which its supervisor reports and starts again; nothing else of the server waits for it.
+It reads and never commands. A vehicle that cannot be drawn is left out. Any other error ends `run()`, which
+the supervisor reports and restarts; no other part of the server waits for it.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ log = logging.getLogger(__name__)
 
 PERIOD_S = 1.0 / 30.0
 IDLE_PERIOD_S = 0.25
-"""With nobody looking on: asks only whether somebody does."""
+"""Period while no view is open: only checks whether one has opened [s]."""
 MAX_STEP_S = 0.25
 MAX_VIEWS = 64
-"""Choices of views kept for pages that may come back."""
+"""Number of views whose settings are kept for pages that may reconnect."""
 
 
 class Scene:
@@ -71,20 +71,20 @@ class Scene:
         self._started = False
 
     def router(self) -> APIRouter:
-        """`/scene/` and what is below it, to be included in the server's application."""
+        """The routes `/scene/…`, to be included in the server's application."""
         return self._router
 
     @property
     def viewers(self) -> int:
-        """How many browsers look on."""
+        """Number of connected browsers."""
         return len(self._stages)
 
     def faults(self) -> list[str]:
-        """What cannot be drawn now, in sentences."""
+        """Texts about everything that cannot be drawn now."""
         return self._tracks.isolation.faults
 
     async def start(self) -> None:
-        """Brings viser up. Raises SceneError; `run` tries again by itself."""
+        """Starts viser. Raises SceneError; `run` tries again by itself."""
         if not self._started:
             await self._host.start()
             self._started = True
@@ -148,24 +148,26 @@ class Scene:
         return self._keep(token, view)
 
     def _preview(self, wanted: ViewRequest, old: View) -> Preview | None:
-        """What is not named stays; a place is one of its vehicle only."""
+        """The preview after a request; an omitted preview stays, but not for another vehicle."""
         if "preview" not in wanted.model_fields_set:
             return old.preview if wanted.vehicle in (None, old.vehicle) else None
-        asked = wanted.preview
-        if asked is None:
+        requested = wanted.preview
+        if requested is None:
             return None
         self._serial += 1
-        return Preview(asked.position_ned_m, asked.yaw_ned_rad, asked.handles, self._serial)
+        return Preview(requested.position_ned_m, requested.yaw_ned_rad, requested.handles, self._serial)
 
     def _dry_run(self, wanted: ViewRequest, old: View) -> DryRunMoment | None:
-        """What is not named stays; raises UnknownDryRun."""
-        asked, before = wanted.dry_run, old.dry_run
+        """The dry run after a request; an omitted one stays. Raises UnknownDryRun."""
+        requested, before = wanted.dry_run, old.dry_run
         if "dry_run" not in wanted.model_fields_set:
             return before
-        if asked is None or self._dry_runs is None:
+        if requested is None or self._dry_runs is None:
             return None
-        paths = before.paths if before and before.id == asked.id else paths_of(self._dry_runs(asked.id))
-        return DryRunMoment(asked.id, paths, asked.t_s, asked.follow) if paths else None
+        paths = (
+            before.paths if before and before.id == requested.id else paths_of(self._dry_runs(requested.id))
+        )
+        return DryRunMoment(requested.id, paths, requested.t_s, requested.follow) if paths else None
 
     def _drag(self, bridge: str, drag: Drag) -> None:
         """A handle was dragged in the browser of this bridge: only its own view's preview follows."""
@@ -193,25 +195,25 @@ class Scene:
             self._on_gizmo(SceneGizmo(token, shown[0], moved.position_ned_m, moved.yaw_ned_rad, released))
 
     def _click(self, token: str, click: ClickRequest) -> SceneClick | None:
-        """Raises Refused where no vehicle has said where on earth it is."""
+        """Raises Refused if no vehicle has reported a global position."""
         view = self._views.get(token, View())
         at = self._tracks.on_ground(view.vehicle, click.eye_enu_m, click.ray_enu)
         if at is None:
             return None
-        found = SceneClick(token, *at, click.view_x, click.view_y)
+        scene_click = SceneClick(token, *at, click.view_x, click.view_y)
         if self._on_click is not None:
-            self._on_click(found)
-        return found
+            self._on_click(scene_click)
+        return scene_click
 
     def _stalled(self, client_id: int) -> bool:
         return self._bridges.stalled(self._host.query_of(client_id).get(BRIDGE_KEY, ""))
 
     def _token(self, client_id: int) -> str:
-        """The name under which a page steers this view, and what its address asked for."""
+        """The view's token, and the view that its address requests."""
         query = self._host.query_of(client_id)
         token = query.get("view", "")
         if not TOKEN.fullmatch(token):
-            token = f".{client_id}"  # no page can name it
+            token = f".{client_id}"  # no page can use it
         if token not in self._views:
             self._keep(token, _view_from_query(query))
         return token
@@ -226,7 +228,9 @@ class Scene:
 
 
 def _view_from_query(query: dict[str, str]) -> View:
-    """What cannot be understood falls back to the default: a picture is better than an error here."""
+    """The view that an address requests; invalid values become the default, because a picture is better than
+    an error.
+    """
     mode: Mode = "chase"
     for known in CAMERAS:
         if known == query.get("mode"):

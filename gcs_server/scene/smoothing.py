@@ -1,4 +1,4 @@
-"""Takes the steps out of telemetry that comes at 10 to 50 Hz and is drawn at 30: a short first-order lag."""
+"""Smooths telemetry, which is received at 10 to 50 Hz and drawn at 30 Hz, by a short first-order lag."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from missions.frames import Quaternion, Vector3, normalized, yaw_from_q
 
 LAG_S = 0.07
 HEADING_LAG_S = 0.3
-"""Of the chasing camera: an estimate's yaw trembles, and the whole picture would with it."""
+"""Lag of the chase camera's heading [s]: yaw estimates are noisy, and the whole picture would shake."""
 SNAP_M = 15.0
-"""Farther than this at once is a jump, and shown as one."""
+"""A larger change in one step is a jump, and is shown without smoothing."""
 SPIN_HZ = 2.6
-"""A rotor at full effort; its real hundred turns a second would look like standing still."""
+"""Drawn rotation rate of a rotor at full effort; at its real hundred turns a second it would look still."""
 SETTLED = 1e-4
 
 
 class Smoother:
-    """Of one vehicle: its pose as drawn, and how far its rotors have turned."""
+    """The drawn pose of one vehicle, and the angles of its rotors."""
 
     def __init__(self) -> None:
         self.pose: VehiclePose | None = None
         self.heading_enu_rad = 0.0
-        """Where the chasing camera looks: after the vehicle's nose, calmly."""
+        """Smoothed heading of the chase camera."""
         self.rotor_angles_rad: tuple[float, ...] = (0.3, 1.1, 2.0, 2.7)
 
     def step(self, measured: VehiclePose, dt_s: float) -> VehiclePose:
-        """What to draw `dt_s` after the last time."""
+        """The pose to draw, `dt_s` after the last call."""
         last = self.pose
         if measured.motors is not None and not measured.lost:
             self.rotor_angles_rad = tuple(
@@ -62,7 +62,7 @@ class Smoother:
 
 
 def _visible_effort(effort: float) -> float:
-    # Idling rotors turn visibly; the square root spreads low throttle values, where hover is.
+    # Idling rotors turn visibly. The square root spreads low throttle values, where hover is.
     return math.sqrt(effort) if effort > 0.0 else 0.0
 
 

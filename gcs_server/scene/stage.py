@@ -1,6 +1,6 @@
 """One browser's scene: viser nodes are created once, then only changes are sent.
 
-Each browser has its own, because each has its own theme and looks from its own place. Nodes below
+Each browser has its own scene, because each has its own theme and camera. Nodes below
 `/world` are in the world's ENU; `/world` itself is moved by the view (`views.py`).
 """
 
@@ -33,10 +33,10 @@ from missions.frames import Vector3, yaw_from_q
 GRID_STEPS_M = (1.0, 10.0, 100.0)
 """Cell sizes; sections are ten of them."""
 FINE_BELOW = 45.0
-"""Higher than this many cells the next coarser grid is drawn."""
+"""If the camera is higher than this many cells, the next coarser grid is drawn."""
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 COMPASS_AT_M = 8_000.0
-"""So far that they stand on the horizon, wherever one is."""
+"""Distance of the compass letters: so far that they appear at the horizon."""
 CAMERA_STRAYED_M = 0.02
 FAR_M = 20_000.0
 
@@ -89,13 +89,15 @@ class Stage:
             self._compass = [self._direction(i, name) for i, name in enumerate(COMPASS)]
 
     def close(self) -> None:
-        """Takes everything down, to be built anew in another theme; the browser stays."""
+        """Removes all nodes, so that the scene can be built again in another theme; the browser stays
+        connected.
+        """
         with self._client.atomic():
             for node in self._vehicles.values():
                 node.remove()
             self._vehicles.clear()
             self._board.remove()
-            self._drop_preview()
+            self._remove_preview()
             self._drop_dry_run()
             for handle in (self._marks, self._grid, self._world, self._lights):
                 if handle is not None:
@@ -114,11 +116,11 @@ class Stage:
             fleet: by id, in the order that gives the colours.
             dry_run_start_m: start of the dry run that the view shows, in the world's ENU frame.
         """
-        seen = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
+        followed_id = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
         with self._client.atomic():
             for vehicle_id in [v for v in self._vehicles if v not in fleet]:
                 self._vehicles.pop(vehicle_id).remove()
-            self._make_one(fleet, seen)
+            self._add_vehicle(fleet, followed_id)
             followed = self._show_dry_run(view, dry_run_start_m)
             for vehicle_id, node in self._vehicles.items():
                 track = fleet[vehicle_id]
@@ -130,16 +132,16 @@ class Stage:
                     track.smoother,
                     track.trail,
                     now_s,
-                    hidden=view.mode == "gimbal" and vehicle_id == seen and followed is None,
+                    hidden=view.mode == "gimbal" and vehicle_id == followed_id and followed is None,
                 )
-            self._look(view, fleet[seen].smoother if seen is not None else None, followed)
-            self._show_preview(view, fleet[seen] if seen is not None else None)
+            self._look(view, fleet[followed_id].smoother if followed_id is not None else None, followed)
+            self._show_preview(view, fleet[followed_id] if followed_id is not None else None)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
                 self._fit_grid()
                 self._show_marks(view.mode)
             if self._board.is_due(now_s):
-                self._board.say(self._labels(), mode=view.mode, scale=self._scale)
+                self._board.update(self._labels(), mode=view.mode, scale=self._scale)
 
     def _labels(self) -> list[Label]:
         preview = [] if self._preview is None else [self._preview.label]
@@ -150,41 +152,42 @@ class Stage:
             *(node.label for node in self._dry_run),
         ]
 
-    def _make_one(self, fleet: Mapping[str, Track], seen: str | None) -> None:
-        """Creates the nodes of one vehicle that has none, first of the vehicle that the view follows.
-
-        One vehicle's took 24 ms on a slow machine. A fleet's all at once held up the event loop for seconds,
-        and a loop so silent loses every setpoint stream.
+    def _add_vehicle(self, fleet: Mapping[str, Track], followed_id: str | None) -> None:
+        """Creates the nodes of one vehicle that has none; the vehicle that the view follows is first. This
+        took 24 ms for one vehicle on a slow machine. For a whole fleet at once it would stall the event loop
+        for seconds, and a stalled loop ends all setpoint streams.
         """
         waiting = [v for v in fleet if v not in self._vehicles and fleet[v].smoother.pose is not None]
         if waiting:
-            new = seen if seen in waiting else waiting[0]
+            new = followed_id if followed_id in waiting else waiting[0]
             self._vehicles[new] = VehicleNode(
                 self._client, list(fleet).index(new), self._palette, self._shapes
             )
 
     def hold(self, *, turns: bool) -> None:
-        """This browser's hand is on one of the preview's handles."""
+        """This browser drags one of the preview's handles."""
         if self._preview is not None:
             self._preview.held(turns)
 
     def _show_preview(self, view: View, track: Track | None) -> None:
-        """Only while there is one: nothing is made for it, and nothing sent, before."""
+        """Draws the preview; without a preview nothing is created or sent."""
         pose = track.smoother.pose if track is not None else None
         origin = track.local_origin_enu_m if track is not None else None
         if view.preview is None or pose is None or origin is None or pose.lost:
-            self._drop_preview()
+            self._remove_preview()
             return
         if self._preview is None:
             self._preview = PreviewNode(self._client, self._palette, self._shapes)
-        still = view.mode == "free"  # the other modes move the world under the hand
+        world_is_fixed = view.mode == "free"  # the other modes move the world during a drag
         at = enu_from_ned(view.preview.position_ned_m)
-        if not still:
+        if not world_is_fixed:
             self._framed = -1
         elif view.preview.handles and view.preview.serial != self._framed:
             self._framed = view.preview.serial
             self._frame(_sum(origin, at), pose.position_enu_m)
-        self._preview.update(view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=still)
+        self._preview.update(
+            view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=world_is_fixed
+        )
 
     def _show_dry_run(self, view: View, start_m: Vector3 | None) -> VehiclePose | None:
         """Draws paths and vehicles of the dry run, while the page shows one.
@@ -215,13 +218,15 @@ class Stage:
         self._dry_run.clear()
 
     def _frame(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
-        """Brings handles into sight that a page has put elsewhere, from the side from which one looks now."""
+        """Moves the camera so that handles that a page has moved are visible, from the current direction of
+        view.
+        """
         camera = self._client.camera
         position, look_at = framed(_triple(camera.position), _triple(camera.look_at), handles_m, vehicle_m)
         if position != _triple(camera.position):
             self._set_camera(position, look_at, CAMERAS["free"].fov_rad)
 
-    def _drop_preview(self) -> None:
+    def _remove_preview(self) -> None:
         if self._preview is not None:
             self._preview.remove()
             self._preview = None
@@ -250,7 +255,7 @@ class Stage:
         wanted, camera = CAMERAS[mode], self._client.camera
         position, look_at = wanted.position_m, wanted.look_at_m
         if mode == "free" and self._mode is not None:
-            # Keep the camera pose; only the world moves back.
+            # The camera pose is kept; only the world moves back.
             position = in_world(self._world_pose, _triple(camera.position))
             look_at = in_world(self._world_pose, _triple(camera.look_at))
         elif mode == "free" and pose is not None:
@@ -276,7 +281,7 @@ class Stage:
             self._set_camera(wanted.position_m, wanted.look_at_m, wanted.fov_rad)
 
     def _fit_grid(self) -> None:
-        """Finer near the ground, coarser from above; the figures on it follow."""
+        """Chooses the grid's cell size: finer near the ground, coarser from above."""
         camera = self._client.camera
         height_m = abs(in_world(self._world_pose, _triple(camera.position))[2])
         step_m = next((s for s in GRID_STEPS_M[:-1] if height_m < FINE_BELOW * s), GRID_STEPS_M[-1])
@@ -297,7 +302,7 @@ class Stage:
         )
 
     def _show_marks(self, mode: Mode) -> None:
-        """Figures on the ground are for looking down: low behind a vehicle they are mere strokes."""
+        """Shows figures on the ground only from above; from low behind a vehicle they cannot be read."""
         readable = mode in ("free", "top")
         if self._marks.visible != readable:
             self._marks.visible = readable

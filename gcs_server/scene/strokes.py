@@ -1,4 +1,4 @@
-"""Writing and signs on the ground, as lines: a picture in 3D needs no font file for ten figures."""
+"""Text and signs on the ground as lines, so that no font file is needed for ten figures."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ ADVANCE = 0.85
 
 
 def text_segments(text: str, *, height_m: float, at_m: Vector3) -> Points:
-    """A line of text lying on the ground, read from the south, centred at a point; (N, 2, 3)."""
+    """A line of text on the ground, readable from the south, centred at a point; (N, 2, 3)."""
     width = (len(text) - 1) * ADVANCE + 0.6
     segments: list[tuple[tuple[float, float, float], tuple[float, float, float]]] = []
     for i, character in enumerate(text):
         for polyline in filter(None, _GLYPHS[character].split("|")):
             points = [tuple(map(float, pair.split(","))) for pair in polyline.split()]
-            placed = [(i * ADVANCE + x - width / 2, y - 0.5, 0.0) for x, y in points]
-            segments += list(itertools.pairwise(placed))
+            positioned = [(i * ADVANCE + x - width / 2, y - 0.5, 0.0) for x, y in points]
+            segments += list(itertools.pairwise(positioned))
     out = np.asarray(segments, np.float32).reshape(-1, 2, 3)
     return (out * np.float32(height_m) + np.asarray(at_m, np.float32)).astype(np.float32)
 
@@ -74,5 +74,5 @@ def home_sign() -> Points:
         (0.26, -0.24),
     )
     points = np.asarray([(x, y, 0.0) for x, y in (*outline, outline[0])], np.float32)
-    house = np.stack([points[:-1], points[1:]], axis=1)
-    return np.concatenate([ring_segments(0.6), house * np.float32(0.95)])
+    house_lines = np.stack([points[:-1], points[1:]], axis=1)
+    return np.concatenate([ring_segments(0.6), house_lines * np.float32(0.95)])

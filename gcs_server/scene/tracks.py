@@ -1,7 +1,7 @@
 """State of each vehicle between two updates, kept while a view is open.
 
-With nobody looking on nothing is done at all. What was missed meanwhile is made up for from the vehicles'
-own history when somebody looks again: one vehicle a look, so that opening a view of many holds up nothing.
+Without an open view nothing is done. When a view opens, trails are built from the vehicles' history: one
+vehicle per update, so that a view of many vehicles does not stall the event loop.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Tracks:
     def update(self, now_s: float, dt_s: float, wanted: Set[str] = frozenset()) -> dict[str, Track]:
         """Reads the newest samples; by id, in the order that gives the identity colours.
 
-        A vehicle that cannot be placed is not there; the others are.
+        Leaves out a vehicle that cannot be placed.
 
         Args:
             wanted: vehicles that views follow: always updated, their trails are built first.
@@ -86,22 +86,24 @@ class Tracks:
         for index, vehicle in enumerate(vehicles):
             track = self._track(vehicle, away=away)
             track.since_update_s += dt_s
-            its_turn = (
+            is_due = (
                 len(vehicles) <= MAX_ALL_UPDATED
                 or vehicle.id in wanted
                 or index % UPDATE_DIVISOR == self._turn
             )
-            if its_turn or away or track.place is None:
+            if is_due or away or track.place is None:
                 name = f"vehicle {vehicle.id}"
                 track.place = self.isolation.run(name, self._update_one, vehicle, track, track.since_update_s)
                 track.since_update_s = 0.0
             if track.place is not None:
                 places[vehicle.id] = track.place
-        owing = [v for v in vehicles if v.id in places and self._tracks[v.id].incomplete_since_s is not None]
-        if owing:
-            vehicle = next((v for v in owing if v.id in wanted), owing[0])
+        incomplete = [
+            v for v in vehicles if v.id in places and self._tracks[v.id].incomplete_since_s is not None
+        ]
+        if incomplete:
+            vehicle = next((v for v in incomplete if v.id in wanted), incomplete[0])
             what = f"the trail of vehicle {vehicle.id}"
-            self.isolation.run(what, self._make_up, vehicle, places[vehicle.id])
+            self.isolation.run(what, self._build_trail, vehicle, places[vehicle.id])
         return {vehicle_id: self._tracks[vehicle_id] for vehicle_id in places}
 
     def _update_one(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> VehiclePlace:
@@ -115,24 +117,27 @@ class Tracks:
         return place
 
     def shown(self, vehicle_id: str | None) -> tuple[str, Track] | None:
-        """The vehicle a view shows; None, or one that has gone: the first there is."""
+        """The vehicle that a view shows; for None, and for a removed vehicle, the first vehicle."""
         vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
         return None if vehicle_id is None else (vehicle_id, self._tracks[vehicle_id])
 
     def enu(self, place_deg_m: tuple[float, float, float]) -> Vector3 | None:
-        """Where (lat_deg, lon_deg, alt_amsl_m) is drawn; None while no vehicle has told its position."""
+        """Position at which (lat_deg, lon_deg, alt_amsl_m) is drawn; None until a vehicle has reported a
+        global position.
+        """
         return self._placement.enu(place_deg_m)
 
     def on_ground(
         self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3
     ) -> tuple[str, float, float, float] | None:
-        """(vehicle, lat_deg, lon_deg, alt_amsl_m) where a ray meets the ground of a vehicle's home.
+        """(vehicle, lat_deg, lon_deg, alt_amsl_m) of the point where a ray meets the ground at a vehicle's
+        home.
 
         Args:
-            vehicle_id: None, or one that has gone: the first there is.
+            vehicle_id: for None, and for a removed vehicle, the first vehicle is used.
 
         Raises:
-            Refused: nobody knows where on earth that is.
+            Refused: no vehicle has reported a global position.
         """
         shown = self.shown(vehicle_id)
         pose = shown[1].smoother.pose if shown is not None else None
@@ -170,7 +175,7 @@ class Tracks:
         track.updated_s = now_s
         return track
 
-    def _make_up(self, vehicle: SceneVehicle, place: VehiclePlace) -> None:
+    def _build_trail(self, vehicle: SceneVehicle, place: VehiclePlace) -> None:
         track = self._tracks[vehicle.id]
         since_s, track.incomplete_since_s = track.incomplete_since_s, None
         if since_s is not None and place.known:

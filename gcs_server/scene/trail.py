@@ -1,4 +1,4 @@
-"""Where a vehicle has been, conflated and bounded: a day of hovering costs no more than a minute."""
+"""The trail of a vehicle, thinned and bounded: a day of hovering costs no more than a minute."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from missions.frames import Vector3
 
 SPACING_M = 0.5
 NEIGHBOURS = 24
-"""So many of the newest points are kept clear of: a hover that wanders is a few strokes, not a tangle."""
+"""New points must be apart from this many newest points, so that a drifting hover gives few lines."""
 MAX_POINTS = 512
 JUMP_M = 50.0
-"""A step no multicopter makes between two looks: the estimator was reset, or the log was rewound."""
+"""A larger step between two updates is not flown: the estimator was reset, or the log was rewound."""
 
 
 class Trail:
     """Points at least `SPACING_M` from their newest neighbours; the older half is thinned when it is full.
 
-    `sealed` holds what does not change until `version` does, so that a view can send it once; what came
-    since is `recent`, at most `RECENT_POINTS`.
+    `sealed` changes only together with `version`, so that a view sends it once; newer points are in
+    `recent`, at most `RECENT_POINTS`.
     """
 
     RECENT_POINTS = 32
@@ -32,7 +32,7 @@ class Trail:
         """Counts the changes of `sealed`."""
 
     def add(self, position_enu_m: Vector3) -> bool:
-        """Takes note of where the vehicle is; True: a point was kept."""
+        """Adds the vehicle's position; True if it was stored."""
         if not all(math.isfinite(c) for c in position_enu_m):
             return False
         if self._newest and math.dist(self._newest[-1], position_enu_m) > JUMP_M:
@@ -46,7 +46,7 @@ class Trail:
         return True
 
     def clear(self) -> None:
-        """Forgets everything."""
+        """Removes all points."""
         self.sealed, self.recent = [], []
         self._newest.clear()
         self.version += 1

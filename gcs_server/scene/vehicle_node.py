@@ -1,4 +1,4 @@
-"""One vehicle in one browser's scene: its nodes, and the little that is sent of it at each step."""
+"""One vehicle in one browser's scene: its nodes, and the changes that are sent at each step."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ TRAIL_EVERY_S = 1.0 / 15.0
 LABEL_ABOVE_M = 0.36
 LABEL_BELOW_M = 0.12
 GROUND_GAP_M = 0.012
-"""What lies on the ground lies this much above it, or it would flicker."""
+"""Marks on the ground are drawn this much above it, because otherwise they would flicker."""
 AWAY_M = 0.35
-"""Nearer than this the target is the vehicle: no line between them."""
+"""If the target is nearer than this, no line is drawn between target and vehicle."""
 
 
 class VehicleNode:
@@ -60,7 +60,7 @@ class VehicleNode:
         self._add_ground_marks()
         self._add_target()
         self._returns: Any = None
-        """Made with the first measurement: most vehicles have no such sensor."""
+        """Created with the first measurement, because most vehicles have no such sensor."""
         self._sealed: Any = None
         self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
         self._tail = self._moving("/tail")
@@ -69,12 +69,12 @@ class VehicleNode:
         self._hidden: bool | None = None
 
     def remove(self) -> None:
-        """Takes it down."""
+        """Removes all nodes."""
         self._top.remove()
 
     @property
     def labels(self) -> list[Label]:
-        """Its tags."""
+        """The vehicle's labels."""
         return [self._label, self._target_label]
 
     def update(self, smoother: Smoother, trail: Trail, now_s: float, *, hidden: bool) -> None:
@@ -140,7 +140,7 @@ class VehicleNode:
             self._frustum.scale = depth_m
 
     def _show_lost(self, lost: bool) -> None:
-        """Hollow and grey: nothing stale looks live."""
+        """Draws a lost vehicle hollow and grey, so that it does not look connected."""
         p = self._palette
         grey = p.lost
         self._shell.color, self._shell.opacity = (grey, 0.22) if lost else (p.body, None)
@@ -185,9 +185,9 @@ class VehicleNode:
         self._way.visible = away
         self._target_label.shown = away
         if away:
-            self._way_from.place(a)
-            self._way_from.turn(q_along(way))
-            self._way_from.scale(length_m, 1.0, 1.0)
+            self._target_line.place(a)
+            self._target_line.turn(q_along(way))
+            self._target_line.scale(length_m, 1.0, 1.0)
 
     def _draw_trail(self, trail: Trail, head: Vector3) -> None:
         if trail.version != self._trail_version:
@@ -203,7 +203,7 @@ class VehicleNode:
             self._tail.change("points", self._tail_to(trail.recent, head))
 
     def _tail_to(self, recent: list[Vector3], head: Vector3) -> Points:
-        """The newest points and where the vehicle is; only its last line changes at most calls."""
+        """Draws the newest points and the line to the vehicle; at most calls only this line changes."""
         if self._tail_lines is None or len(self._tail_lines) != len(recent) or self._tail_from != recent[-1]:
             self._tail_lines, self._tail_from = _chain([*recent, head]), recent[-1]
         lines = self._tail_lines.copy()
@@ -275,7 +275,7 @@ class VehicleNode:
         self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
         self._target_at = self._moving("/target")
         self._way = self._lines("/way", self._shapes.dots, p.target, 2.0)
-        self._way_from = self._moving("/way")
+        self._target_line = self._moving("/way")
         self._target_label = Label(self._client, f"{self._root}/target_label", p.target, side="below")
         self._target.visible = self._way.visible = False
         self._target_label.shown = False
@@ -310,7 +310,7 @@ class VehicleNode:
 
 
 def frustum_depth_m(pose: VehiclePose, q_body_camera: Quaternion) -> float:
-    """Down to the ground where it is near, so that the far face lies on it [m]."""
+    """Depth of the frustum: down to the ground if that is near [m]."""
     w, x, y, z = multiply(pose.q_enu_flu, q_body_camera)
     forward_up = 2.0 * (x * z - w * y)
     height_m = pose.position_enu_m[2] - pose.ground_z_m

@@ -1,7 +1,7 @@
 """The four camera modes as poses of the world, so that the user keeps control of the browser's camera.
 
 Chase and top do not move the camera: they move the world under it, such that the vehicle stays at the
-middle. Dragging and zooming are then the browser's own, at any latency, and never fought over.
+middle. Dragging and zooming then happen only in the browser, without latency or conflict.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, 
 Mode = Literal["chase", "free", "gimbal", "top"]
 
 HANDLES_FROM_M = 6.0
-"""So far off handles come into sight: they have the same size on the screen from anywhere."""
+"""Distance from which handles are shown; they have the same size on the screen at any distance."""
 MIN_HANDLES_M = 4.5
-"""Nearer they are looked at from farther off; a chase camera always is, wherever it was just now."""
+"""A camera nearer than this moves back, because a chase camera is always near."""
 HANDLES_WITHIN_RAD = 0.1
-"""Farther from the middle than this a handle may lie under a panel of the page or out of sight."""
+"""A handle farther from the middle than this may be hidden by a panel of the page, or outside the picture."""
 HANDLES_FROM_ABOVE_RAD = 0.55
-"""Where they come into sight; lower down their square along the ground is a line."""
+"""Elevation of the camera for handles; lower down, the handle along the ground looks like a line."""
 MIN_ELEVATION_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What a page is about to ask of the view's vehicle, in the vehicle's local NED."""
+    """A setpoint that a page shows before it is sent, in the vehicle's local NED."""
 
     position_ned_m: Vector3
     yaw_ned_rad: float | None
     handles: bool
-    """It may be dragged."""
+    """Whether it can be dragged."""
     serial: int
-    """Grows whenever the page puts it somewhere; a drag in the browser leaves it."""
+    """Incremented when the page moves the preview; not changed by a drag in the browser."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What one browser wants to see."""
+    """What one browser shows."""
 
     mode: Mode = "chase"
     vehicle: str | None = None
@@ -55,7 +55,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera as the browser holds it."""
+    """The browser's camera."""
 
     position_m: Vector3
     look_at_m: Vector3
@@ -64,7 +64,7 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class WorldPose:
-    """Takes the world's ENU to what the browser's camera looks at."""
+    """Pose of the world's ENU in the browser's scene."""
 
     position_m: Vector3 = (0.0, 0.0, 0.0)
     q: Quaternion = IDENTITY
@@ -76,7 +76,7 @@ CAMERAS: dict[Mode, Camera] = {
     "gimbal": Camera((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.62),
     "top": Camera((0.0, -0.01, 22.0), (0.0, 0.0, 0.0), 0.70),
 }
-"""Where each mode starts; the user goes on from there (but in gimbal, which is the camera's view)."""
+"""Initial camera of each mode; the user may move it, except in `gimbal`."""
 
 
 def world_pose(mode: Mode, pose: VehiclePose | None, heading_enu_rad: float) -> WorldPose:
@@ -129,7 +129,7 @@ def framed(
 
 
 def _in_hand(ahead: Vector3, to_handles: Vector3) -> bool:
-    """Whether handles are well in sight: near the middle, from above, not too near."""
+    """Whether handles can be dragged well: near the middle, seen from above, not too near."""
     away_m = math.hypot(*to_handles)
     if away_m < MIN_HANDLES_M or -to_handles[2] < math.sin(MIN_ELEVATION_RAD) * away_m:
         return False

@@ -97,15 +97,15 @@ def _open(path: Path) -> sqlite3.Connection:
 
 def _mbtiles(path: Path) -> MapInfo:
     with closing(_open(path)) as base:
-        said = {str(k): str(v) for k, v in base.execute("SELECT name, value FROM metadata")}
+        attribution = {str(k): str(v) for k, v in base.execute("SELECT name, value FROM metadata")}
         first, last = base.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
     if first is None:
         raise ValueError("it holds no tiles")
-    kind = said.get("format", "png").lower()
+    kind = attribution.get("format", "png").lower()
     vector = kind == "pbf"
     if not vector and kind not in IMAGE_TYPES:
         raise ValueError(f"its tiles are of format {kind!r}; png, jpg, webp and pbf can be shown")
-    corners = [float(part) for part in said["bounds"].split(",")] if "bounds" in said else []
+    corners = [float(part) for part in attribution["bounds"].split(",")] if "bounds" in attribution else []
     return MapInfo(
         name=path.name,
         format="mbtiles",
@@ -114,8 +114,8 @@ def _mbtiles(path: Path) -> MapInfo:
         min_zoom=int(first),
         max_zoom=int(last),
         bounds_deg=_bounds(corners),
-        attribution=said.get("attribution"),
-        layers=_layers(json.loads(said["json"])) if vector and "json" in said else (),
+        attribution=attribution.get("attribution"),
+        layers=_layers(json.loads(attribution["json"])) if vector and "json" in attribution else (),
         bytes=path.stat().st_size,
     )
 
@@ -141,7 +141,7 @@ def _pmtiles(path: Path) -> MapInfo:
     metadata: dict[str, Any] = {}
     if compression in (NO_COMPRESSION, GZIP) and raw:
         metadata = json.loads(gzip.decompress(raw) if compression == GZIP else raw)
-    said = metadata.get("attribution")
+    attribution = metadata.get("attribution")
     return MapInfo(
         name=path.name,
         format="pmtiles",
@@ -150,7 +150,7 @@ def _pmtiles(path: Path) -> MapInfo:
         min_zoom=min_zoom,
         max_zoom=max_zoom,
         bounds_deg=_bounds([corner / 1e7 for corner in corners]),
-        attribution=said if isinstance(said, str) else None,
+        attribution=attribution if isinstance(attribution, str) else None,
         layers=_layers(metadata),
         bytes=path.stat().st_size,
     )
@@ -161,8 +161,8 @@ def _bounds(corners: list[float]) -> Bounds | None:
     if len(corners) != 4:
         return None
     west, south, east, north = corners
-    sound = -180 <= west < east <= 180 and -90 <= south < north <= 90
-    return (west, south, east, north) if sound else None
+    is_valid = -180 <= west < east <= 180 and -90 <= south < north <= 90
+    return (west, south, east, north) if is_valid else None
 
 
 def _layers(metadata: dict[str, Any]) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
 """Telemetry to WebSocket clients: the newest value per (vehicle, topic), each client at its own rate.
 
 A sample is encoded once, when the first client needs it; the same bytes go to all. A slow client skips frames
-and then gets the newest values. Events are queued per client; when the queue is full the client is closed, so
-that no client misses events without knowing. A topic that cannot be decoded or encoded is left out; all
+and then gets the newest values. Events are queued per client; when the queue is full the client is closed,
+so that no client misses events unnoticed. A topic that cannot be decoded or encoded is left out; all
 others are sent.
 
 A vehicle's topic is sent with each of its messages, changed or not, because the time of the newest message
@@ -98,7 +98,7 @@ class Encoded:
         """JSON of the topics' newest samples that a client has not seen.
 
         Args:
-            seen: for each topic the number of the sample that the client has; brought up to date.
+            seen: for each topic the number of the sample that the client has; updated here.
         """
         held = self._bytes.setdefault(vehicle.id, {})
         for topic in topics:

@@ -7,7 +7,7 @@ import sys
 import pytest
 from fastapi.testclient import TestClient
 
-from gcs_server.api.dry_run_aircraft import NO_AVOIDANCE, said_once
+from gcs_server.api.dry_run_aircraft import NO_AVOIDANCE, merged_assumptions
 from gcs_server.app import create_app
 from gcs_server.errors import GcsError
 from gcs_server.plans import dry_runs
@@ -117,7 +117,7 @@ def test_the_roles_of_a_mission_are_flown_from_where_they_are_planned_to_stand(c
 def test_what_is_assumed_of_several_roles_is_said_once_with_their_names():
     unread, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
     assumed = {"lead": [NO_AVOIDANCE, unread], "left": [NO_AVOIDANCE, unread, flying]}
-    assert said_once(assumed) == [NO_AVOIDANCE, f"lead and left: {unread}", f"left: {flying}"]
+    assert merged_assumptions(assumed) == [NO_AVOIDANCE, f"lead and left: {unread}", f"left: {flying}"]
 
 
 @pytest.mark.parametrize(
@@ -133,9 +133,9 @@ def test_what_is_assumed_of_several_roles_is_said_once_with_their_names():
         ({"plan": PLAN, "vehicles": {"lead": "1", "left": "2"}}, "vehicles"),
         ({"plan": PLAN, "vehicle": "1", "vehicles": {"lead": "1"}}, "vehicles"),
         ({"plan": ROLES, "vehicles": {"lead": "1"}}, "role 'left' has no vehicle"),
-        ({"plan": ROLES, "vehicle": "1"}, "vehicle has no meaning"),
-        ({"plan": ROLES, "flights": 10}, "flights has no meaning"),
-        ({"plan": UNPLACED}, "Where the vehicles stand is not known"),
+        ({"plan": ROLES, "vehicle": "1"}, "vehicle is not supported"),
+        ({"plan": ROLES, "flights": 10}, "flights is not supported"),
+        ({"plan": UNPLACED}, "The start positions are not known"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_by_its_field(client, body, field):

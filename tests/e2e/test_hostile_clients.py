@@ -63,7 +63,7 @@ def test_a_server_that_has_no_file_left_says_so_once_and_goes_on_when_it_has_som
     assert text.count("no connection can be accepted") <= LINES
     assert len(text) < 20_000
     warnings = httpx.get(f"{url}/api/v1/warnings", timeout=5).json()["warnings"]
-    assert any("turning clients away" in warning["text"] for warning in warnings)
+    assert any("refuses clients" in warning["text"] for warning in warnings)
 
 
 def test_what_was_refused_arrives_in_words_though_the_client_goes_on_sending(site):

@@ -100,7 +100,7 @@ export interface paths {
         };
         /**
          * Journal
-         * @description The commands with client, arguments and result, newest first.
+         * @description Commands with client, arguments and result, newest first.
          */
         readonly get: operations["journal_api_v1_journal_get"];
         readonly put?: never;
@@ -140,7 +140,7 @@ export interface paths {
         };
         /**
          * List Vehicles
-         * @description All vehicles with everything known of them.
+         * @description All vehicles with all their data.
          */
         readonly get: operations["list_vehicles_api_v1_vehicles_get"];
         readonly put?: never;
@@ -207,7 +207,7 @@ export interface paths {
         };
         /**
          * Messages
-         * @description Status texts, events and what the server noticed.
+         * @description Status texts of the vehicle, and events of vehicle and server.
          */
         readonly get: operations["messages_api_v1_vehicles__v__messages_get"];
         readonly put?: never;
@@ -369,7 +369,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Goto
-         * @description Flies to a position in Hold; answers once the vehicle is under way.
+         * @description Flies to a position in Hold; answers once the vehicle has accepted the target.
          */
         readonly post: operations["goto_api_v1_vehicles__v__goto_post"];
         readonly delete?: never;
@@ -435,8 +435,8 @@ export interface paths {
          * Hold Several
          * @description Switches several vehicles to Hold, whoever has control; ends their setpoint streams.
          *
-         *     The command goes to all of them before any answer is waited for, and one that fails keeps none of the
-         *     others from holding. Answers once each has shown Hold or failed.
+         *     The command is sent to all vehicles at once, and a failure of one does not affect the others. Answers
+         *     once each vehicle has reported Hold or failed.
          */
         readonly post: operations["hold_several_api_v1_hold_post"];
         readonly delete?: never;
@@ -1023,7 +1023,7 @@ export interface paths {
         };
         /**
          * All Params
-         * @description All known parameters, without asking the vehicle; `POST …/params/refresh` reads them.
+         * @description All known parameters; sends nothing to the vehicle. `POST …/params/refresh` reads them.
          */
         readonly get: operations["all_params_api_v1_vehicles__v__params_get"];
         readonly put?: never;
@@ -1196,7 +1196,8 @@ export interface paths {
         };
         /**
          * List Recordings
-         * @description Recorded flights, newest first; one that is damaged or still being written says so.
+         * @description Recorded flights, newest first; `problem` and `running` mark those that are damaged or still being
+         *     written.
          */
         readonly get: operations["list_recordings_api_v1_recordings_get"];
         readonly put?: never;
@@ -1216,7 +1217,7 @@ export interface paths {
         };
         /**
          * Download Recording
-         * @description The file; if it is still being written, what it holds now.
+         * @description The file; if it is still being written, its current content.
          */
         readonly get: operations["download_recording_api_v1_recordings__name__get"];
         readonly put?: never;
@@ -1312,7 +1313,7 @@ export interface paths {
         };
         /**
          * Index Replay
-         * @description The same index for a replay, also one that was opened by `gcs replay FILE`.
+         * @description The index of an open replay, also of one that `gcs replay FILE` has opened.
          */
         readonly get: operations["index_replay_api_v1_replays__name__index_get"];
         readonly put?: never;
@@ -1494,7 +1495,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Import Plan
-         * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, our own JSON, or YAML. Saves nothing.
+         * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
+         *     nothing.
          *
          *     The body is the file as it is.
          */
@@ -1516,7 +1518,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Export Plan
-         * @description The plan as a file. The header `X-Plan-Notes` says, as a JSON list, what the format left out.
+         * @description The plan as a file. The header `X-Plan-Notes` lists, as JSON, what the format cannot represent.
          */
         readonly post: operations["export_plan_api_v1_plans_export_post"];
         readonly delete?: never;
@@ -1757,9 +1759,10 @@ export interface paths {
         readonly put?: never;
         /**
          * Compare
-         * @description What differs between a plan and what the vehicle held when it was last read.
+         * @description Differences between a plan and the items of the last download from the vehicle.
          *
-         *     A kept plan that is equal to what the vehicle still holds counts from then on as the plan that it holds.
+         *     If a stored plan is equal, and the vehicle still has these items, the server takes it as the vehicle's
+         *     plan.
          */
         readonly post: operations["compare_api_v1_vehicles__v__mission_compare_post"];
         readonly delete?: never;
@@ -1840,7 +1843,7 @@ export interface paths {
         };
         /**
          * Show Flown
-         * @description Where the newest mission led, and the places that were sent at the same moments.
+         * @description The flown positions of the newest mission, and the positions that were sent at the same times.
          */
         readonly get: operations["show_flown_api_v1_vehicles__v__offboard_mission_flown_get"];
         readonly put?: never;
@@ -1887,7 +1890,7 @@ export interface paths {
          * Pause
          * @description Pauses on the path, in Offboard; during take-off and landing in Hold.
          *
-         *     Of a mission of several vehicles this pauses all of them, as `resume` and `abort` act on all.
+         *     In a mission of several vehicles, pause, resume and abort act on all of them.
          */
         readonly post: operations["pause_api_v1_vehicles__v__offboard_mission_pause_post"];
         readonly delete?: never;
@@ -1990,9 +1993,9 @@ export interface paths {
          * Start Joint Mission
          * @description Starts a mission with roles, a vehicle for each. All vehicles are checked first; all start, or none.
          *
-         *     409 `plan_findings` if a role or the separation of two has error findings, unless `despite` names their
-         *     codes. They begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and `abort` of any act on
-         *     all.
+         *     409 `plan_findings` if a role, or the separation of two vehicles, has error findings, unless `despite`
+         *     names their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and
+         *     `abort` of one vehicle act on all.
          */
         readonly post: operations["start_joint_mission_api_v1_offboard_missions_start_post"];
         readonly delete?: never;
@@ -2360,7 +2363,7 @@ export interface components {
         readonly AvoidanceRequest: {
             /**
              * On
-             * @description Whether the vehicle is led past obstacles.
+             * @description Whether avoidance is on: the vehicle flies around or over obstacles.
              */
             readonly on: boolean;
             /**
@@ -3135,7 +3138,7 @@ export interface components {
         };
         /**
          * ControlView
-         * @description Control of a vehicle, as the caller sees it.
+         * @description Control of a vehicle, with fields about the caller.
          */
         readonly ControlView: {
             /**
@@ -3549,7 +3552,7 @@ export interface components {
         };
         /**
          * DryRunClosest
-         * @description Where two vehicles came nearest to each other.
+         * @description Smallest distance between two vehicles.
          */
         readonly DryRunClosest: {
             /**
@@ -4132,7 +4135,7 @@ export interface components {
         };
         /**
          * DryRunTogetherModel
-         * @description All vehicles of a mission with roles, flown together; all positions count from one `origin`.
+         * @description All vehicles of a mission with roles, flown together; all positions are relative to one `origin`.
          */
         readonly DryRunTogetherModel: {
             /**
@@ -4144,7 +4147,7 @@ export interface components {
             };
             /**
              * Closest
-             * @description Of each two roles, as long as both flew.
+             * @description One entry for each pair of roles, while both flew.
              */
             readonly closest: readonly components["schemas"]["DryRunClosest"][];
         };
@@ -4186,10 +4189,10 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Assumed
-             * @description What was not known, and what was assumed instead; sentences.
+             * @description Values that were not known, and the assumptions instead; sentences.
              */
             readonly assumed: readonly string[];
-            /** @description The flight in the requested conditions; of a mission with roles that of the first role, with the findings of all. */
+            /** @description The flight in the requested conditions. For a mission with roles: the flight of the first role, with the findings of all roles. */
             readonly nominal: components["schemas"]["DryRunFlight"];
             /** @description Null: one vehicle flew. */
             readonly together: components["schemas"]["DryRunTogetherModel"] | null;
@@ -4640,7 +4643,7 @@ export interface components {
         };
         /**
          * FlownMissionView
-         * @description The newest mission of a vehicle as it was flown.
+         * @description The flown path of a vehicle's newest mission.
          */
         readonly FlownMissionView: {
             /**
@@ -4648,7 +4651,7 @@ export interface components {
              * @description The vehicle's id.
              */
             readonly vehicle: string;
-            /** @description So far, while it is flown. */
+            /** @description The flown path so far. */
             readonly flown: components["schemas"]["FlownMission"];
         };
         /**
@@ -6067,7 +6070,7 @@ export interface components {
         };
         /**
          * HoldRequest
-         * @description Which vehicles are to hold.
+         * @description Vehicles that are to switch to Hold.
          * @example {
          *       "vehicles": [
          *         "1",
@@ -6102,7 +6105,7 @@ export interface components {
         };
         /**
          * HoldResults
-         * @description What came of it, for each vehicle.
+         * @description The result for each vehicle.
          */
         readonly HoldResults: {
             /**
@@ -6341,7 +6344,7 @@ export interface components {
         readonly JointMissionView: {
             /**
              * Vehicles
-             * @description Each vehicle with its part, in the order of roles.
+             * @description Each vehicle's mission, in the order of roles.
              */
             readonly vehicles: readonly components["schemas"]["OffboardMissionView"][];
         };
@@ -7113,7 +7116,7 @@ export interface components {
         };
         /**
          * MapFile
-         * @description An offline map of the operator's own.
+         * @description An offline map of the operator.
          */
         readonly MapFile: {
             /**
@@ -7278,7 +7281,7 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Unix S
-             * @description When the server had it [s since 1970 UTC].
+             * @description Time of the event at the server [s since 1970 UTC].
              */
             readonly unix_s: number;
             /**
@@ -7930,12 +7933,12 @@ export interface components {
         readonly OffboardFlight: {
             /**
              * Steps
-             * @description Steps in order; at a branch, the longest way.
+             * @description Steps in order; at a branch, the longest one.
              */
             readonly steps: readonly components["schemas"]["PlanStepTime"][];
             /**
              * Legs
-             * @description The path, segment by segment, on all ways.
+             * @description The segments of the path, on all branches.
              */
             readonly legs: readonly components["schemas"]["PlanLeg"][];
             /**
@@ -9732,8 +9735,8 @@ export interface components {
         };
         /**
          * PositionBodySetpoint
-         * @description An offset from the vehicle's position when the server takes the setpoint, along its heading at that
-         *     time.
+         * @description An offset from the vehicle's position, along its heading, both at the time when the server accepts the
+         *     setpoint.
          * @example {
          *       "offset_frd_m": [
          *         5,
@@ -10395,7 +10398,7 @@ export interface components {
         };
         /**
          * RequestControl
-         * @description Why control is asked for.
+         * @description Reason of a request for control.
          * @example {
          *       "reason": "I see it better from here"
          *     }
@@ -11967,7 +11970,7 @@ export interface components {
         };
         /**
          * Vehicle
-         * @description A vehicle as the server knows it now.
+         * @description The current data of a vehicle.
          */
         readonly Vehicle: {
             /**
@@ -17657,7 +17660,7 @@ export interface operations {
     readonly export_plan_api_v1_plans_export_post: {
         readonly parameters: {
             readonly query: {
-                /** @description `plan` is QGroundControl's, `json` our own; of a mission `yaml` or `json`. */
+                /** @description `plan` is QGroundControl's format, `json` this project's. An offboard mission: `yaml` or `json`. */
                 readonly format: "json" | "plan" | "waypoints" | "csv" | "geojson" | "kml" | "kmz" | "yaml";
             };
             readonly header?: never;
@@ -17670,7 +17673,7 @@ export interface operations {
             };
         };
         readonly responses: {
-            /** @description The file; `X-Plan-Notes` is a JSON list of sentences about what it cannot hold. */
+            /** @description The file; `X-Plan-Notes` is a JSON list of sentences about contents that the format cannot represent. */
             readonly 200: {
                 headers: {
                     readonly [name: string]: unknown;

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, drag_label, dragged
-from gcs_server.scene.proxy import understood
+from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
 from missions.frames import q_from_yaw
 from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
@@ -90,9 +90,9 @@ def test_handles_put_out_of_sight_are_looked_at_from_the_same_side(eye_m, handle
 
 @pytest.mark.parametrize("name", [GROUND_HANDLE, HEIGHT_HANDLE])
 def test_the_two_handles_are_heard(name):
-    moved = understood(pack({**MOVED, "name": name}))
+    moved = parse_message(pack({**MOVED, "name": name}))
     assert moved == Drag((3.0, 4.0, 5.0), (1.0, 0.0, 0.0, 0.0), turns=name == GROUND_HANDLE)
-    assert understood(pack({**RELEASED, "name": name})) == Drag(None, None, turns=name == GROUND_HANDLE)
+    assert parse_message(pack({**RELEASED, "name": name})) == Drag(None, None, turns=name == GROUND_HANDLE)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_the_two_handles_are_heard(name):
     ],
 )
 def test_nothing_else_is(message):
-    assert understood(pack(message)) is None
+    assert parse_message(pack(message)) is None
 
 
 def handles_in(running) -> int:

@@ -19,7 +19,7 @@ from websockets.asyncio.client import unix_connect
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.host import SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
-from gcs_server.scene.proxy import understood
+from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.scene import MAX_VIEWS
 from tests.integration.gcs_server.scene.scene_running import (
     CAMERA,
@@ -126,12 +126,12 @@ pack = msgspec.msgpack.encode
 
 
 def test_the_camera_passes_and_nothing_that_rides_on_it():
-    assert msgspec.msgpack.decode(understood(pack(CAMERA)), type=dict) == {
+    assert msgspec.msgpack.decode(parse_message(pack(CAMERA)), type=dict) == {
         k: list(v) if isinstance(v, tuple) else v for k, v in CAMERA.items()
     }
     # Two types in one map: readers differ in which they take, so what passes is written anew.
     twice = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA)[1:]
-    passed = understood(twice)
+    passed = parse_message(twice)
     assert passed is None or b"Share" not in passed
 
 
@@ -153,7 +153,7 @@ def test_the_camera_passes_and_nothing_that_rides_on_it():
     ],
 )
 def test_nothing_else_passes(data):
-    assert understood(data) is None
+    assert parse_message(data) is None
 
 
 def test_a_share_request_reaches_nothing(running, monkeypatch):

@@ -48,7 +48,7 @@ class House:
         if connection is not None:
             connection.socket = Socket(unread)
             if key is not None:
-                self.connections.let_in(connection, key)
+                self.connections.admit(connection, key)
                 self.connections.set_busy(connection, True)
                 self.connections.set_busy(connection, busy)
         return connection
@@ -88,16 +88,16 @@ def test_in_a_full_house_only_a_client_in_control_is_served(house):
     for n in range(10):
         house.come(f"7.7.7.{n}", f"busy {n}", busy=True)
     stranger, pilot = house.come("1.1.1.1"), house.come("2.2.2.2")
-    assert house.connections.let_in(stranger, "stranger") == 503
-    assert house.connections.let_in(pilot, "pilot") == 0
+    assert house.connections.admit(stranger, "stranger") == 503
+    assert house.connections.admit(pilot, "pilot") == 0
 
 
 def test_an_address_that_has_its_share_gets_429_unless_it_is_the_one_in_control(house):
     for n in range(8):
         house.come("7.7.7.7", f"busy {n}", busy=True)
-    assert house.connections.let_in(house.come("7.7.7.7"), "stranger") == 429
-    assert house.connections.let_in(house.come("7.7.7.7"), "pilot") == 0
-    assert house.connections.let_in(house.come("2.2.2.2"), "other") == 0
+    assert house.connections.admit(house.come("7.7.7.7"), "stranger") == 429
+    assert house.connections.admit(house.come("7.7.7.7"), "pilot") == 0
+    assert house.connections.admit(house.come("2.2.2.2"), "other") == 0
 
 
 def test_the_reserve_goes_round_among_newcomers_and_has_an_end(house):
@@ -106,7 +106,7 @@ def test_the_reserve_goes_round_among_newcomers_and_has_an_end(house):
     newcomers = [house.come(f"2.2.2.{n}") for n in range(5)]
     assert [c.closed for c in newcomers] == [True, True, False, False, False]
     for connection in newcomers[2:]:
-        house.connections.let_in(connection, "pilot")
+        house.connections.admit(connection, "pilot")
         house.connections.set_busy(connection, True)
     assert house.come("1.1.1.1") is None
     assert len(house.connections) == 13
@@ -136,7 +136,7 @@ def test_a_minute_long_people_are_warned(house):
     assert house.connections.warning() is None
     for _ in range(5):
         house.come()
-    assert "turning clients away" in house.connections.warning()
+    assert "refuses clients" in house.connections.warning()
     house.clock.now_s += WARNED_FOR_S + 1
     assert house.connections.warning() is None
 
