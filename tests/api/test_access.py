@@ -55,7 +55,7 @@ def test_the_link_and_the_form_sign_a_browser_in(server):
         assert socket.receive_json()["type"] == "hello"
 
 
-def test_a_program_is_told_what_to_send(server):
+def test_a_program_gets_an_answer_that_explains_the_token(server):
     answer = server.get("/api/v1/vehicles")
     assert (answer.status_code, answer.json()["code"]) == (401, "token_missing")
     assert answer.headers["www-authenticate"] == "Bearer"
@@ -75,7 +75,7 @@ def test_a_program_is_told_what_to_send(server):
     assert closed.value.code == 1008
 
 
-def test_a_link_from_another_site_is_asked_once_more_by_our_own_page(server):
+def test_a_link_from_another_site_leads_to_the_sign_in_page(server):
     from_mail = HTML | {
         "Sec-Fetch-Site": "cross-site",
         "Sec-Fetch-Mode": "navigate",
@@ -85,7 +85,7 @@ def test_a_link_from_another_site_is_asked_once_more_by_our_own_page(server):
     assert "refresh" not in server.get("/", headers=from_mail | {"Sec-Fetch-Site": "same-origin"}).headers
 
 
-def test_the_page_that_asks_runs_nothing_and_loads_nothing(server):
+def test_the_sign_in_page_has_no_scripts_and_loads_nothing(server):
     answer = server.get("/", headers=HTML)
     policy = answer.headers["content-security-policy"]
     assert re.fullmatch(
@@ -102,7 +102,7 @@ def test_a_form_that_is_too_long_is_not_read(server):
     assert answer.status_code == 401
 
 
-def test_wrong_tokens_make_a_line_and_not_one_each_and_never_the_token(server, caplog):
+def test_wrong_tokens_are_logged_at_a_limited_rate_without_the_token(server, caplog):
     with caplog.at_level(logging.WARNING, "gcs_server.api.guard"):
         for _ in range(20):
             server.get("/", headers={"Authorization": "Bearer my-mistyped-secret"})
@@ -116,7 +116,7 @@ def test_wrong_tokens_make_a_line_and_not_one_each_and_never_the_token(server, c
 # --- where the token comes from ------------------------------------------------------------------
 
 
-def test_it_is_made_once_and_kept_for_its_owner_alone(tmp_path):
+def test_the_token_is_created_once_in_a_private_file(tmp_path):
     settings = Settings(host="0.0.0.0", data=tmp_path)
     token = token_of(settings)
     assert is_well_formed(token)
@@ -127,7 +127,7 @@ def test_it_is_made_once_and_kept_for_its_owner_alone(tmp_path):
     assert token_of(settings) != token
 
 
-def test_on_loopback_there_is_none_unless_one_is_set(tmp_path):
+def test_on_loopback_there_is_no_token_unless_one_is_set(tmp_path):
     assert token_of(Settings(data=tmp_path)) is None
     assert list(tmp_path.iterdir()) == []
     assert token_of(load({}, {"GCS_TOKEN": "sixteen-letters-x"})) == "sixteen-letters-x"
@@ -139,7 +139,7 @@ def test_on_loopback_there_is_none_unless_one_is_set(tmp_path):
 
 
 @pytest.mark.parametrize("token", ["short", "has a blank in between", "schlüssel-schlüssel", "x" * 300])
-def test_a_token_that_would_not_do_is_refused_without_being_repeated(tmp_path, token):
+def test_an_invalid_token_is_refused_without_repeating_it(tmp_path, token):
     with pytest.raises(InvalidRequest) as caught:
         load({}, {"GCS_TOKEN": token})
     assert "GCS_TOKEN" in caught.value.message
@@ -151,12 +151,12 @@ def test_a_token_that_would_not_do_is_refused_without_being_repeated(tmp_path, t
     assert token not in unusable.value.message
 
 
-def test_a_folder_that_cannot_hold_it_is_named(tmp_path):
+def test_a_folder_that_cannot_store_the_token_is_named(tmp_path):
     with pytest.raises(GcsError, match="missing"):
         token_of(Settings(token_file=tmp_path / "missing" / "token"))
 
 
-def test_settings_never_show_it():
+def test_settings_never_show_the_token():
     settings = load({}, {"GCS_TOKEN": "sixteen-letters-x"})
     assert "sixteen" not in f"{settings!r} {settings} {settings.model_dump_json()}"
 
@@ -190,11 +190,11 @@ def test_the_links_can_be_clicked(host, token, contained, expected):
         ("http://h", "", {"GCS_TOKEN": "e"}, ("http://h", None)),
     ],
 )
-def test_the_client_takes_the_link_as_it_is(url, given, environment, expected):
+def test_the_client_accepts_the_printed_link(url, given, environment, expected):
     assert address_and_token(url, given, environment) == expected
 
 
-def test_the_description_says_how_to_come_in(server):
+def test_the_api_description_explains_the_token(server):
     described = server.get("/api/v1/openapi.json", headers={"Authorization": f"Bearer {server.token}"}).json()
     assert described["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
     assert described["security"] == [{"token": []}, {}]

@@ -164,7 +164,7 @@ def test_links_can_be_refused_added_and_removed(client):
     assert client.delete("/api/v1/links/any").status_code == 404
 
 
-def test_foreign_pages_and_foreign_names_get_nothing(client):
+def test_foreign_origins_and_host_names_are_refused(client):
     foreign = {"Origin": "http://evil.example"}
     assert client.post("/api/v1/vehicles/1/arm", headers=foreign).json()["code"] == "foreign_origin"
     own = client.post("/api/v1/vehicles/1/arm", headers={"Origin": "http://localhost"})
@@ -178,13 +178,13 @@ def test_foreign_pages_and_foreign_names_get_nothing(client):
     assert closed.value.code == 1008
 
 
-def test_without_a_built_page_it_says_how_to_make_it(client):
+def test_without_a_built_page_the_server_says_how_to_build_it(client):
     answer = client.get("/")
     assert answer.status_code == 503
     assert "make" in answer.text
 
 
-def test_telemetry_says_hello_and_explains_a_bad_subscription(client):
+def test_telemetry_sends_hello_and_explains_an_invalid_subscription(client):
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         hello = socket.receive_json()
         assert (hello["type"], hello["schema_version"]) == ("hello", 1)
@@ -209,13 +209,13 @@ def test_every_model_and_field_of_the_schema_is_described():
     assert responses.VehicleModel.__name__ in ours
 
 
-def test_what_routes_depend_on_runs_in_the_event_loop_not_in_other_threads(client, monkeypatch):
+def test_dependencies_of_routes_run_in_the_event_loop(client, monkeypatch):
     seen = []
 
-    def heard(asking):
+    def renew(principal):
         asyncio.get_running_loop()  # raises in another thread
-        seen.append(asking)
+        seen.append(principal)
 
-    monkeypatch.setattr(client.app.state.station.authority, "heard", heard)
+    monkeypatch.setattr(client.app.state.station.authority, "renew", renew)
     assert client.get("/api/v1/me", headers={"X-Client": "anna"}).json()["name"] == "anna"
     assert [principal.name for principal in seen] == ["anna"]

@@ -90,14 +90,14 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
     assert refused == {row.name for row in ALL if row.permission is not None}
 
 
-def test_a_socket_needs_what_its_messages_need():
+def test_a_socket_needs_the_permissions_of_its_messages():
     """So that asking once, when it opens, is enough."""
     for call in MESSAGES:
         socket = call.rsplit(" ", 1)[0]
         assert BY_CALL[call].permission == BY_CALL[socket].permission
 
 
-def test_the_description_says_at_each_operation_what_it_needs():
+def test_the_api_description_lists_what_each_operation_needs():
     paths = description()["paths"]
     needs = paths["/api/v1/links/{name}"]["delete"]["x-authority"]
     assert (needs["permission"], needs["control"], needs["journaled"]) == ("station", "not_anothers", True)

@@ -67,7 +67,7 @@ def flown(client, body):
     return client.get(f"operations/{operation['id']}").json()
 
 
-def test_a_plan_of_the_body_is_flown_with_what_was_said(client):
+def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
     asked = {
         "plan": PLAN,
         "conditions": {"wind_ned_m_s": [0, 4, 0], "gusts_m_s": 1},
@@ -103,7 +103,7 @@ def test_a_kept_plan_and_an_offboard_mission_are_flown(client):
     assert "obstacle avoidance is not simulated" in view["assumed"][0]
 
 
-def test_the_roles_of_a_mission_are_flown_from_where_they_are_planned_to_stand(client):
+def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
     view = client.get(f"dry_runs/{flown(client, {'plan': ROLES})['result']['dry_run']}").json()
     roles = view["nominal"]["asked"]["roles"]
     assert list(roles) == ["lead", "left"]
@@ -138,13 +138,13 @@ def test_what_is_assumed_of_several_roles_is_said_once_with_their_names():
         ({"plan": UNPLACED}, "The start positions are not known"),
     ],
 )
-def test_what_cannot_be_flown_is_refused_by_its_field(client, body, field):
+def test_invalid_dry_runs_are_refused_with_their_field(client, body, field):
     refused = client.post("dry_runs", json=body)
     assert refused.status_code == 422
     assert field in refused.text
 
 
-def test_an_unknown_vehicle_plan_or_dry_run_is_said(client):
+def test_an_unknown_vehicle_plan_or_dry_run_is_404(client):
     assert client.post("dry_runs", json={"plan": PLAN, "vehicle": "9"}).json()["code"] == "unknown_vehicle"
     assert client.post("dry_runs", json={"plan_id": "none"}).json()["code"] == "unknown_plan"
     assert client.get("dry_runs/77").json()["code"] == "unknown_dry_run"

@@ -104,7 +104,7 @@ def test_every_answer_to_a_generated_request_is_described_and_none_is_5xx(part, 
     assert {200, 422} <= met, "the requests do not reach what is behind the checks"
 
 
-def test_what_the_door_and_the_limits_answer_stands_at_every_operation():
+def test_answers_of_access_control_and_limits_are_described_at_every_operation():
     for method, path, operation in operations():
         for status in ("400", "401", "403", "408", "413", "414", "422", "429", "431", "503"):
             assert PROBLEM_JSON in described_at(operation, status)["content"], (method, path, status)

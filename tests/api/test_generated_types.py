@@ -30,6 +30,6 @@ def test_the_pages_types_are_those_of_the_server(tmp_path: Path) -> None:
         )
 
 
-def test_the_blocking_client_is_what_the_asynchronous_one_makes_of_it() -> None:
+def test_the_blocking_client_is_generated_from_the_asynchronous_one() -> None:
     for file in FILES:
         assert path(file).read_text("utf-8") == build(file), "run `make types`"

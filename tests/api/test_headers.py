@@ -43,7 +43,7 @@ def directives(answer):
         ("/broken", 500),
     ],
 )
-def test_every_answer_carries_them(client, path, status):
+def test_every_answer_has_the_security_headers(client, path, status):
     answer = client.get(path)
     assert answer.status_code == status
     policy = directives(answer)
@@ -57,7 +57,7 @@ def test_every_answer_carries_them(client, path, status):
     assert answer.headers["referrer-policy"] == "same-origin"
 
 
-def test_refusals_carry_them_and_a_strange_host_gets_into_no_policy(client):
+def test_refusals_have_the_headers_and_a_foreign_host_is_not_in_the_policy(client):
     answer = client.get("/api/v1/health", headers={"Host": "x; script-src *"})
     assert answer.status_code == 400
     assert directives(answer)["connect-src"] == ["'self'"]

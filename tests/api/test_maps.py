@@ -47,11 +47,11 @@ def client(tmp_path, folder):
         yield client
 
 
-def test_no_file_is_an_empty_list_with_the_folder_to_put_one_in(client, folder):
+def test_without_map_files_the_list_is_empty_and_names_the_folder(client, folder):
     assert client.get("/api/v1/maps").json() == {"folder": str(folder), "maps": [], "unreadable": []}
 
 
-def test_what_files_say_of_themselves(client, folder):
+def test_the_metadata_of_map_files(client, folder):
     write_pmtiles(folder / "a.pmtiles", metadata={"attribution": "Somebody"})
     write_pmtiles(
         folder / "b c.pmtiles", tile_type=1, metadata={"vector_layers": [{"id": "roads"}, {"id": "water"}]}
@@ -96,7 +96,7 @@ def test_a_tile_is_counted_from_the_north(client, folder):
     assert client.get("/api/v1/maps/c.mbtiles/1/0/1").status_code == 204
 
 
-def test_vector_tiles_go_out_zipped_as_they_lie(client, folder):
+def test_vector_tiles_are_sent_compressed_as_stored(client, folder):
     write_mbtiles(
         folder / "v.mbtiles", metadata={"format": "pbf"}, tiles=((0, 0, 0, gzip.compress(b"shapes")),)
     )
@@ -113,7 +113,7 @@ def test_nothing_else_is_served(client, folder, name):
     assert client.get(f"/api/v1/maps/{name}").status_code == 404
 
 
-def test_tiles_are_asked_for_by_sound_numbers(client, folder):
+def test_tile_numbers_are_checked(client, folder):
     write_mbtiles(folder / "c.mbtiles")
     assert client.get("/api/v1/maps/c.mbtiles/99/0/0").status_code == 422
     assert client.get("/api/v1/maps/c.mbtiles/1/0/x").status_code == 422

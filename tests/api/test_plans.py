@@ -66,7 +66,7 @@ def test_a_plan_is_kept_and_listed_with_who_changed_it(client):
     assert client.get("plans/none").json()["code"] == "unknown_plan"
 
 
-def test_of_two_who_change_one_plan_the_second_is_told_who_was_first(client):
+def test_a_conflicting_save_names_the_other_client(client):
     kept = keep(client)
     change = {"name": "Tower", "plan": kept["plan"], "base_version": 1}
     saved = client.put(f"plans/{kept['id']}", json={**change, "name": "Old tower"}, headers=BOB)
@@ -88,7 +88,7 @@ def test_of_two_who_change_one_plan_the_second_is_told_who_was_first(client):
     assert ("anna", "plans/create", "ok") in lines
 
 
-def test_every_change_is_told_on_the_telemetry_socket(client):
+def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         kept = keep(client)
         told = event(socket, "plan_changed")
@@ -115,7 +115,7 @@ def test_every_change_is_told_on_the_telemetry_socket(client):
         ([], "plan"),
     ],
 )
-def test_a_plan_that_is_none_names_item_and_fix_and_nothing_is_kept(client, spoilt, words):
+def test_an_invalid_plan_names_item_and_fix_and_is_not_stored(client, spoilt, words):
     refused = client.post("plans", json={"name": "x", "plan": spoilt})
     assert refused.status_code == 422
     assert refused.json()["field"].startswith("plan")
@@ -125,7 +125,7 @@ def test_a_plan_that_is_none_names_item_and_fix_and_nothing_is_kept(client, spoi
 
 
 @pytest.mark.parametrize("name", ["", " ", "a\nb", "x" * 101])
-def test_a_name_is_one_line_with_something_in_it(client, name):
+def test_a_name_is_one_line_and_not_empty(client, name):
     assert client.post("plans", json={"name": name, "plan": PLAN}).json()["field"] == "name"
 
 
@@ -219,7 +219,7 @@ def test_an_offboard_mission_is_kept_beside_plans_under_one_name(client):
     assert client.get(f"plans/{kept['id']}", params={"version": 1}).json() == kept
 
 
-def test_a_mission_that_is_none_names_step_and_field(client):
+def test_an_invalid_mission_names_step_and_field(client):
     spoilt = {**MISSION, "steps": [{"step": "hold", "duration_s": "5"}]}
     refused = client.post("plans", json={"name": "x", "plan": spoilt})
     assert refused.status_code == 422
@@ -244,7 +244,7 @@ def test_a_mission_is_checked_with_findings_at_its_steps_times_and_a_path_to_dra
     assert flight["legs"][-1]["points"][-1][1:] == [30, 40, -15]
 
 
-def test_a_plan_becomes_a_mission_and_says_what_is_left_out(client):
+def test_a_plan_is_converted_to_a_mission_with_notes(client):
     rally = {**PLAN, "rally_points": [{"lat_deg": 47.4, "lon_deg": 8.5, "altitude": AT_20_M}]}
     made = client.post("plans/convert", json={"plan": rally, "name": "Mast"}).json()
     assert [step["step"] for step in made["plan"]["steps"]] == ["take_off", "fly", "fly", "land"]
@@ -254,7 +254,7 @@ def test_a_plan_becomes_a_mission_and_says_what_is_left_out(client):
     assert (refused.status_code, refused.json()["field"]) == (422, "plan")
 
 
-def test_a_mission_goes_out_as_yaml_and_comes_back(client):
+def test_a_mission_is_exported_to_yaml_and_imported_again(client):
     written = client.post("plans/export", params={"format": "yaml"}, json={"plan": MISSION})
     assert written.text.startswith("format: offboard-gcs-mission")
     read = client.post("plans/import", params={"filename": "a.yaml"}, content=written.content).json()

@@ -148,7 +148,7 @@ def test_what_cannot_be_played_says_why(client, folder, content, words):
     assert client.get(f"{API}/replays").json() == {"replays": []}
 
 
-def test_making_an_index_is_an_operation_that_is_told_and_made_once(client, folder):
+def test_indexing_is_one_operation_with_events(client, folder):
     (folder / "once.tlog").write_bytes(log_bytes(flight(seconds=5)))
     states = []
     with client.websocket_connect(f"ws://localhost{API}/telemetry") as socket:
@@ -170,7 +170,7 @@ def test_making_an_index_is_an_operation_that_is_told_and_made_once(client, fold
     assert client.get(f"{API}/operations/77").json()["code"] == "unknown_operation"
 
 
-def test_an_index_that_is_cancelled_says_so_and_can_be_made_again(client, folder):
+def test_cancelled_indexing_is_reported_and_can_be_repeated(client, folder):
     (folder / "long.tlog").write_bytes(log_bytes(flight(seconds=60)))
     with ThreadPoolExecutor(1) as other:
         asked = other.submit(client.get, f"{API}/recordings/long.tlog/index")
@@ -235,7 +235,7 @@ def test_a_replay_is_opened_steered_and_closed(client):
     assert client.get(f"{API}/replays/{name}").status_code == 404
 
 
-def test_it_plays_to_its_end_and_from_the_begin_again(client):
+def test_a_replay_plays_to_its_end_and_again_from_the_start(client):
     name = client.post(f"{API}/replays", json={"recording": NAME, "speed": 50}).json()["name"]
     deadline = time.monotonic() + 60
     while (now := client.get(f"{API}/replays/{name}").json())["state"] != "ended":
@@ -254,7 +254,7 @@ def test_it_plays_to_its_end_and_from_the_begin_again(client):
     assert playing["position_unix_s"] < BEGIN_S + 29
 
 
-def test_the_socket_says_where_it_is_and_when_it_is_gone(client):
+def test_the_telemetry_socket_reports_position_and_end_of_a_replay(client):
     name = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()["name"]
     with client.websocket_connect(f"ws://localhost{API}/telemetry") as socket:
         socket.send_json({"type": "subscribe", "rate_hz": 50})
@@ -284,7 +284,7 @@ def test_the_socket_says_where_it_is_and_when_it_is_gone(client):
         ({"pace": 1}, "pace"),
     ],
 )
-def test_nonsense_is_refused_by_name(client, body, field):
+def test_invalid_replay_requests_name_the_field(client, body, field):
     name = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()["name"]
     answer = client.post(f"{API}/replays/{name}", json=body)
     assert (answer.status_code, answer.json()["field"]) == (422, field)

@@ -9,7 +9,7 @@ from gcs_server.scene import SceneClick
 from gcs_server.settings import Settings
 
 
-def test_a_click_in_3d_is_told_with_its_views_token_and_not_kept(tmp_path):
+def test_a_click_in_3d_is_sent_with_its_views_token_and_not_stored(tmp_path):
     settings = Settings(links=(), sim=0, data=tmp_path, scene=False, record=False)
     app = create_app(settings, static=tmp_path)
     with (

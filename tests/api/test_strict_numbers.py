@@ -129,7 +129,7 @@ def put(example, path, value):
 
 
 @pytest.mark.parametrize("name", list(WRONG))
-def test_what_is_no_number_is_refused_in_every_place_of_every_example(name):
+def test_values_that_are_not_numbers_are_refused_in_every_field(name):
     tried = 0
     for kind, example in examples():
         kind.model_validate(example)
@@ -175,7 +175,7 @@ def client(tmp_path_factory):
         ),
     ],
 )
-def test_over_http_it_is_refused_and_named(client, path, body, field, text):
+def test_over_http_the_invalid_field_is_named(client, path, body, field, text):
     answer = client.post(
         f"/api/v1/vehicles/1/{path}", content=body % text, headers={"Content-Type": "application/json"}
     )

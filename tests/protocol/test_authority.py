@@ -46,7 +46,7 @@ def test_a_command_by_another_is_refused_sends_nothing_and_names_the_holder(jump
 
 
 @pytest.mark.parametrize("what", ["hold", "land_now", "kill"])
-def test_hold_land_now_and_kill_are_open_to_all_and_the_holder_is_told(jump, what):
+def test_hold_land_now_and_kill_are_open_to_all_and_the_holder_is_informed(jump, what):
     async def story(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         if what == "hold":
@@ -71,7 +71,7 @@ def test_hold_land_now_and_kill_are_open_to_all_and_the_holder_is_told(jump, wha
     desk(jump, story)
 
 
-def test_land_now_without_its_words_sends_nothing(jump):
+def test_land_now_without_confirmation_sends_nothing(jump):
     async def story(at):
         for said in ("yes", "vehicle 2 lands now", ""):
             with pytest.raises(InvalidRequest, match="does not name this vehicle"):
@@ -84,7 +84,7 @@ def test_land_now_without_its_words_sends_nothing(jump):
     desk(jump, story)
 
 
-def test_asked_granted_and_the_vehicle_flies_on(jump):
+def test_control_is_granted_while_the_vehicle_flies_on(jump):
     async def story(at):
         with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
             await offboard_routes.start("1", START, at.station, ANNA)
@@ -108,7 +108,7 @@ def test_asked_granted_and_the_vehicle_flies_on(jump):
     desk(jump, story)
 
 
-def test_a_take_over_by_force_is_journaled_and_told_to_the_old_holder(jump):
+def test_control_taken_by_force_is_journaled_and_the_holder_informed(jump):
     async def story(at):
         with at.station.authority.connected(ANNA):
             await control_routes.take("1", at.station, ANNA)
@@ -163,9 +163,7 @@ def test_an_unknown_vehicle_has_no_control_to_take(jump):
         ("hold", OFFBOARD, OFFBOARD),
     ],
 )
-def test_what_was_agreed_for_an_expiry_is_done_but_never_against_somebody_who_steers(
-    jump, agreed, mode, ends
-):
+def test_on_expiry_is_executed_but_never_against_a_pilot(jump, agreed, mode, ends):
     async def story(at):
         at.pilot.has_stream = lambda: True  # in Offboard by somebody else's setpoints
         at.pilot.mode = mode
@@ -208,7 +206,7 @@ def transmitter(pilot):
     pilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
 
 
-def test_a_pilot_who_flips_to_position_is_told_to_all_respected_and_never_fought(jump):
+def test_a_pilots_switch_to_position_is_reported_and_never_overridden(jump):
     async def story(at):
         transmitter(at.pilot)
         await offboard_routes.start("1", START, at.station, ANNA)
@@ -224,7 +222,7 @@ def test_a_pilot_who_flips_to_position_is_told_to_all_respected_and_never_fought
     desk(jump, story)
 
 
-def test_another_stations_command_is_known_by_the_answer_that_it_gets(jump):
+def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
     async def story(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         at.pilot.send(sim.MAVLink_command_ack_message(176, 0, 0, 0, 245, 190))
@@ -241,7 +239,7 @@ def test_another_stations_command_is_known_by_the_answer_that_it_gets(jump):
     desk(jump, story)
 
 
-def test_our_own_command_and_the_vehicles_own_course_are_no_take_over(jump):
+def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(jump):
     async def story(at):
         await vehicle_routes.rtl("1", at.station, ANNA)
         await seconds(1)
@@ -255,7 +253,7 @@ def test_our_own_command_and_the_vehicles_own_course_are_no_take_over(jump):
     desk(jump, story)
 
 
-def test_a_failsafe_is_called_one(jump):
+def test_a_failsafe_is_reported_as_failsafe(jump):
     async def story(at):
         await seconds(10)
         at.pilot.mode = RTL
@@ -266,7 +264,7 @@ def test_a_failsafe_is_called_one(jump):
     desk(jump, story)
 
 
-def test_a_failsafe_that_a_heartbeat_tells_first_is_understood_a_moment_later(jump):
+def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
     async def story(at):
         await seconds(10)
         at.pilot.mode = RTL
@@ -280,7 +278,7 @@ def test_a_failsafe_that_a_heartbeat_tells_first_is_understood_a_moment_later(ju
     desk(jump, story)
 
 
-def test_a_gimbal_that_another_station_takes_is_told_and_not_taken_back(jump):
+def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
     async def story(at):
         await at.vehicle.gimbal.take_control()
         await seconds(2.5)
@@ -298,7 +296,7 @@ def test_a_gimbal_that_another_station_takes_is_told_and_not_taken_back(jump):
     desk(jump, story)
 
 
-def test_a_recording_is_nobodys(jump):
+def test_a_recording_has_no_control(jump):
     async def run():
         world = OffboardWorld()
         link = world.link("tape", replay=True)
@@ -331,7 +329,7 @@ def test_a_setpoint_stream_outlives_its_clients_control_by_its_own_validity_only
     desk(jump, story)
 
 
-def test_a_stream_says_by_key_which_of_two_clients_of_one_name_has_set_it(jump):
+def test_a_stream_reports_its_clients_key(jump):
     first, second = Principal.of("anna", "one tab"), Principal.of("anna", "another tab")
 
     async def story(at):

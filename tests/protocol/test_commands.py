@@ -49,7 +49,7 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_twenty_percent_loss_never_fails_within_the_deadline(kit, jump, seed):
+def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, seed):
     async def story(world, vehicle, pilot):
         for _ in range(5):
             await vehicle.command.arm()
@@ -129,7 +129,7 @@ def test_disarming_in_flight_is_refused(kit, jump):
     flight(kit, jump, story)
 
 
-def test_accepted_but_not_done_is_no_success(kit, jump):
+def test_an_acceptance_without_the_state_is_not_a_success(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.handlers.append(
             lambda m: m.get_type() == "COMMAND_LONG" and m.command == 400 and not pilot.ack(400, 0)
@@ -140,7 +140,7 @@ def test_accepted_but_not_done_is_no_success(kit, jump):
     flight(kit, jump, story)
 
 
-def test_done_without_any_acknowledgement_is_success(kit, jump):
+def test_the_state_without_acknowledgement_is_a_success(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.ack = lambda *_: None
         await vehicle.command.arm()
@@ -161,7 +161,7 @@ def test_silence_ends_at_the_deadline(kit, jump):
     flight(kit, jump, story)
 
 
-def test_anothers_acknowledgement_is_not_ours(kit, jump):
+def test_acknowledgements_to_others_are_ignored(kit, jump):
     async def story(world, vehicle, pilot):
         def foreign(m):
             if m.get_type() == "COMMAND_LONG" and m.command == 400:
@@ -283,7 +283,7 @@ def test_bad_values_name_their_field_and_send_nothing(kit, jump, call, field):
     flight(kit, jump, story)
 
 
-def test_our_own_checks_refuse_what_px4_would_take_blindly(kit, jump):
+def test_server_checks_refuse_values_that_px4_would_accept(kit, jump):
     async def story(world, vehicle, pilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
@@ -305,7 +305,7 @@ def test_our_own_checks_refuse_what_px4_would_take_blindly(kit, jump):
 
 
 @pytest.mark.parametrize(("autopilot", "kind"), [(3, 2), (12, 1), (12, 10)])
-def test_what_is_not_verified_is_shown_and_refuses(kit, jump, autopilot, kind):
+def test_unverified_vehicles_are_shown_and_commands_refused(kit, jump, autopilot, kind):
     async def story(world, vehicle, pilot):
         pilot.autopilot, pilot.vehicle_type = autopilot, kind
         await asyncio.sleep(2)

@@ -53,7 +53,7 @@ def twins(jump, story):
         ("1", ""),
     ],
 )
-def test_kill_with_another_text_sends_nothing_to_anybody(jump, vehicle_id, confirm):
+def test_kill_with_a_wrong_confirmation_sends_nothing(jump, vehicle_id, confirm):
     async def story(world, station, first, second):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
             await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
@@ -67,7 +67,7 @@ def test_kill_with_another_text_sends_nothing_to_anybody(jump, vehicle_id, confi
 
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
-def test_kill_hits_the_vehicle_that_it_names_and_not_its_twin(jump, vehicle_id):
+def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
     async def story(world, station, first, second):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
         await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
@@ -79,7 +79,7 @@ def test_kill_hits_the_vehicle_that_it_names_and_not_its_twin(jump, vehicle_id):
     twins(jump, story)
 
 
-def test_kill_is_sent_to_a_vehicle_that_is_not_heard(jump):
+def test_kill_is_sent_to_a_lost_vehicle(jump):
     async def story(world, station, first, second):
         first.send_raw = lambda raw: None
         await seconds(4)
@@ -104,7 +104,7 @@ def test_kill_of_a_vehicle_that_is_not_there_is_unknown(jump):
     twins(jump, story)
 
 
-def test_a_vehicle_that_turns_out_to_be_another_loses_its_stream_with_a_word(jump):
+def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
     """`1~2` is found to be `1` on another link while it is streamed to: the id is gone and may come again."""
 
     async def story(world, station, first, second):
@@ -124,7 +124,7 @@ def test_a_vehicle_that_turns_out_to_be_another_loses_its_stream_with_a_word(jum
     twins(jump, story)
 
 
-def test_two_clients_that_hand_over_stand_both_in_the_journal(jump):
+def test_a_handover_writes_both_clients_to_the_journal(jump):
     async def story(world, station, first, second):
         body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
@@ -201,13 +201,13 @@ BAD = [
 
 
 @pytest.mark.parametrize("bad", BAD)
-def test_nonsense_setpoints_do_not_come_past_the_door(bad):
+def test_invalid_setpoints_are_refused_before_the_stream(bad):
     with pytest.raises(ValidationError):
         SetpointRequest.model_validate({"setpoint": PLACE} | bad)
 
 
 @pytest.mark.parametrize("bad", [{"rate_hz": r} for r in (0, -5, 1.9, 101, 1e30, math.nan)])
-def test_nonsense_rates_do_not_come_past_the_door(bad):
+def test_invalid_rates_are_refused_before_the_stream(bad):
     with pytest.raises(ValidationError):
         StartRequest.model_validate({"setpoint": PLACE} | bad)
 
@@ -215,7 +215,7 @@ def test_nonsense_rates_do_not_come_past_the_door(bad):
 @pytest.mark.parametrize(
     "place", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
 )
-def test_places_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, place):
+def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, place):
     async def story(world, station, first, second):
         far = {"type": "position", "position_ned_m": place}
         with pytest.raises(Refused, match="at most 1000 m"):

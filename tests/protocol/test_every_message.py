@@ -198,7 +198,7 @@ def looked_at(story: Any) -> None:
 
 
 @pytest.mark.parametrize("msg_id", DECODED, ids=lambda msg_id: LAYOUTS[msg_id].name)
-def test_every_field_of_what_is_decoded_at_its_extremes_hurts_nobody(msg_id):
+def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
     def story(look: Look) -> None:
         good = dict(look.usual).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
         component = 154 if msg_id in gimbal_decoder.IDS else 1
@@ -221,7 +221,7 @@ def test_every_field_of_what_is_decoded_at_its_extremes_hurts_nobody(msg_id):
     looked_at(story)
 
 
-def test_messages_that_are_not_decoded_hurt_nobody_either():
+def test_undecoded_messages_affect_no_other_vehicle():
     def story(look: Look) -> None:
         for msg_id in sorted(set(LAYOUTS) - set(DECODED)):
             look.both_as_usual()

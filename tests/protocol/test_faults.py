@@ -90,7 +90,7 @@ def test_a_browser_tab_asleep_keeps_control_but_not_the_stream(jump):
 
 
 @pytest.mark.parametrize("agreed", ["nothing", "hold"])
-def test_network_pulled_in_a_mission_the_vehicle_does_what_was_agreed(jump, agreed):
+def test_without_network_the_vehicle_executes_its_configured_action(jump, agreed):
     async def story(at):
         with at.station.authority.connected(ANNA):
             await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry=agreed))
@@ -169,7 +169,7 @@ def test_a_second_client_takes_over_and_the_first_one_moves_nothing_any_more(jum
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
-def test_a_pilot_flips_to_position_and_has_the_vehicle(jump, loss, seed):
+def test_a_pilot_takes_the_vehicle_with_position_mode(jump, loss, seed):
     async def story(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
         held = len(asks(at.pilot, HOLD)) + len(asks(at.pilot, OFFBOARD))
@@ -185,7 +185,7 @@ def test_a_pilot_flips_to_position_and_has_the_vehicle(jump, loss, seed):
     desk(jump, story, loss=loss, seed=seed)
 
 
-def test_an_estimate_that_is_lost_ends_as_the_vehicle_decides(jump):
+def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
     async def story(at):
         await offboard_routes.start("1", LONG, at.station, ANNA)
         at.pilot.estimates = False

@@ -32,7 +32,7 @@ def story(kit, jump, work, *, loss=0.0, seed=0):
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
-def test_a_file_arrives_whole_whatever_is_lost(kit, jump, loss, seed):
+def test_a_file_is_read_completely_at_any_loss(kit, jump, loss, seed):
     async def work(world, ftp, pilot, _):
         told = []
         content = await ftp.read(PARAMETERS, progress=lambda *p: told.append(p))
@@ -110,7 +110,7 @@ def test_two_readers_take_turns_and_a_lost_link_ends_both(kit, jump):
     story(kit, jump, work)
 
 
-def test_silence_is_an_answer_with_a_deadline(kit, jump):
+def test_a_silent_vehicle_gives_no_reply_at_the_deadline(kit, jump):
     async def run():
         world = kit.World()
         world.pilot(world.link())  # a vehicle that knows no FTP

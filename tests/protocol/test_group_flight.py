@@ -101,7 +101,7 @@ def test_a_member_that_leaves_offboard_holds_the_others_unless_they_go_on(jump, 
     desk(jump, story)
 
 
-def test_a_member_that_is_lost_holds_the_others_within_two_seconds(jump):
+def test_a_lost_member_holds_the_others_within_two_seconds(jump):
     async def story(at):
         await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(2)
@@ -170,7 +170,7 @@ def test_with_every_fifth_packet_lost_a_group_begins_changes_and_is_held(jump, s
 
 
 @pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
-def test_a_loop_that_stalls_does_not_blind_the_guard_and_after_a_second_all_hold(jump, stall_s, code):
+def test_the_guard_works_during_an_event_loop_stall_and_all_hold_after_a_second(jump, stall_s, code):
     async def story(at):
         await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(8)

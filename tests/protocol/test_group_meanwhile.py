@@ -45,7 +45,7 @@ def leave(at, vehicle_id):
     pilot.current_mode()
 
 
-def test_a_member_that_leaves_while_the_start_is_looked_ahead_moves_nobody(jump, monkeypatch):
+def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monkeypatch):
     async def story(at):
         async def meanwhile():
             assert set(modes(at).values()) == {OFFBOARD}
@@ -65,7 +65,7 @@ def test_a_member_that_leaves_while_the_start_is_looked_ahead_moves_nobody(jump,
     desk(jump, story)
 
 
-def test_held_while_the_start_is_looked_ahead_nobody_begins(jump, monkeypatch):
+def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
     async def story(at):
         async def meanwhile():
             await group_routes.hold("1", at.station, BOB)
@@ -81,7 +81,7 @@ def test_held_while_the_start_is_looked_ahead_nobody_begins(jump, monkeypatch):
     desk(jump, story)
 
 
-def test_one_that_is_streamed_to_while_it_is_looked_ahead_is_refused_and_left_alone(jump, monkeypatch):
+def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monkeypatch):
     async def story(at):
         async def meanwhile():
             alone = StartRequest.model_validate({"setpoint": place(1), "valid_for_s": 60})
@@ -108,7 +108,7 @@ def test_of_two_starts_with_one_vehicle_in_both_one_is_refused(jump):
     desk(jump, story)
 
 
-def test_those_that_come_near_while_they_are_looked_ahead_are_refused_as_they_are_then(jump, monkeypatch):
+def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypatch):
     async def story(at):
         async def meanwhile():
             north_m, _, down_m = at.pilots["2"].ned
@@ -143,7 +143,7 @@ def test_a_member_that_leaves_while_new_setpoints_are_looked_ahead(jump, monkeyp
     desk(jump, story)
 
 
-def test_who_goes_away_while_it_is_looked_ahead_leaves_nothing_half_done(jump, monkeypatch):
+def test_a_client_that_disconnects_during_the_prediction_leaves_nothing_incomplete(jump, monkeypatch):
     async def story(at):
         async def gone(call):
             reached = asyncio.Event()

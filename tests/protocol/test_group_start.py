@@ -53,7 +53,7 @@ def test_all_are_brought_into_offboard_first_and_then_begin_within_one_period(ju
     desk(jump, story)
 
 
-def test_the_start_says_what_each_member_is_held_to(jump):
+def test_the_start_returns_each_members_limits(jump):
     async def story(at):
         await at.vehicles["2"].offboard.operator.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
         limits = (await begin(at, ALL_NORTH))["limits"]
@@ -67,7 +67,7 @@ def test_the_start_says_what_each_member_is_held_to(jump):
     desk(jump, story)
 
 
-def test_the_instant_can_be_named(jump):
+def test_the_common_start_can_be_given(jump):
     async def story(at):
         unix_s = at.world.clock.unix_s()
         instant_s = at.world.loop.time() + 8.0
@@ -82,7 +82,7 @@ def test_the_instant_can_be_named(jump):
 
 
 @pytest.mark.parametrize("ahead_s", [-5.0, 1.0, 400.0])
-def test_an_instant_that_cannot_be_is_refused(jump, ahead_s):
+def test_an_impossible_common_start_is_refused(jump, ahead_s):
     async def story(at):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
             await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + ahead_s)
@@ -92,7 +92,7 @@ def test_an_instant_that_cannot_be_is_refused(jump, ahead_s):
     desk(jump, story)
 
 
-def test_an_instant_that_passed_before_all_were_confirmed_moves_nobody(jump):
+def test_a_start_time_before_all_have_confirmed_moves_nobody(jump):
     async def story(at):
         at.pilots["3"].take_offboard_after_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
@@ -173,7 +173,7 @@ def test_a_vehicle_that_flies_offboard_or_in_a_group_already_is_named_and_left_a
     desk(jump, story)
 
 
-def test_the_lease_of_another_refuses_all_takes_none_and_names_whom(jump):
+def test_another_clients_control_of_one_member_refuses_the_group(jump):
     async def story(at):
         await vehicle_routes.hold("2", at.station, BOB)  # open to all: takes nothing
         at.station.authority.control("2").lease.take(BOB)
@@ -215,7 +215,7 @@ def test_two_that_are_too_near_or_would_come_are_refused_in_words(jump):
     desk(jump, story)
 
 
-def test_trouble_before_the_instant_moves_nobody(jump):
+def test_a_problem_before_the_common_start_moves_nobody(jump):
     async def story(at):
         started = asyncio.ensure_future(
             group_routes.start(
@@ -234,7 +234,7 @@ def test_trouble_before_the_instant_moves_nobody(jump):
     desk(jump, story)
 
 
-def test_held_before_the_instant_nobody_begins(jump):
+def test_hold_before_the_common_start_moves_nobody(jump):
     async def story(at):
         await begin(at, ALL_NORTH, start_at_unix_s=at.world.clock.unix_s() + 6.0)
         await group_routes.hold("1", at.station, ANNA)

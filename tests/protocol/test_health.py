@@ -71,7 +71,7 @@ def test_why_it_cannot_arm_is_known_for_every_mode_and_changes_live(kit, jump, l
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_events_that_were_lost_are_told_once_they_are_had_again(kit, jump, loss, seed):
+def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed):
     async def work(world, vehicle, pilot):
         announcer = pilot.sim.autopilots[0].announcer
         for n in range(12):
@@ -93,7 +93,7 @@ def test_events_that_were_lost_are_told_once_they_are_had_again(kit, jump, loss,
     story(kit, jump, work, loss=loss, seed=seed)
 
 
-def test_the_vehicle_is_asked_once_not_for_ever(kit, jump):
+def test_the_report_is_requested_only_once(kit, jump):
     async def work(world, vehicle, pilot):
         await world.clock.sleep(30)
         asked = [m for m in pilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
@@ -113,7 +113,7 @@ def test_the_vehicle_is_asked_once_not_for_ever(kit, jump):
     jump(run)
 
 
-def test_checks_run_on_request_and_a_restart_forgets_what_was_said(kit, jump):
+def test_checks_run_on_request_and_a_restart_drops_the_report(kit, jump):
     async def work(world, vehicle, pilot):
         await world.clock.sleep(15)
         report = await vehicle.health.check()

@@ -34,7 +34,7 @@ def test_all_hold_at_once_whoever_has_control_and_their_streams_end(jump):
     desk(jump, story)
 
 
-def test_one_that_is_silent_or_unknown_is_named_and_keeps_none_of_the_others(jump):
+def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump):
     async def story(at):
         for pilot in at.pilots.values():
             pilot.mode = MANUAL

@@ -43,7 +43,7 @@ def test_a_burst_of_one_byte_pieces_is_given_up(kit, jump):
     assert asked[BURST] < 20
 
 
-def test_pieces_from_another_place_are_not_taken(kit, jump):
+def test_pieces_of_another_offset_are_refused(kit, jump):
     asked = reading(
         kit, jump, "answered with byte 1,000 instead of 0", read=lambda at, n: [(1000, b"x" * n)], within_s=10
     )
@@ -77,7 +77,7 @@ def test_a_vehicle_that_answers_only_the_opening_is_silent(kit, jump):
     reading(kit, jump, "did not answer", error=NoReply, read=lambda at, n: [])
 
 
-def test_a_list_without_end_is_given_up(kit, jump):
+def test_an_endless_list_is_given_up(kit, jump):
     async def story(world, vehicle, pilot):
         HostileFiles(pilot, SIZE, every_s=0.2)
         began_s = world.loop.time()

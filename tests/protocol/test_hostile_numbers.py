@@ -68,7 +68,7 @@ def spoil(pilot, kind: str, **fields: float):
 
 
 @pytest.mark.parametrize("roll_rad", BAD)
-def test_an_angle_that_is_no_number_costs_the_attitude_only_and_heals(jump, roll_rad):
+def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad):
     async def story(world):
         bad, _ = await two(world)
         heal = spoil(bad, "ATTITUDE", roll=roll_rad)
@@ -92,7 +92,7 @@ def test_an_angle_that_is_no_number_costs_the_attitude_only_and_heals(jump, roll
     told(jump, story)
 
 
-def test_a_home_that_is_nowhere_on_earth_leaves_the_last_good_one(jump):
+def test_an_invalid_home_keeps_the_last_valid_one(jump):
     async def story(world):
         bad, _ = await two(world)
         vehicle = world.fleet.get("1")
@@ -173,7 +173,7 @@ class Socket:
         raise AssertionError(reason)
 
 
-def test_a_link_that_is_lost_and_found_again_is_told_to_who_listens(jump):
+def test_a_lost_and_recovered_link_is_reported(jump):
     async def story(world):
         bad, _ = await two(world)
         hub, socket = Hub(world.clock, world.fleet), Socket()

@@ -67,7 +67,7 @@ def test_a_flood_of_changing_reports_is_told_a_few_times_a_second_and_the_last_c
     flight(kit, jump, story)
 
 
-def test_the_first_event_without_words_fetches_them_and_is_told_in_them(kit, jump):
+def test_the_first_event_without_text_fetches_the_metadata(kit, jump):
     async def run():
         world = kit.World()
         pilot = SimPilot(world.link())
@@ -98,7 +98,7 @@ def test_the_first_event_without_words_fetches_them_and_is_told_in_them(kit, jum
     jump(run)
 
 
-def test_an_event_that_stays_without_words_says_its_component_and_asks_seldom(kit, jump):
+def test_an_event_without_text_names_its_component(kit, jump):
     async def story(world, vehicle, pilot):
         for _ in range(100):
             pilot.event(17980399, 0x66)
@@ -112,7 +112,7 @@ def test_an_event_that_stays_without_words_says_its_component_and_asks_seldom(ki
     flight(kit, jump, story)
 
 
-def test_the_text_of_an_event_without_words_is_its_text(kit, jump):
+def test_a_status_text_describes_an_event_without_metadata(kit, jump):
     async def story(world, vehicle, pilot):
         pilot.event(99999, 0x44)
         pilot.text("The text of it\t", 4)

@@ -25,7 +25,7 @@ def battery(pilot, battery_id, percent, millivolts):
     pilot.send(sim.MAVLink_battery_status_message(battery_id, 0, 0, 0, cells, 100, 0, 0, percent))
 
 
-def test_of_two_batteries_the_one_with_the_least_left_is_told_with_all(jump):
+def test_of_two_batteries_the_one_with_less_charge_is_shown_first(jump):
     async def story(_world, pilot, vehicle):
         seen = set()
         for _ in range(10):
@@ -58,7 +58,7 @@ def test_many_batteries_are_bounded(jump):
     told(jump, story)
 
 
-def test_two_groups_of_outputs_do_not_take_each_others_place(jump):
+def test_two_groups_of_outputs_are_kept_apart(jump):
     async def story(_world, pilot, vehicle):
         for _ in range(5):
             for port in (1, 0):

@@ -72,7 +72,7 @@ def set_once(jump, folder, **options):
 
 
 @pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
-def test_limits_come_back_after_a_restart_and_are_told(jump, tmp_path, uid, known_by):
+def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, known_by):
     set_once(jump, tmp_path, uid=uid)
 
     async def after(world, vehicle, store):
@@ -108,7 +108,7 @@ def test_another_vehicle_with_the_same_system_id_inherits_nothing(jump, tmp_path
     run_of_the_server(jump, tmp_path, story, uid=after)
 
 
-def test_a_twin_inherits_nothing_and_one_without_a_uid_is_told_that_its_limits_are_not_kept(jump, tmp_path):
+def test_a_vehicle_with_a_used_id_gets_no_stored_limits(jump, tmp_path):
     set_once(jump, tmp_path, uid=7)
 
     async def unlike(world, vehicle, store):
@@ -160,7 +160,7 @@ def test_a_vehicle_that_does_not_tell_who_it_is_says_so_when_a_stream_begins(jum
     run_of_the_server(jump, tmp_path, story, version=False)
 
 
-def test_limits_that_were_taken_away_stay_away(jump, tmp_path):
+def test_removed_limits_stay_removed(jump, tmp_path):
     set_once(jump, tmp_path)
 
     async def clear(world, vehicle, store):
@@ -218,7 +218,7 @@ def test_a_file_that_cannot_be_read_is_a_warning_everywhere_and_no_crash(jump, t
     set_once(jump, tmp_path)
 
 
-def test_a_named_pipe_or_a_folder_in_a_files_place_holds_nothing_up(jump, tmp_path):
+def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(jump, tmp_path):
     os.mkfifo(tmp_path / f"uid-{7:016x}.json")
     (tmp_path / f"uid-{8:016x}.json").mkdir()
 
@@ -242,7 +242,7 @@ def test_a_folder_that_cannot_be_read_is_said_for_every_vehicle(jump, tmp_path):
     run_of_the_server(jump, folder, story)
 
 
-def test_the_disk_is_never_waited_for_by_the_loop_and_a_write_is_whole_or_nothing(tmp_path, monkeypatch):
+def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
     key, written = VehicleKey(1, "ab"), threading.Event()
     real = os.fsync
 
@@ -293,7 +293,7 @@ fences = (
         fence=fences,
     )
 )
-def test_what_is_read_back_is_what_was_set(tmp_path_factory, limits):
+def test_stored_limits_are_read_back_unchanged(tmp_path_factory, limits):
     folder = tmp_path_factory.mktemp("limits")
     key = VehicleKey(3, None)
 

@@ -25,7 +25,7 @@ async def close(at, client, confirm=None, name="memory"):
     await station_routes.remove_link(name, at.station, client, confirm)
 
 
-def test_who_only_watches_cannot_close_the_link_of_a_vehicle_that_another_controls(jump):
+def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(jump):
     async def story(at):
         await offboard_routes.start("1", START, at.station, ANNA)
         for confirm in (None, WORDS):
@@ -41,7 +41,7 @@ def test_who_only_watches_cannot_close_the_link_of_a_vehicle_that_another_contro
 
 
 @pytest.mark.parametrize("flown", ["streamed to", "armed", "armed and nobody's"])
-def test_the_last_link_of_a_vehicle_in_flight_is_closed_only_by_words_that_name_it(jump, flown):
+def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, flown):
     async def story(at):
         if flown == "streamed to":
             await offboard_routes.start("1", START, at.station, ANNA)
@@ -60,7 +60,7 @@ def test_the_last_link_of_a_vehicle_in_flight_is_closed_only_by_words_that_name_
     desk(jump, story)
 
 
-def test_with_another_link_that_carries_it_no_words_are_needed(jump):
+def test_with_a_second_link_no_confirmation_is_needed(jump):
     async def story(at):
         second = at.world.link("second")
         at.world.offboard_pilot(second).fly()
@@ -107,7 +107,7 @@ def test_a_link_that_lost_its_vehicle_in_flight_is_kept_for_its_return(jump):
     desk(jump, story)
 
 
-def test_another_station_is_let_in_or_cut_off_only_by_who_controls_the_vehicles(jump):
+def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
     async def story(at):
         request = models.LinkRequest(url="udpin://127.0.0.1:0?forward=1", name="station")
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)

@@ -110,7 +110,7 @@ def test_a_cancelled_upload_leaves_the_vehicle_what_it_held(jump, tmp_path):
     story(jump, tmp_path, work)
 
 
-def test_who_has_no_control_uploads_clears_and_starts_nothing(jump, tmp_path):
+def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
     async def work(at):
         await control_routes.take("1", at.station, BOB)
         for attempt in (
@@ -126,7 +126,7 @@ def test_who_has_no_control_uploads_clears_and_starts_nothing(jump, tmp_path):
     story(jump, tmp_path, work)
 
 
-def test_a_vehicle_that_flies_mission_needs_words_before_its_mission_changes(jump, tmp_path):
+def test_changing_a_flown_mission_needs_confirmation(jump, tmp_path):
     async def work(at):
         await upload(at)
         at.pilot.armed, at.pilot.mode, at.pilot.landed = True, MISSION, 2
@@ -145,7 +145,7 @@ def test_a_vehicle_that_flies_mission_needs_words_before_its_mission_changes(jum
     story(jump, tmp_path, work)
 
 
-def test_a_plan_with_errors_is_started_only_by_who_names_them(jump, tmp_path):
+def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path):
     async def work(at):
         with pytest.raises(PlanFindings) as unknown:
             await start(at)

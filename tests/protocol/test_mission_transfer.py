@@ -186,7 +186,7 @@ def test_another_station_that_uploads_afterwards_makes_it_another_plan(jump):
 
 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
-def test_what_another_station_sends_meanwhile_is_never_taken_for_ours(jump, after_s):
+def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
     """PX4 takes items from any station: one that sends them unasked may spoil an upload, and that is said."""
 
     async def work(at):
@@ -205,7 +205,7 @@ def test_what_another_station_sends_meanwhile_is_never_taken_for_ours(jump, afte
     story(jump, work)
 
 
-def test_a_vehicle_that_another_station_keeps_busy_is_waited_for_and_then_told(jump):
+def test_a_busy_vehicle_is_waited_for_and_then_reported(jump):
     async def work(at):
         short = asyncio.ensure_future(OtherStation(at.pilot).upload([waypoint(n) for n in range(40)]))
         await seconds(0.3)

@@ -157,7 +157,7 @@ def test_limits_come_from_the_vehicle_and_the_operator_and_the_narrower_counts(j
     flight(jump, story)
 
 
-def test_limits_of_place_that_cannot_be_kept_are_said_before_anything_flies(jump):
+def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(jump):
     async def story(world, vehicle, pilot, link):
         pilot.estimates = False
         await vehicle.offboard.operator.set(
@@ -171,7 +171,7 @@ def test_limits_of_place_that_cannot_be_kept_are_said_before_anything_flies(jump
     flight(jump, story)
 
 
-def test_a_height_above_home_is_turned_into_one_above_the_sea(jump):
+def test_an_altitude_above_home_is_converted_to_one_above_sea_level(jump):
     async def story(world, vehicle, pilot, link):
         targets = pilot.other_targets
         place = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
@@ -182,7 +182,7 @@ def test_a_height_above_home_is_turned_into_one_above_the_sea(jump):
     flight(jump, story)
 
 
-def test_the_failsafe_is_told_before_the_start_and_set_verified(jump):
+def test_the_failsafe_is_shown_before_the_start_and_set_with_verification(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
@@ -204,7 +204,7 @@ def test_the_failsafe_is_told_before_the_start_and_set_verified(jump):
     flight(jump, story)
 
 
-def test_health_says_how_long_until_the_vehicle_fails_safe(jump):
+def test_health_reports_the_time_until_the_failsafe(jump):
     async def story(world, vehicle, pilot, link):
         assert vehicle.offboard.status().health.failsafe_in_s is None
         pilot.params["COM_OF_LOSS_T"] = (9, 0.5)
@@ -222,7 +222,7 @@ def test_health_says_how_long_until_the_vehicle_fails_safe(jump):
     flight(jump, story)
 
 
-def test_a_limit_that_somebody_changes_in_flight_holds_from_then_on(jump):
+def test_a_limit_changed_in_flight_applies_at_once(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(velocity=(9.0, 0.0, 0.0)))
         known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
@@ -234,7 +234,7 @@ def test_a_limit_that_somebody_changes_in_flight_holds_from_then_on(jump):
     flight(jump, story)
 
 
-def test_an_order_after_the_expiry_is_told_that_it_was_one(jump):
+def test_a_setpoint_after_the_end_is_refused_with_the_reason(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
         await seconds(3)

@@ -84,7 +84,7 @@ def test_of_two_racing_starts_one_flies_and_the_other_is_refused(jump):
     flight(jump, story)
 
 
-def test_stopped_before_offboard_was_asked_for_it_is_never_asked_for(jump):
+def test_a_stop_before_the_offboard_request_prevents_it(jump):
     async def story(world, vehicle, pilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(order()))
         await seconds(0.5)
@@ -98,7 +98,7 @@ def test_stopped_before_offboard_was_asked_for_it_is_never_asked_for(jump):
     flight(jump, story)
 
 
-def test_stopped_while_the_vehicle_takes_offboard_it_ends_in_hold_not_in_a_failsafe(jump):
+def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(order()))
@@ -261,7 +261,7 @@ def test_expiry_holds_where_it_is_by_an_estimate_of_that_moment(jump):
     flight(jump, story)
 
 
-def test_expiry_while_the_vehicle_is_not_heard_asks_it_for_hold_and_never_flies_it_back(jump):
+def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
         pilot.send_raw = lambda raw: None  # we are heard, it is not
@@ -288,7 +288,7 @@ def test_expiry_of_a_vehicle_that_lost_its_position_lands_it(jump):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_hold_is_asked_for_until_it_comes_and_the_stream_goes_on_meanwhile(jump, seed):
+def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=0.5))
         await seconds(9)
@@ -312,7 +312,7 @@ def test_hold_refused_for_good_ends_in_the_vehicles_own_failsafe(jump):
     flight(jump, story)
 
 
-def test_a_setpoint_while_holding_resumes_and_while_hold_mode_is_asked_for_is_refused(jump):
+def test_a_setpoint_while_holding_resumes_and_is_refused_once_hold_is_requested(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
@@ -352,7 +352,7 @@ def test_stop_does_not_turn_an_expiry_landing_into_a_hover(jump):
     flight(jump, story)
 
 
-def test_a_stop_that_the_vehicle_does_not_hear_goes_on_being_asked_for(jump):
+def test_a_stop_on_a_lost_link_is_repeated(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(hold_for_s=3600.0))
         pilot.silent_commands.add(176)

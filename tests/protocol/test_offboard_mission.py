@@ -82,7 +82,7 @@ def test_paused_it_holds_in_offboard_and_resumed_it_goes_on(jump, tmp_path):
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_a_setpoint_beside_a_mission_is_refused_naming_it_and_what_to_do(jump, tmp_path):
+def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
             await vehicle.offboard.setpoint(order())
@@ -214,7 +214,7 @@ def test_a_condition_is_told_wind_and_distance_of_the_sensor_that_looks_down(jum
 # --- control --------------------------------------------------------------------------------------
 
 
-def test_another_who_takes_control_finds_it_paused_in_offboard(jump, tmp_path):
+def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         lease = missions.authority.control("1").lease
         lease.request(BOB)
@@ -229,7 +229,7 @@ def test_another_who_takes_control_finds_it_paused_in_offboard(jump, tmp_path):
 @pytest.mark.parametrize(
     ("action", "state", "mode"), [("hold", "suspended", HOLD), ("continue", "flying", OFFBOARD)]
 )
-def test_control_that_runs_out_does_what_the_document_says(jump, tmp_path, action, state, mode):
+def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, state, mode):
     async def story(missions, vehicle, pilot):
         missions.authority.control("1").lease.release(ALICE)
         await seconds(LEASE_S + 3)
@@ -255,7 +255,7 @@ def test_a_mission_whose_link_was_lost_and_is_back_does_what_its_document_says(j
     hovering(jump, tmp_path, hover(link_loss=action), story)
 
 
-def test_a_mission_that_nobody_looks_after_any_more_holds_and_then_hovers_in_hold(jump, tmp_path):
+def test_a_mission_without_updates_holds_and_then_switches_to_hold(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         missions.all.update = lambda: None
         await seconds(4)
@@ -266,7 +266,7 @@ def test_a_mission_that_nobody_looks_after_any_more_holds_and_then_hovers_in_hol
     hovering(jump, tmp_path, hover(), story)
 
 
-def test_a_silent_server_leaves_the_vehicle_to_its_failsafe_which_was_told_before(jump, tmp_path):
+def test_a_silent_server_leads_to_the_announced_failsafe(jump, tmp_path):
     async def story(missions, vehicle, pilot):
         assert "Position" in missions.flight.status().if_stream_stops
         streamer, update = missions.world.streamer, missions.all.update

@@ -83,7 +83,7 @@ def test_each_order_is_answered_with_what_was_applied_and_leaves_at_once(jump):
     streamed(jump, story)
 
 
-def test_of_a_pile_the_newest_good_one_is_sent_and_the_rest_is_named(jump):
+def test_of_waiting_orders_the_newest_valid_one_is_sent(jump):
     async def story(vehicle, pilot, socket):
         for seq in range(10):
             socket.say(seq=seq, **north(seq))
@@ -155,7 +155,7 @@ def test_of_a_pile_the_newest_good_one_is_sent_and_the_rest_is_named(jump):
         ),
     ],
 )
-def test_what_is_wrong_is_said_in_words_and_nothing_changes(jump, message, words, field):
+def test_an_invalid_order_is_explained_and_changes_nothing(jump, message, words, field):
     async def story(vehicle, pilot, socket):
         await seconds(0.1)
         before = (pilot.setpoints[-1][1].x, pilot.setpoints[-1][1].type_mask)
@@ -180,7 +180,7 @@ def test_without_a_stream_a_setpoint_is_refused_with_the_way_to_one(jump):
     streamed(jump, story, start=False)
 
 
-def test_a_client_that_does_not_read_its_answers_still_steers(jump):
+def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
     async def story(vehicle, pilot, socket):
         socket.reads.clear()
         for seq in range(1000):

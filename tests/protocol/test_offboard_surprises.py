@@ -73,7 +73,7 @@ def test_a_vehicle_that_disarmed_unseen_while_its_link_was_gone_is_not_streamed_
     flight(jump, story)
 
 
-def test_a_vehicle_that_is_not_heard_any_more_is_given_up_long_before_its_setpoint_expires(jump):
+def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
     async def story(world, vehicle, pilot, link):
         await vehicle.offboard.start(order(valid_for_s=3600.0))
         pilot.alive = False
@@ -120,7 +120,7 @@ def test_the_end_of_the_server_holds_all_at_once_and_waits_for_none_for_ever(jum
     jump(run)
 
 
-def test_hold_is_not_taken_for_refused_by_the_late_refusal_of_what_it_overtook(jump):
+def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
     async def story(world, vehicle, pilot, link):
         pilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
         pilot.take_offboard_after_s = 0.3
@@ -145,7 +145,7 @@ def test_hold_is_not_taken_for_refused_by_the_late_refusal_of_what_it_overtook(j
     flight(jump, story)
 
 
-def test_a_hold_that_is_refused_is_still_told_as_refused_where_it_overtook_something(jump):
+def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
     async def story(world, vehicle, pilot, link):
         pilot.take_offboard_after_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(order()))
@@ -211,7 +211,7 @@ def test_two_vehicles_on_one_link_get_their_own_and_nothing_of_the_others(jump):
     jump(run)
 
 
-def test_twins_on_two_links_get_only_what_is_meant_for_them(jump):
+def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(jump):
     async def run():
         world = OffboardWorld()
         links = [world.link("one"), world.link("two")]

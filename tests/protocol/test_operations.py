@@ -69,7 +69,7 @@ def test_reading_the_parameters_is_an_operation_that_tells_how_far_it_is(jump):
     story(jump, work)
 
 
-def test_who_started_it_cancels_it_and_others_only_where_nobody_else_has_control(jump):
+def test_an_operation_is_cancelled_by_its_client_or_without_another_holder(jump):
     async def work(at):
         await control_routes.take("1", at.station, BOB)
         reading = asyncio.ensure_future(refresh(at, ANNA, WAIT))
@@ -112,7 +112,7 @@ def test_a_link_lost_while_they_are_read_fails_the_operation_in_its_own_words(ju
     story(jump, work)
 
 
-def test_two_who_ask_at_once_join_one_operation_and_the_list_is_asked_for_once(jump):
+def test_concurrent_reads_share_one_operation_and_one_request(jump):
     async def work(at):
         await asyncio.gather(refresh(at, ANNA, WAIT), refresh(at, BOB, WAIT))
         assert at.pilot.count(d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST) == 1

@@ -139,7 +139,7 @@ def test_a_vehicle_that_falls_silent_or_goes_says_so_and_can_be_asked_again(kit,
     story(kit, jump, work)
 
 
-def test_a_vehicle_without_any_of_it_is_told_as_such(kit, jump):
+def test_a_vehicle_without_parameters_is_reported(kit, jump):
     async def run():
         world = kit.World()
         pilot = world.pilot(world.link())

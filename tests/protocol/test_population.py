@@ -55,7 +55,7 @@ def test_many_sources_of_one_system_id_are_bounded_and_named(jump):
     told(jump, story)
 
 
-def test_a_flood_of_fakes_is_bounded_and_takes_no_known_vehicles_place(jump):
+def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump):
     async def story(world):
         links = [world.link(name) for name in ("a", "b")]
         pilot = world.offboard_pilot(links[0], peer="real")
@@ -123,7 +123,7 @@ def test_a_vehicle_is_removed_once_it_is_silent_and_comes_back_as_a_new_one(jump
     told(jump, story)
 
 
-def test_twins_are_warned_of_in_one_sentence_however_many_come(jump):
+def test_duplicate_ids_give_one_warning(jump):
     async def story(world):
         link = world.link()
         for second in range(60):

@@ -114,7 +114,7 @@ def intruder_frames(world):
     return unsigned, forged
 
 
-def test_an_intruder_without_the_key_is_not_heard_forwarded_or_recorded_and_is_told_of(jump, tmp_path):
+def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_path):
     async def story(world):
         link = world.signed_link()
         pilot = world.signed_pilot(link)

@@ -70,7 +70,7 @@ def test_a_later_command_is_refused_in_words_and_does_not_end_stop_motors(jump, 
     flight(jump, story)
 
 
-def test_what_waited_when_stop_motors_came_ends_and_is_not_sent_again(jump):
+def test_stop_motors_ends_waiting_commands(jump):
     async def story(world, vehicle, pilot, link):
         pilot.silent_commands.add(176)
         hold = asyncio.ensure_future(vehicle.command.hold())
@@ -138,7 +138,7 @@ def test_a_groups_hold_and_guard_do_not_end_stop_motors_of_a_member(jump):
     desk(jump, story, count=2)
 
 
-def test_neither_a_refusal_nor_a_deedless_yes_ends_it_before_its_deadline(jump):
+def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
     async def story(world, vehicle, pilot, link):
         answers = itertools.cycle([2, 0, 4, 5])
         began_s = world.loop.time()
@@ -161,7 +161,7 @@ def test_neither_a_refusal_nor_a_deedless_yes_ends_it_before_its_deadline(jump):
     flight(jump, story)
 
 
-def test_its_callers_end_does_not_end_it(jump):
+def test_stop_motors_continues_after_its_caller(jump):
     async def story(world, vehicle, pilot, link):
         deaf_to_kill(pilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
@@ -194,7 +194,7 @@ def test_a_vehicle_that_falls_silent_meanwhile_is_sent_it_until_the_deadline(jum
     flight(jump, story)
 
 
-def test_an_arm_that_was_on_its_way_is_not_taken_for_done(jump):
+def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
     async def story(world, vehicle, pilot, link):
         pilot.armed, pilot.landed = False, 1
         await seconds(2.0)
@@ -221,7 +221,7 @@ def test_an_arm_that_was_on_its_way_is_not_taken_for_done(jump):
 
 
 @pytest.mark.parametrize(("deaf_s", "ends"), [(2.0, None), (20.0, HOLD)])
-def test_what_was_agreed_for_the_end_of_control_waits_for_stop_motors(jump, deaf_s, ends):
+def test_on_expiry_waits_for_stop_motors(jump, deaf_s, ends):
     async def story(at):
         at.pilot.mode = MISSION
         await seconds(2.5)
@@ -239,7 +239,7 @@ def test_what_was_agreed_for_the_end_of_control_waits_for_stop_motors(jump, deaf
     station_desk(jump, story)
 
 
-def test_the_end_of_the_server_leaves_it_time(jump):
+def test_a_server_shutdown_waits_for_stop_motors(jump):
     async def story(world, vehicle, pilot, link):
         deaf_to_kill(pilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())

@@ -45,7 +45,7 @@ def held(port):
     return False
 
 
-def test_outlives_its_server_is_found_again_and_ended_cleanly(tmp_path):
+def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
     async def story():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
@@ -65,7 +65,7 @@ def test_outlives_its_server_is_found_again_and_ended_cleanly(tmp_path):
     asyncio.run(story())
 
 
-def test_one_that_dies_is_a_warning(tmp_path):
+def test_a_simulator_that_ends_is_a_warning(tmp_path):
     async def story():
         folder = DataFolder(tmp_path)
         folder.prepare()
@@ -109,11 +109,11 @@ def test_each_start_begins_a_log_and_keeps_the_one_before(tmp_path):
         ("--gcs-local-port nonsense", 18570),
     ],
 )
-def test_the_port_that_tells_of_a_running_simulator_follows_its_arguments(arguments, port):
+def test_the_probed_port_follows_the_simulators_arguments(arguments, port):
     assert first_port(arguments.split()) == port
 
 
-def test_without_a_port_of_its_own_it_is_found_by_its_note(tmp_path):
+def test_without_a_fixed_port_the_simulator_is_found_by_its_pid_file(tmp_path):
     async def story():
         folder = DataFolder(tmp_path)
         folder.prepare()
@@ -176,7 +176,7 @@ def without_descriptors(*_arguments, **_options):
     raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
 
-def test_a_start_without_descriptors_is_told_and_tried_again(tmp_path, monkeypatch):
+def test_a_start_without_descriptors_is_reported_and_repeated(tmp_path, monkeypatch):
     async def story():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
@@ -196,7 +196,7 @@ def test_a_start_without_descriptors_is_told_and_tried_again(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize("whose", ["its own", "found"])
-def test_want_of_descriptors_is_not_taken_for_the_simulators_death(tmp_path, monkeypatch, whose):
+def test_missing_descriptors_do_not_count_as_the_simulators_end(tmp_path, monkeypatch, whose):
     async def story():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()

@@ -82,7 +82,7 @@ ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
         ({"host": "[::1"}, "bad_host"),
     ],
 )
-def test_on_loopback_nobody_is_asked_for_a_token_and_only_our_own_pages_pass(method, headers, says):
+def test_on_loopback_no_token_is_needed_and_only_own_pages_are_allowed(method, headers, says):
     assert code(ALONE, asked(method, **headers)) == says
 
 
@@ -98,7 +98,7 @@ def test_a_link_from_another_site_opens_the_page_and_nothing_else_does(method, d
 @pytest.mark.parametrize("access", [OPEN, LOCKED], ids=["bound to all", "on loopback"])
 @pytest.mark.parametrize("method", ["GET", "POST", "WEBSOCKET"])
 @pytest.mark.parametrize("path", ["/", "/docs", "/api/v1/health", "/scene/", "/assets/a.js", "/nothing"])
-def test_with_a_token_in_force_everything_needs_it(access, method, path):
+def test_with_a_token_every_request_needs_it(access, method, path):
     own = {"origin": "http://localhost:8080"}
     assert code(access, asked(method, path)) == "token_missing"
     assert code(access, asked(method, path, authorization="Bearer wrong")) == "token_wrong"
@@ -157,7 +157,7 @@ def test_the_link_signs_in_and_leaves_no_token_in_the_address(path, query, locat
     assert OPEN.decide(asked(path=path, query=query.format("old"), cookie=COOKIE)) == SignedIn(location)
 
 
-def test_only_opening_the_link_uses_it():
+def test_only_opening_the_link_signs_in():
     for method in ("POST", "PUT", "DELETE", "WEBSOCKET"):
         assert code(OPEN, asked(method, query=f"token={TOKEN}")) == "token_missing"
     assert code(OPEN, asked(query=f"token={TOKEN}", origin="http://evil.example")) == "foreign_origin"
@@ -200,7 +200,7 @@ garbage = st.text(st.characters(max_codepoint=255), max_size=60)
         max_size=6,
     ),
 )
-def test_garbage_is_never_let_in_and_never_raises(method, path, query, headers):
+def test_invalid_requests_are_never_allowed_and_never_raise(method, path, query, headers):
     for access in (ALONE, OPEN, LOCKED):
         raw = [(name.encode(), value.encode("latin-1")) for name, value in headers]
         scope = {"type": "websocket" if method == "WEBSOCKET" else "http", "method": method, "path": path}
@@ -213,11 +213,11 @@ def test_garbage_is_never_let_in_and_never_raises(method, path, query, headers):
 
 
 @given(garbage)
-def test_after_signing_in_one_is_always_on_this_server(address):
+def test_sign_in_redirects_only_to_this_server(address):
     assert re.match(r"/(?![/\\])[\x21-\x7e]*\Z", own_path(address))
 
 
-def test_the_page_that_asks_wears_the_pages_colours():
+def test_the_sign_in_page_uses_the_pages_colours():
     tokens = (Path(__file__).parents[3] / "web/src/ui/tokens.css").read_text()
     dark, light = re.split(r"\[data-theme=.light.\]", tokens)
     style = (FOLDER / "style.css").read_text()
@@ -229,7 +229,7 @@ def test_the_page_that_asks_wears_the_pages_colours():
             assert f"--{name}: {in_dark};" in dark
 
 
-def test_what_the_page_repeats_is_escaped():
+def test_the_sign_in_page_escapes_its_texts():
     refusal = Refusal(401, "token_wrong", "", "<script>", guessed=True)
     text = bytes(sign_in_page(refusal, '/"><script>alert(1)</script>').body).decode()
     assert "<script" not in text

@@ -32,12 +32,12 @@ def lines(pieces):
 
 
 @pytest.mark.parametrize("count", [0, 1, LINES_PER_TURN, 3 * LINES_PER_TURN + 7])
-def test_a_long_past_comes_in_pieces_of_a_bounded_number_of_lines(count):
+def test_a_long_history_is_encoded_in_pieces(count):
     pieces = list(history_pieces(vehicle(), [sample(n) for n in range(count)]))
     assert len(pieces) == -(-count // LINES_PER_TURN)
     assert [line["value"]["n"] for line in lines(pieces)] == list(range(count))
 
 
-def test_a_line_that_cannot_be_encoded_costs_itself():
+def test_a_line_that_cannot_be_encoded_is_left_out():
     samples = [sample(0), sample(1, value=Broken()), sample(2)]
     assert [line["value"]["n"] for line in lines(list(history_pieces(vehicle(), samples)))] == [0, 2]

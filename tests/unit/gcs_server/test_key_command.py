@@ -51,7 +51,7 @@ def test_keys_are_added_made_listed_and_removed(key):
         (("remove", "none"), "", "cannot be removed"),
     ],
 )
-def test_what_cannot_be_done_is_said_without_the_key(key, arguments, typed, words):
+def test_errors_never_show_the_key(key, arguments, typed, words):
     code, out, err = key(*arguments, typed=typed)
     assert (code, out) == (cli.EXIT_CANNOT_START, "")
     assert words in err

@@ -20,7 +20,7 @@ def run(story):
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp"])
-def test_a_flooded_link_gives_the_loop_its_turn_however_long_handling_takes(kind):
+def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
     turns = [0.0]
 
     def slowly(data, peer, received_s):
@@ -59,7 +59,7 @@ def test_a_flooded_link_gives_the_loop_its_turn_however_long_handling_takes(kind
     assert max(turns) <= MAX_READ_S + 2 * HANDLING_S
 
 
-def test_a_flood_of_addresses_pushes_out_nobody_who_speaks(monkeypatch):
+def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
     monkeypatch.setattr(udp, "MAX_PEERS", 3)
     gone, heard = [], []
 

@@ -58,7 +58,7 @@ def frame_of(system_id, seq=0):
     return encode_frame(ATTITUDE, b"\x01" * 28, seq, system_id, 1)
 
 
-def test_a_frame_that_cannot_be_handled_costs_that_frame_and_the_link_hears_on():
+def test_a_frame_that_cannot_be_handled_is_skipped_and_the_link_continues():
     async def story(router):
         router.add_link("udpin://127.0.0.1:0", "l")
         await until(lambda: router.links()[0].state == "open")
@@ -83,7 +83,7 @@ def test_a_frame_that_cannot_be_handled_costs_that_frame_and_the_link_hears_on()
     routed(story)
 
 
-def test_what_listens_to_a_link_cannot_keep_it_from_opening_again():
+def test_a_failing_listener_does_not_prevent_reopening_a_link():
     async def story(router):
         def deaf(_info):
             raise RuntimeError("a listener's fault")
@@ -133,7 +133,7 @@ def test_a_link_by_name_that_cannot_have_a_socket_waits_and_tries_again(kind, mo
     routed(story)
 
 
-def test_a_listener_without_descriptors_left_rests_and_accepts_later(monkeypatch):
+def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):
     monkeypatch.setattr("gcs_server.links.tcp.ACCEPT_AGAIN_AFTER_S", 0.1)
 
     async def story():
@@ -163,7 +163,7 @@ def test_a_listener_without_descriptors_left_rests_and_accepts_later(monkeypatch
     asyncio.run(story())
 
 
-def test_reading_goes_on_after_a_fault_of_reading():
+def test_reading_continues_after_an_error():
     async def story():
         link, heard = make_link("udpin://127.0.0.1:0"), []
         link.start(lambda data, *_: heard.append(data), lambda _: None, lambda: None)

@@ -27,7 +27,7 @@ from tests.support.heard import Heard, run
 @pytest.mark.parametrize(
     ("pieces_per_s", "wait_s"), [(0, WAKE_INTERVAL_S), (499, WAKE_INTERVAL_S), (500, 0.010), (5000, 0.020)]
 )
-def test_a_fleets_link_is_read_less_often_but_always_before_a_screen_could_show_it(pieces_per_s, wait_s):
+def test_a_busy_link_is_read_less_often_within_a_frame_of_a_screen(pieces_per_s, wait_s):
     assert pace(pieces_per_s) == wait_s
     assert max(wait for _, wait in PACES) <= 0.020
 
@@ -59,7 +59,7 @@ def test_udp_listens_answers_its_peer_and_sends_from_any_thread():
     run(story)
 
 
-def test_udpout_speaks_first():
+def test_udpout_sends_first():
     async def story():
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.bind(("127.0.0.1", 0))

@@ -70,7 +70,7 @@ def test_a_plan_that_px4_does_not_store_is_refused_in_its_words():
         asyncio.run(story())
 
 
-def test_who_cancels_one_ends_its_process_and_makes_room(monkeypatch):
+def test_cancelling_a_dry_run_ends_its_process(monkeypatch):
     monkeypatch.setattr(dry_runs, "COMMAND", ("sleep", "600"))
 
     async def story():

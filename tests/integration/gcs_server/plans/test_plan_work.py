@@ -27,7 +27,7 @@ def run(story):
         plan_work.close()
 
 
-def test_a_process_answers_what_a_thread_answers():
+def test_process_and_thread_give_the_same_answer():
     arguments = {
         "plan": plan_text(400),
         "parameters": {"MPC_XY_CRUISE": 3.0},
@@ -46,7 +46,7 @@ def test_a_process_answers_what_a_thread_answers():
     assert in_thread["estimates"]["length_m"] > 0
 
 
-def test_what_cannot_be_read_is_said_and_not_a_failure():
+def test_an_unreadable_plan_is_an_answer_not_a_failure():
     arguments = {"file": base64.b64encode(b"PK no archive").decode(), "filename": "x.kmz", "altitude": None}
 
     async def story(plan_work):
@@ -68,7 +68,7 @@ def test_work_that_takes_too_much_ends_the_process_and_is_refused(monkeypatch):
     run(story)
 
 
-def test_no_more_wait_than_there_is_room_for(monkeypatch):
+def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
     program = "import sys; sys.stdin.read()"
     monkeypatch.setattr(work, "COMMAND", (work.COMMAND[0], "-c", program))
 

@@ -31,7 +31,7 @@ def test_a_ray_meets_the_level_ground():
         (10.0, (1.0, 0.0, -9.0 / REACH_M)),  # far beyond what a click can mean
     ],
 )
-def test_what_is_no_ground_is_none(eye_z_m, ray):
+def test_a_ray_without_ground_gives_none(eye_z_m, ray):
     assert ground_point((0.0, 0.0, eye_z_m), ray, 0.0) is None
 
 
@@ -45,7 +45,7 @@ def test_the_ground_is_that_of_the_chosen_vehicles_home():
     assert tracks.on_ground("9", (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))[0] == "1"
 
 
-def test_without_a_place_on_earth_it_is_refused_in_words():
+def test_without_a_global_position_a_click_is_refused():
     with pytest.raises(Refused, match="no vehicle yet"):
         Tracks(FakeFleet(), None, SystemClock()).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
     tracks = Tracks(FakeFleet([FakeVehicle()]), None, SystemClock())
@@ -54,7 +54,7 @@ def test_without_a_place_on_earth_it_is_refused_in_words():
         tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
 
 
-def test_a_click_is_told_with_the_token_of_its_view(running):
+def test_a_click_is_published_with_the_token_of_its_view(running):
     async def click():
         async with open_stream(running, "?view=clicked&vehicle=2") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))

@@ -27,7 +27,7 @@ RELEASED = {"type": "TransformControlsDragEndMessage", "name": GROUND_HANDLE, "o
 PREVIEW = Preview((10.0, 0.0, -5.0), 0.0, handles=True, serial=1)
 
 
-def test_a_drag_is_a_place_in_the_vehicles_own_frame():
+def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
     drag = Drag((3.0, 14.0, 7.0), q_from_yaw(0.0), turns=True)
     moved = dragged(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
     assert moved.position_ned_m == pytest.approx((12.0, 2.0, -7.0))
@@ -43,23 +43,23 @@ def test_the_height_handle_turns_nothing_and_an_unknown_yaw_stays_unknown():
     assert dragged(without, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
 
 
-def test_out_of_reach_nothing_follows():
+def test_a_drag_beyond_the_limit_is_ignored():
     drag = Drag((REACH_M + 10, 0.0, 5.0), q_from_yaw(0.0), turns=True)
     assert dragged(PREVIEW, drag, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)) is None
 
 
-def test_a_release_keeps_the_place():
+def test_a_release_keeps_the_position():
     assert dragged(PREVIEW, Drag(None, None, turns=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
 
 
-def test_the_label_says_distance_height_and_yaw():
+def test_the_label_shows_distance_height_and_yaw():
     assert drag_label(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0) == "10.0 m · height 4.0 m · 000°"
 
 
 EYE, VEHICLE = (-7.0, 0.0, 16.0), (0.0, 0.0, 10.0)
 
 
-def test_handles_well_in_sight_leave_the_camera_where_it_is():
+def test_visible_handles_do_not_move_the_camera():
     assert framed(EYE, VEHICLE, (0.5, 0.5, 10.0), VEHICLE) == (EYE, VEHICLE)
 
 
@@ -73,7 +73,7 @@ def test_handles_well_in_sight_leave_the_camera_where_it_is():
         pytest.param((0.0, 0.0, 30.0), (5.0, 5.0, 10.0), id="straight from above"),
     ],
 )
-def test_handles_put_out_of_sight_are_looked_at_from_the_same_side(eye_m, handles_m):
+def test_the_camera_turns_to_moved_handles_from_the_same_side(eye_m, handles_m):
     eye, look_at = framed(eye_m, VEHICLE, handles_m, VEHICLE)
     assert look_at == handles_m
     assert math.dist(eye, handles_m) >= HANDLES_FROM_M - 1e-9
@@ -89,7 +89,7 @@ def test_handles_put_out_of_sight_are_looked_at_from_the_same_side(eye_m, handle
 
 
 @pytest.mark.parametrize("name", [GROUND_HANDLE, HEIGHT_HANDLE])
-def test_the_two_handles_are_heard(name):
+def test_drags_of_both_handles_are_accepted(name):
     moved = parse_message(pack({**MOVED, "name": name}))
     assert moved == Drag((3.0, 4.0, 5.0), (1.0, 0.0, 0.0, 0.0), turns=name == GROUND_HANDLE)
     assert parse_message(pack({**RELEASED, "name": name})) == Drag(None, None, turns=name == GROUND_HANDLE)
@@ -109,7 +109,7 @@ def test_the_two_handles_are_heard(name):
         {**MOVED, "name": "x" * 5000},
     ],
 )
-def test_nothing_else_is(message):
+def test_messages_of_other_handles_are_dropped(message):
     assert parse_message(pack(message)) is None
 
 
@@ -118,7 +118,7 @@ def handles_in(running) -> int:
     return len(client.scene._handle_from_transform_controls_name)
 
 
-def test_a_preview_is_dragged_and_told_with_its_view(running):
+def test_a_dragged_preview_is_published_with_its_view(running):
     """Only in its own view, only in a world that stands still, and viser hears nothing of it."""
 
     async def drag():
@@ -149,7 +149,7 @@ def test_a_preview_is_dragged_and_told_with_its_view(running):
     assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)
 
 
-def test_another_vehicle_takes_the_preview_away(running):
+def test_selecting_another_vehicle_removes_the_preview(running):
     place = {"position_ned_m": [0, 0, -5]}
     httpx.post(running.url + "view/other", json={"vehicle": "1", "preview": place})
     assert running.scene._views["other"].preview is not None

@@ -20,7 +20,7 @@ from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually,
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying
 
 
-def test_viser_says_nothing_and_leaves_nothing(capfd):
+def test_viser_prints_nothing_and_leaves_no_files(capfd):
     async def live():
         host = ViserHost()
         await host.start()
@@ -33,7 +33,7 @@ def test_viser_says_nothing_and_leaves_nothing(capfd):
     assert capfd.readouterr().out == ""
 
 
-def test_what_a_killed_server_left_is_swept_and_a_living_one_is_not(monkeypatch, tmp_path):
+def test_folders_of_killed_servers_are_removed_and_others_kept(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     old, living, young = (tmp_path / f"gcs-scene-{n}" for n in ("old", "living", "young"))
     listeners = []
@@ -63,7 +63,7 @@ def test_a_scene_that_cannot_start_says_why(monkeypatch, tmp_path):
         asyncio.run(ViserHost().start())
 
 
-def test_before_the_start_it_says_so():
+def test_before_the_start_the_scene_reports_an_error():
     async def look():
         scene = Scene(FakeFleet(), SystemClock())
         app = FastAPI()
@@ -105,7 +105,7 @@ def test_a_failure_is_raised_and_the_next_run_draws_again(running):
     asyncio.run(look())
 
 
-def test_a_fleet_appears_one_by_one_who_is_looked_at_first(running, monkeypatch):
+def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monkeypatch):
     """A browser that opens must not hold up the loop by which all vehicles are heard."""
     more = [flying(name) for name in ("31", "32", "33", "34")]
     step, steps, made = Scene._step, [], []

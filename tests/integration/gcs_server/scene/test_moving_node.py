@@ -86,7 +86,7 @@ def test_a_handle_of_viser_queues_the_same_kinds_of_messages(running):
     assert sent[-1].updates["points"].dtype == POINTS.dtype
 
 
-def test_a_browser_is_sent_where_a_vehicle_comes_to_rest(running, monkeypatch):
+def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
     vehicle = running.fleet.vehicles[0]
     client_ids: set[str] = set()
 
@@ -109,7 +109,7 @@ def test_a_browser_is_sent_where_a_vehicle_comes_to_rest(running, monkeypatch):
     asyncio.run(look())
 
 
-def test_what_has_not_moved_is_not_sent():
+def test_unchanged_values_are_not_sent():
     node, queued = moving()
     node.place((0.0, 0.0, 0.0))
     node.turn((1.0, 0.0, 0.0, 0.0))
@@ -119,7 +119,7 @@ def test_what_has_not_moved_is_not_sent():
     assert len(queued) == 2, "a slow drift is sent once it can be seen"
 
 
-def test_numbers_of_numpy_do_not_end_the_connection():
+def test_numpy_numbers_are_encoded():
     node, queued = moving()
     node.place(tuple(np.array([1.0, 2.0, 3.0])))
     node.scale(*np.array([1.0, 1.0, 3.0]))

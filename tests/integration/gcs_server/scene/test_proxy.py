@@ -114,7 +114,7 @@ def test_a_page_of_another_origin_may_not_steer(running):
         ("", "", False),
     ],
 )
-def test_same_origin_is_told_by_host(origin, host, same):
+def test_same_origin_is_decided_by_host(origin, host, same):
     headers = {"host": host} | ({"origin": origin} if origin is not None else {})
     assert is_same_origin(Headers(headers)) is same
 
@@ -125,7 +125,7 @@ def test_same_origin_is_told_by_host(origin, host, same):
 pack = msgspec.msgpack.encode
 
 
-def test_the_camera_passes_and_nothing_that_rides_on_it():
+def test_a_camera_message_passes_without_extra_fields():
     assert msgspec.msgpack.decode(parse_message(pack(CAMERA)), type=dict) == {
         k: list(v) if isinstance(v, tuple) else v for k, v in CAMERA.items()
     }
@@ -152,7 +152,7 @@ def test_the_camera_passes_and_nothing_that_rides_on_it():
         b"\x93\x01\x02\x03",
     ],
 )
-def test_nothing_else_passes(data):
+def test_other_messages_are_dropped(data):
     assert parse_message(data) is None
 
 
@@ -212,7 +212,7 @@ def test_the_program_is_served_whole(running):
         assert plain.read() == page().plain
 
 
-def test_the_program_may_reach_nothing_but_us():
+def test_the_program_may_connect_only_to_this_server():
     policy = content_policy("gcs:8080", secure=False)
     assert "default-src 'none'" in policy
     assert "connect-src 'self' ws://gcs:8080 data: blob:;" in policy
@@ -295,7 +295,7 @@ def test_a_new_theme_builds_the_scene_anew(running):
 @pytest.mark.parametrize(
     ("body", "field"), [({"mode": "side"}, "mode"), ({"colour": 1}, "colour"), ({"theme": 3}, "theme")]
 )
-def test_a_bad_wish_names_its_field(running, body, field):
+def test_an_invalid_view_request_names_its_field(running, body, field):
     answer = httpx.post(running.url + "view/page1", json=body)
     assert answer.status_code == 422
     assert field in answer.text

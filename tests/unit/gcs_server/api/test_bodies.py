@@ -52,7 +52,7 @@ def client(tmp_path_factory):
         "",
     ],
 )
-def test_what_is_within_bounds_is_left_to_the_parser(text):
+def test_bodies_within_limits_are_parsed(text):
     assert len(text) <= MAX_BODY_BYTES
     assert json_fault(text.encode()) is None
 
@@ -71,11 +71,11 @@ def test_what_is_within_bounds_is_left_to_the_parser(text):
         ('{"a": 1}'.encode("utf-16"), "UTF-8"),
     ],
 )
-def test_what_is_beyond_is_named_before_it_is_parsed(text, word):
+def test_bodies_beyond_a_limit_are_refused_before_parsing(text, word):
     assert word in json_fault(text)
 
 
-def test_a_hundred_thousand_unknown_keys_make_one_complaint(client):
+def test_a_hundred_thousand_unknown_keys_make_one_error(client):
     body = {f"k{n}": 1 for n in range(50_000)}
     answer = client.post("/api/v1/vehicles/1/takeoff", json=body, headers={"X-Client": "hostile"})
     assert answer.status_code == 422
@@ -95,7 +95,7 @@ def test_a_hundred_thousand_unknown_keys_make_one_complaint(client):
         {"members": [{f"k{n}": 1 for n in range(90)}] * 10},
     ],
 )
-def test_complaints_about_the_worst_that_is_parsed_are_few_and_short(client, body):
+def test_errors_of_the_worst_valid_size_are_few_and_short(client, body):
     for path in ("vehicles/1/takeoff", "vehicles/1/offboard/setpoint", "groups"):
         answer = client.post(f"/api/v1/{path}", json=body)
         assert answer.status_code == 422
@@ -105,7 +105,7 @@ def test_complaints_about_the_worst_that_is_parsed_are_few_and_short(client, bod
         assert len(client.get("/api/v1/journal?limit=1").content) < 30_000
 
 
-def test_a_path_of_a_thousand_bad_points_makes_one_complaint(client):
+def test_a_path_of_a_thousand_invalid_points_makes_one_error(client):
     body = {"setpoint": {"type": "path", "points": [{"t": n, "p": 1} for n in range(1000)]}}
     answer = client.post("/api/v1/vehicles/1/offboard/setpoint", json=body)
     assert answer.status_code == 422
@@ -113,7 +113,7 @@ def test_a_path_of_a_thousand_bad_points_makes_one_complaint(client):
     assert fields == {f"setpoint.points.0.{name}" for name in ("t", "p", "t_s", "position_ned_m")}
 
 
-def test_a_body_that_is_too_large_is_413_whether_it_says_so_or_not(client):
+def test_a_body_that_is_too_large_is_413_with_and_without_content_length(client):
     large = b" " * (MAX_BODY_BYTES + 1)
     declared = client.post("/api/v1/vehicles/1/arm", content=large)
     pieces = client.post("/api/v1/vehicles/1/arm", content=iter([large[:-1], b" "]))
@@ -124,14 +124,14 @@ def test_a_body_that_is_too_large_is_413_whether_it_says_so_or_not(client):
     assert client.post("/api/v1/vehicles/1/arm", content=large[:-1]).status_code == 404
 
 
-def test_the_longest_path_there_may_be_comes_in(client):
+def test_the_longest_allowed_path_is_accepted(client):
     longest = LONGEST_PATH["setpoint"]
     points = [{**point, "t_s": n / 10} for n, point in enumerate(longest["points"])]
     body = {**LONGEST_PATH, "setpoint": {**longest, "points": points}}
     assert client.post("/api/v1/vehicles/1/offboard/setpoint", json=body).status_code == 404
 
 
-def test_a_body_that_does_not_come_is_408_in_time():
+def test_an_incomplete_body_is_408_at_the_deadline():
     sent = []
 
     async def app(scope, receive, send):

@@ -59,14 +59,14 @@ def house():
     return House()
 
 
-def test_who_sends_nothing_gives_way_to_the_next_of_its_address_the_oldest_first(house):
+def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_one(house):
     idle = [house.come() for _ in range(20)]
     assert [c.closed for c in idle] == [True] * 16 + [False] * 4
     assert all(c.socket.ended for c in idle[:16])
     assert not house.come("2.2.2.2").closed
 
 
-def test_strangers_of_many_addresses_give_way_where_most_of_one_address_wait(house):
+def test_the_address_with_most_waiting_connections_loses_one_first(house):
     crowd = [house.come("3.3.3.3") for _ in range(4)]
     others = [house.come(f"4.4.4.{n}") for n in range(2)]
     newest = house.come("5.5.5.5")
@@ -74,7 +74,7 @@ def test_strangers_of_many_addresses_give_way_where_most_of_one_address_wait(hou
     assert not any(c.closed for c in (*others, newest))
 
 
-def test_an_idle_client_gives_way_before_one_that_is_served_and_never_one_in_control(house):
+def test_idle_clients_are_closed_before_busy_ones_and_clients_in_control_never(house):
     pilot = house.come("9.9.9.9", "pilot")
     idle = house.come("8.8.8.8", "idle")
     busy = [house.come(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
@@ -84,7 +84,7 @@ def test_an_idle_client_gives_way_before_one_that_is_served_and_never_one_in_con
     assert not any(c.closed for c in busy)
 
 
-def test_in_a_full_house_only_a_client_in_control_is_served(house):
+def test_without_room_only_a_client_in_control_is_served(house):
     for n in range(10):
         house.come(f"7.7.7.{n}", f"busy {n}", busy=True)
     stranger, pilot = house.come("1.1.1.1"), house.come("2.2.2.2")
@@ -92,7 +92,7 @@ def test_in_a_full_house_only_a_client_in_control_is_served(house):
     assert house.connections.admit(pilot, "pilot") == 0
 
 
-def test_an_address_that_has_its_share_gets_429_unless_it_is_the_one_in_control(house):
+def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(house):
     for n in range(8):
         house.come("7.7.7.7", f"busy {n}", busy=True)
     assert house.connections.admit(house.come("7.7.7.7"), "stranger") == 429
@@ -100,7 +100,7 @@ def test_an_address_that_has_its_share_gets_429_unless_it_is_the_one_in_control(
     assert house.connections.admit(house.come("2.2.2.2"), "other") == 0
 
 
-def test_the_reserve_goes_round_among_newcomers_and_has_an_end(house):
+def test_the_reserve_is_limited_and_reused_for_new_connections(house):
     for n in range(10):
         house.come(f"7.7.7.{n}", f"busy {n}", busy=True)
     newcomers = [house.come(f"2.2.2.{n}") for n in range(5)]
@@ -112,7 +112,7 @@ def test_the_reserve_goes_round_among_newcomers_and_has_an_end(house):
     assert len(house.connections) == 13
 
 
-def test_bodies_of_all_together_are_bounded_and_counted_off_again(house):
+def test_the_total_size_of_bodies_is_limited_and_released(house):
     one, other = house.come(), house.come()
     assert house.connections.take_body(one, 900)
     assert not house.connections.take_body(other, 200)
@@ -121,7 +121,7 @@ def test_bodies_of_all_together_are_bounded_and_counted_off_again(house):
     assert house.connections.take_body(one, 1000)
 
 
-def test_who_leaves_most_unread_is_ended_when_all_together_leave_too_much(house):
+def test_the_client_with_most_unread_bytes_is_closed_beyond_the_total_limit(house):
     pilot = house.come("9.9.9.9", "pilot", busy=True, unread=2000)
     most = house.come("1.1.1.1", "a", busy=True, unread=700)
     little = house.come("1.1.1.1", "b", busy=True, unread=100)
@@ -132,7 +132,7 @@ def test_who_leaves_most_unread_is_ended_when_all_together_leave_too_much(house)
     assert len(house.connections) == 0
 
 
-def test_a_minute_long_people_are_warned(house):
+def test_the_warning_lasts_a_minute(house):
     assert house.connections.warning() is None
     for _ in range(5):
         house.come()
@@ -141,7 +141,7 @@ def test_a_minute_long_people_are_warned(house):
     assert house.connections.warning() is None
 
 
-def test_a_small_number_of_files_makes_all_numbers_smaller_and_keeps_the_reserve():
+def test_few_file_descriptors_reduce_all_limits_but_the_reserve():
     small = ConnectionLimits().within(192)
     assert small.in_all + small.reserve == 192
     assert small.waiting_by_address < small.waiting_in_all < small.by_address < small.in_all

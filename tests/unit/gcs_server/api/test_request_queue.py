@@ -39,17 +39,17 @@ def served(callers, in_control=()):
     return [name for name, _ in order], between
 
 
-def test_no_two_begin_in_one_turn_of_the_loop():
+def test_each_request_starts_in_its_own_turn_of_the_loop():
     _, between = served([client("hostile")] * 50)
     assert min(between) >= 1
 
 
-def test_a_client_with_a_hundred_requests_does_not_hold_up_the_one_with_one():
+def test_a_client_with_a_hundred_requests_does_not_delay_another_client():
     names, _ = served([client("hostile")] * 100 + [client("innocent")])
     assert names.index("innocent") <= 2
 
 
-def test_an_address_with_a_hundred_clients_does_not_hold_up_another_address():
+def test_an_address_with_a_hundred_clients_does_not_delay_another_address():
     crowd = [client(f"hostile {n}", "6.6.6.6") for n in range(100)]
     names, _ = served([*crowd, client("innocent", "1.1.1.1")])
     assert names.index("innocent") <= 2
@@ -62,7 +62,7 @@ def test_a_client_in_control_goes_first():
     assert names.index("pilot") <= 1
 
 
-def test_a_request_that_was_given_up_takes_no_turn():
+def test_a_cancelled_request_takes_no_turn():
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("first"))
@@ -77,7 +77,7 @@ def test_a_request_that_was_given_up_takes_no_turn():
     asyncio.run(run())
 
 
-def test_a_client_that_was_there_before_goes_before_a_thousand_new_ones():
+def test_a_known_client_is_served_before_a_thousand_new_ones():
     order = []
 
     async def ask(request_queue, caller):

@@ -40,7 +40,7 @@ def public(kind):
 
 
 @pytest.mark.parametrize("name", CLASSES)
-def test_every_call_has_a_twin_with_the_same_arguments(name):
+def test_every_call_exists_in_both_clients_with_the_same_arguments(name):
     kind = getattr(MODULES.get(name, offboard), name)
     twin = getattr(client, f"Sync{name}")
     for called, method in public(kind).items():
@@ -55,7 +55,7 @@ async def leave():
 
 
 @pytest.mark.parametrize("until", [2, 99])
-def test_an_iteration_that_is_broken_off_or_ends_is_closed_on_its_own_loop(until):
+def test_an_ended_or_interrupted_iteration_is_closed_on_its_own_loop(until):
     told = []
 
     async def source():
@@ -78,6 +78,6 @@ def test_an_iteration_that_is_broken_off_or_ends_is_closed_on_its_own_loop(until
     assert len(told) == 1
 
 
-def test_outside_its_block_it_says_how_it_is_used():
+def test_a_call_outside_the_block_explains_the_usage():
     with pytest.raises(RuntimeError, match="with SyncGcs"):
         client.SyncGcs("http://127.0.0.1:9").vehicles()

@@ -16,7 +16,7 @@ class Vehicle:
         return {"command": "gimbal/angles", "limited": self.limited}
 
 
-def test_angles_hands_on_where_the_gimbal_stopped_short():
+def test_angles_returns_the_limit_at_which_the_gimbal_stopped():
     for limited in (None, LIMITED):
         vehicle = Vehicle(limited)
         assert asyncio.run(Gimbal(vehicle).angles(-90, 0)) == limited

@@ -27,23 +27,23 @@ class Server:
         return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
 
 
-def test_waits_until_it_has_ended():
+def test_wait_returns_when_the_operation_has_ended():
     server = Server(operation("running"), operation("running"), operation("succeeded"))
     ended = in_jumps(lambda: Operations(server).wait("4"))
     assert ended["state"] == "succeeded"
     assert server.calls == [("GET", "/operations/4")] * 3
 
 
-def test_a_failure_is_raised_as_what_it_was():
+def test_a_failed_operation_raises_its_original_error():
     with pytest.raises(NoReply, match="did not answer"):
         in_jumps(lambda: Operations(Server(operation("failed", NO_REPLY))).wait("4"))
 
 
-def test_what_was_cancelled_is_returned():
+def test_a_cancelled_operation_is_returned():
     assert in_jumps(lambda: Operations(Server(operation("cancelled"))).wait("4"))["state"] == "cancelled"
 
 
-def test_what_still_runs_is_said_with_how_far_it_is():
+def test_a_timeout_reports_the_progress():
     async def story():
         began_s = asyncio.get_running_loop().time()
         with pytest.raises(Timeout, match=r"Operation 4 still runs after 5 s: 12 of 40"):
@@ -53,13 +53,13 @@ def test_what_still_runs_is_said_with_how_far_it_is():
     in_jumps(story)
 
 
-def test_those_of_a_vehicle_are_told_from_the_others():
+def test_operations_are_filtered_by_vehicle():
     server = Server({"operations": [operation("running"), operation("running", vehicle="2")]})
     found = in_jumps(lambda: Operations(server).all("2"))
     assert [each["vehicle"] for each in found] == ["2"]
 
 
-def test_cancelling_answers_how_it_ended():
+def test_cancel_returns_the_final_state():
     server = Server(operation("cancelled"))
     assert in_jumps(lambda: Operations(server).cancel("4"))["state"] == "cancelled"
     assert server.calls == [("DELETE", "/operations/4")]

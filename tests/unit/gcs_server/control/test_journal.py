@@ -37,7 +37,7 @@ def of_disk(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def test_lines_are_json_newest_first_in_the_tail(tmp_path):
+def test_lines_are_json_and_the_tail_is_newest_first(tmp_path):
     journal = Journal(SystemClock(), tmp_path / "journal.jsonl")
     for command in ("arm", "takeoff", "land"):
         add(journal, command)
@@ -47,7 +47,7 @@ def test_lines_are_json_newest_first_in_the_tail(tmp_path):
     assert [entry.command for entry in journal.tail(2)] == ["land", "takeoff"]
 
 
-def test_a_refusing_disk_is_a_warning_and_heals(tmp_path):
+def test_a_disk_error_is_a_warning_until_writing_works_again(tmp_path):
     path = tmp_path / "gone" / "journal.jsonl"
     journal = Journal(SystemClock(), path)
     add(journal)
@@ -61,7 +61,7 @@ def test_a_refusing_disk_is_a_warning_and_heals(tmp_path):
     assert len(path.read_text().splitlines()) == 1
 
 
-def test_a_full_file_becomes_the_one_before_and_two_are_kept(tmp_path):
+def test_a_full_file_is_rotated_and_two_files_are_kept(tmp_path):
     journal = Journal(SystemClock(), tmp_path / "journal.jsonl", max_bytes=1000)
     for number in range(40):
         add(journal, f"command-{number}")
@@ -76,7 +76,7 @@ def test_a_full_file_becomes_the_one_before_and_two_are_kept(tmp_path):
     assert all(p.stat().st_size < 1200 for p in tmp_path.iterdir())
 
 
-def test_complaints_cannot_turn_the_commands_out(tmp_path):
+def test_refusals_do_not_displace_commands(tmp_path):
     journal = Journal(SystemClock(), tmp_path / "journal.jsonl", max_bytes=100_000)
     for number in range(50):
         add(journal, f"command-{number}")
@@ -119,7 +119,7 @@ def test_equal_refusals_of_one_client_become_one_line_and_one_with_their_number(
     assert len(of_disk(tmp_path / "journal-refused.jsonl")) == 3
 
 
-def test_after_a_restart_the_past_is_answered_and_a_torn_line_is_left_out_and_repaired(tmp_path):
+def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_one(tmp_path):
     path = tmp_path / "journal.jsonl"
     journal = Journal(SystemClock(), path)
     for command in ("arm", "takeoff"):
@@ -143,7 +143,7 @@ def test_after_a_restart_the_past_is_answered_and_a_torn_line_is_left_out_and_re
 
 
 @pytest.mark.parametrize("line", [b"[" * 100_000, b"null", b'{"unix_s": "x"}', b"\xff\xfe", b'{"a": 1}', b""])
-def test_a_line_that_is_none_is_left_out(tmp_path, line):
+def test_an_invalid_line_is_skipped(tmp_path, line):
     path = tmp_path / "journal.jsonl"
     journal = Journal(SystemClock(), path)
     add(journal, "arm")
@@ -154,7 +154,7 @@ def test_a_line_that_is_none_is_left_out(tmp_path, line):
     assert [entry.command for entry in again.tail(10)] == ["arm"]
 
 
-def test_a_disk_that_takes_half_a_line_leaves_none_torn(tmp_path, monkeypatch):
+def test_a_partial_write_leaves_no_incomplete_line(tmp_path, monkeypatch):
     path = tmp_path / "journal.jsonl"
     journal = Journal(SystemClock(), path)
     add(journal, "arm")

@@ -52,7 +52,7 @@ def desk():
 # --- who is who -----------------------------------------------------------------------------------
 
 
-def test_two_tabs_of_one_name_are_two_clients():
+def test_two_tabs_with_the_same_name_are_two_clients():
     one, other = Principal.of("page", "a"), Principal.of("page", "b")
     assert str(one) == str(other)
     assert one.key != other.key
@@ -74,7 +74,7 @@ def test_an_id_is_never_shown():
 # --- holding --------------------------------------------------------------------------------------
 
 
-def test_a_command_takes_what_nobody_holds_and_others_are_refused_in_words(desk):
+def test_a_command_takes_free_control_and_others_are_refused_with_a_reason(desk):
     desk.lease.command(ANNA)
     desk.lease.command(ANNA)
     assert desk.lease.holder.key == ANNA.key
@@ -85,7 +85,7 @@ def test_a_command_takes_what_nobody_holds_and_others_are_refused_in_words(desk)
     assert desk.actions() == ["taken"]
 
 
-def test_a_call_from_a_shell_holds_nobody_up_unless_it_asked_for_control(desk):
+def test_a_client_without_id_blocks_others_only_after_taking_control_explicitly(desk):
     shell, other = Principal.of("", "", "127.0.0.1"), Principal.of("script", "", "127.0.0.1")
     desk.lease.command(shell)
     assert desk.lease.holder.name == "127.0.0.1"
@@ -102,7 +102,7 @@ def test_a_call_from_a_shell_holds_nobody_up_unless_it_asked_for_control(desk):
     assert desk.actions() == ["taken", "taken", "taken", "released", "taken"]
 
 
-def test_it_runs_out_when_the_holder_is_not_heard_and_is_free_then(desk):
+def test_control_expires_when_the_holder_sends_nothing(desk):
     desk.lease.take(ANNA, on_expiry="hold")
     desk.after(29)
     desk.lease.renew(ANNA)
@@ -117,7 +117,7 @@ def test_it_runs_out_when_the_holder_is_not_heard_and_is_free_then(desk):
     assert desk.lease.on_expiry == "nothing", "what was agreed with another"
 
 
-def test_an_open_socket_keeps_it_and_its_end_lets_the_time_begin(desk):
+def test_an_open_socket_keeps_control_and_its_end_starts_the_lease_time(desk):
     desk.sits_down(ANNA)
     desk.lease.command(ANNA)
     desk.after(3600)
@@ -129,7 +129,7 @@ def test_an_open_socket_keeps_it_and_its_end_lets_the_time_begin(desk):
     assert desk.lease.holder is None
 
 
-def test_released_it_is_free_and_another_ones_release_changes_nothing(desk):
+def test_release_frees_control_and_has_no_effect_for_other_clients(desk):
     desk.lease.command(ANNA)
     desk.lease.release(BOB)
     assert desk.lease.holder.key == ANNA.key
@@ -141,7 +141,7 @@ def test_released_it_is_free_and_another_ones_release_changes_nothing(desk):
 # --- asking ---------------------------------------------------------------------------------------
 
 
-def test_who_asks_is_shown_with_its_reason_and_granted(desk):
+def test_a_request_is_listed_with_its_reason_and_can_be_granted(desk):
     desk.sits_down(ANNA, BOB)
     desk.lease.command(ANNA)
     desk.lease.request(BOB, "I see it better")
@@ -158,12 +158,12 @@ def test_who_asks_is_shown_with_its_reason_and_granted(desk):
         desk.lease.command(ANNA)
 
 
-def test_asking_for_what_nobody_holds_takes_it(desk):
+def test_requesting_free_control_takes_it(desk):
     desk.lease.request(BOB)
     assert desk.lease.holder.key == BOB.key
 
 
-def test_who_is_there_is_asked_before_it_is_forced(desk):
+def test_force_needs_a_request_to_a_reachable_holder(desk):
     desk.sits_down(ANNA)
     desk.lease.command(ANNA)
     with pytest.raises(NotInControl):
@@ -180,7 +180,7 @@ def test_who_is_there_is_asked_before_it_is_forced(desk):
     assert desk.told[-1].text == "bob has taken control of vehicle 7 from anna by force."
 
 
-def test_who_was_denied_may_force_at_once_and_is_told_why(desk):
+def test_a_denied_client_gets_the_reason_and_may_force(desk):
     desk.sits_down(ANNA)
     desk.lease.command(ANNA)
     desk.lease.request(BOB)
@@ -191,13 +191,13 @@ def test_who_was_denied_may_force_at_once_and_is_told_why(desk):
     assert desk.lease.holder.key == BOB.key
 
 
-def test_who_cannot_be_asked_may_be_forced_at_once(desk):
+def test_control_of_an_unreachable_holder_may_be_forced_at_once(desk):
     desk.lease.command(ANNA)
     desk.lease.take(BOB, force=True)
     assert desk.lease.holder.key == BOB.key
 
 
-def test_a_new_holder_is_asked_anew(desk):
+def test_requests_wait_again_after_a_change_of_holder(desk):
     desk.sits_down(ANNA, BOB, CARL)
     desk.lease.command(ANNA)
     desk.lease.request(BOB)
@@ -210,7 +210,7 @@ def test_a_new_holder_is_asked_anew(desk):
         desk.lease.take(CARL, force=True)
 
 
-def test_a_denial_is_no_right_to_force_the_next_holder(desk):
+def test_a_denial_does_not_allow_forcing_the_next_holder(desk):
     desk.sits_down(ANNA, CARL)
     desk.lease.command(ANNA)
     desk.lease.request(BOB)
@@ -222,7 +222,7 @@ def test_a_denial_is_no_right_to_force_the_next_holder(desk):
 
 
 @pytest.mark.parametrize("ending", ["released", "expired"])
-def test_the_first_who_asks_gets_it_when_the_holder_goes(desk, ending):
+def test_the_first_request_gets_control_when_the_holder_releases_or_disconnects(desk, ending):
     desk.lease.command(ANNA)
     desk.lease.request(BOB)
     desk.lease.request(CARL)
@@ -235,7 +235,7 @@ def test_the_first_who_asks_gets_it_when_the_holder_goes(desk, ending):
     assert [asked.client for asked in desk.lease.requests()] == ["carl"]
 
 
-def test_a_request_is_taken_back_and_an_old_one_is_forgotten(desk):
+def test_requests_can_be_withdrawn_and_expire(desk):
     desk.sits_down(ANNA)
     desk.lease.command(ANNA)
     desk.lease.request(BOB)
@@ -246,7 +246,7 @@ def test_a_request_is_taken_back_and_an_old_one_is_forgotten(desk):
     assert desk.lease.requests() == ()
 
 
-def test_of_two_of_one_name_the_key_says_which(desk):
+def test_the_key_distinguishes_clients_of_the_same_name(desk):
     desk.sits_down(ANNA)
     first, second = Principal.of("page", "one"), Principal.of("page", "two")
     desk.lease.command(ANNA)
@@ -260,7 +260,7 @@ def test_of_two_of_one_name_the_key_says_which(desk):
     assert desk.lease.holder.key == second.key
 
 
-def test_the_holder_hears_what_others_did_by_the_actions_open_to_all(desk):
+def test_the_holder_is_informed_of_open_commands_of_others(desk):
     desk.lease.intervened(BOB, "Hold")
     desk.lease.command(ANNA)
     desk.lease.intervened(ANNA, "Hold")
@@ -273,7 +273,7 @@ def test_the_holder_hears_what_others_did_by_the_actions_open_to_all(desk):
 # --- bounds ---------------------------------------------------------------------------------------
 
 
-def test_so_many_clients_may_ask_and_no_more_until_some_were_answered(desk):
+def test_the_number_of_open_requests_is_limited(desk):
     desk.sits_down(ANNA)
     desk.lease.take(ANNA)
     crowd = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MAX_REQUESTS + 1)]
@@ -290,7 +290,7 @@ def test_so_many_clients_may_ask_and_no_more_until_some_were_answered(desk):
     assert not desk.lease.has_most_requests
 
 
-def test_one_address_cannot_keep_the_others_from_asking(desk):
+def test_one_address_cannot_use_all_requests(desk):
     desk.sits_down(ANNA)
     desk.lease.take(ANNA)
     for n in range(MAX_REQUESTS_PER_ADDRESS):

@@ -25,7 +25,7 @@ def commands_of(function):
     return {text.value for text in texts if isinstance(text.value, str)}
 
 
-def test_every_route_passes_the_seam_as_its_row_says():
+def test_every_route_uses_authorized_command_as_its_row_says():
     routes = [(call, endpoint) for call, endpoint in calls_of(bare_app()) if not call.startswith("WS ")]
     assert len(routes) > 70
     wrong = {
@@ -36,7 +36,7 @@ def test_every_route_passes_the_seam_as_its_row_says():
     assert wrong == {}
 
 
-def test_what_changes_a_flight_is_journaled():
+def test_commands_that_change_a_flight_are_journaled():
     """Whoever adds a command that needs control cannot leave it out of the journal."""
     quiet = {row.name for row in BY_CALL.values() if not row.journaled}
     assert {row.name for row in BY_CALL.values() if row.control != "none"} & quiet == {"control/renew"}

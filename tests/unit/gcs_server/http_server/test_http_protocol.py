@@ -50,7 +50,7 @@ TOO_MUCH = {
 
 @pytest.mark.parametrize("name", TOO_MUCH)
 @pytest.mark.parametrize("piece", [1460, 262_144])
-def test_what_is_too_large_is_refused_in_words_and_not_kept(name, piece):
+def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece):
     begin, more, status = TOO_MUCH[name]
 
     async def story(wire):
@@ -66,7 +66,7 @@ def test_what_is_too_large_is_refused_in_words_and_not_kept(name, piece):
     on_a_wire(story)
 
 
-def test_what_is_within_the_limits_is_served_whatever_pieces_it_comes_in():
+def test_requests_within_the_limits_are_served_in_any_pieces():
     body = b"a" * r.MAX_BODY_BYTES
     request = POST + b"x: " + b"y" * 30_000 + b"\r\nContent-Length: %d\r\n\r\n" % len(body) + body
     chunked = (
@@ -89,7 +89,7 @@ def test_what_is_within_the_limits_is_served_whatever_pieces_it_comes_in():
     on_a_wire(story)
 
 
-def test_headers_that_do_not_end_are_408_and_who_says_nothing_is_closed():
+def test_incomplete_headers_are_408_and_silent_connections_are_closed():
     async def story(wire):
         silent, slow, drip, blank = (wire.connect() for _ in range(4))
         await wire.sends(slow, GET)
@@ -108,7 +108,7 @@ def test_headers_that_do_not_end_are_408_and_who_says_nothing_is_closed():
     on_a_wire(story)
 
 
-def test_a_body_that_does_not_end_is_408_and_the_application_hears_that_its_client_has_gone():
+def test_an_incomplete_body_is_408_and_the_application_gets_a_disconnect():
     heard = []
 
     async def listening(scope, receive, send):
@@ -130,7 +130,7 @@ def test_a_body_that_does_not_end_is_408_and_the_application_hears_that_its_clie
     on_a_wire(story, listening)
 
 
-def test_a_slow_answer_is_waited_for():
+def test_a_slow_answer_is_not_interrupted():
     async def slow(scope, receive, send):
         await asyncio.sleep(60)
         await echo(scope, receive, send)
@@ -144,7 +144,7 @@ def test_a_slow_answer_is_waited_for():
     on_a_wire(story, slow)
 
 
-def test_requests_that_pile_up_behind_an_answer_end_the_connection_without_words():
+def test_too_many_pipelined_requests_close_the_connection():
     async def never(scope, receive, send):
         await asyncio.Event().wait()
 
@@ -174,7 +174,7 @@ def test_an_answer_that_is_not_read_ends_the_connection_in_time():
     on_a_wire(story)
 
 
-def test_bodies_of_all_together_have_an_end():
+def test_the_total_size_of_bodies_is_limited():
     async def story(wire):
         made = [wire.connect() for _ in range(60)]
         for transport in made:
@@ -186,7 +186,7 @@ def test_bodies_of_all_together_have_an_end():
     on_a_wire(story)
 
 
-def test_malformed_requests_make_no_line_each_and_no_traceback(caplog):
+def test_malformed_requests_are_logged_at_a_limited_rate_without_traceback(caplog):
     chance = random.Random(7)
 
     async def story(wire):
@@ -205,7 +205,7 @@ def test_malformed_requests_make_no_line_each_and_no_traceback(caplog):
     assert caplog.records == []
 
 
-def test_another_protocol_that_is_asked_for_is_left_out_and_the_request_answered():
+def test_a_requested_protocol_upgrade_is_ignored_and_the_request_answered():
     async def story(wire):
         transport = wire.connect()
         await wire.sends(transport, GET + b"Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\n\r\n")
@@ -214,5 +214,5 @@ def test_another_protocol_that_is_asked_for_is_left_out_and_the_request_answered
     on_a_wire(story)
 
 
-def test_the_largest_number_of_chunks_is_more_than_anybody_needs():
+def test_the_limit_of_chunks_allows_every_valid_body():
     assert r.MAX_BODY_BYTES / MAX_CHUNKS <= 256, "bytes that a chunk must have on average"

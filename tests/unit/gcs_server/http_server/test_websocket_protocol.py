@@ -35,7 +35,7 @@ def closing(transport):
 
 
 @pytest.mark.parametrize("opcode", [1, 2, 9, 10])
-def test_a_flood_of_empty_frames_is_parsed_bit_by_bit_and_then_closed(opcode):
+def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_then_closed(opcode):
     async def story(wire):
         transport = await opened(wire)
         longest_s, over = 0.0, False
@@ -59,7 +59,7 @@ def test_a_flood_of_empty_frames_is_parsed_bit_by_bit_and_then_closed(opcode):
     on_a_wire(story)
 
 
-def test_the_application_is_handed_every_message_in_its_order():
+def test_the_application_gets_every_message_in_order():
     got = []
 
     async def listening(scope, receive, send):
@@ -95,7 +95,7 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
     on_a_wire(story, busy)
 
 
-def test_a_message_in_more_parts_than_anybody_sends_is_closed():
+def test_a_message_of_too_many_frames_is_closed():
     async def story(wire):
         transport = await opened(wire)
         parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
@@ -105,7 +105,7 @@ def test_a_message_in_more_parts_than_anybody_sends_is_closed():
     on_a_wire(story)
 
 
-def test_a_message_that_is_too_large_is_closed_before_it_has_come():
+def test_a_too_large_message_is_closed_before_it_is_complete():
     async def story(wire):
         transport = await opened(wire)
         taken = await wire.sends(transport, frame(b"x" * 3_000_000))
@@ -115,7 +115,7 @@ def test_a_message_that_is_too_large_is_closed_before_it_has_come():
     on_a_wire(story)
 
 
-def test_answers_to_pings_that_are_not_read_are_not_kept():
+def test_unread_pongs_are_limited():
     async def story(wire):
         transport = await opened(wire)
         transport.stuck = True
@@ -127,7 +127,7 @@ def test_answers_to_pings_that_are_not_read_are_not_kept():
     on_a_wire(story)
 
 
-def test_who_reads_nothing_is_closed_with_a_reason_and_who_does_not_take_that_is_ended():
+def test_a_client_that_reads_nothing_is_closed_with_a_reason_and_then_ended():
     async def talking(scope, receive, send):
         await receive()
         await send({"type": "websocket.accept"})
@@ -153,7 +153,7 @@ def test_who_reads_nothing_is_closed_with_a_reason_and_who_does_not_take_that_is
     on_a_wire(story, talking)
 
 
-def test_an_open_websocket_that_says_nothing_is_left_alone():
+def test_a_silent_open_websocket_stays_open():
     async def story(wire):
         transport = await opened(wire)
         for _ in range(10):
@@ -168,7 +168,7 @@ def test_an_open_websocket_that_says_nothing_is_left_alone():
 
 @pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
 @pytest.mark.parametrize("goes", [False, True])
-def test_what_comes_before_the_application_has_accepted_waits_and_makes_no_traceback(early, goes, caplog):
+def test_data_before_the_accept_waits_without_traceback(early, goes, caplog):
     got = []
 
     async def slow(scope, receive, send):

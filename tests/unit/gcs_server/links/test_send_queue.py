@@ -35,14 +35,14 @@ def drained(queue, now_s=0.0):
     return names
 
 
-def test_the_most_urgent_goes_first_and_equals_in_their_order():
+def test_the_most_urgent_packet_is_first_and_equal_ones_keep_their_order():
     queue = SendQueue(SendCounts())
     for name, priority in (("p", 4), ("s", 3), ("c1", 2), ("stop", 0), ("c2", 2), ("mode", 1)):
         assert queue.put(packet(name, priority), 0.0)
     assert drained(queue) == ["stop", "mode", "c1", "c2", "s", "p"]
 
 
-def test_a_setpoint_takes_the_place_of_the_one_that_waits_and_vehicles_take_turns():
+def test_a_setpoint_replaces_the_waiting_one_and_vehicles_take_turns():
     counts = SendCounts()
     queue = SendQueue(counts)
     queue.put(packet("1 old", 3, key="1"), 0.0)
@@ -53,7 +53,7 @@ def test_a_setpoint_takes_the_place_of_the_one_that_waits_and_vehicles_take_turn
     assert counts.frames_replaced == 1
 
 
-def test_what_has_expired_is_never_taken():
+def test_expired_packets_are_never_sent():
     counts = SendCounts()
     queue = SendQueue(counts)
     queue.put(packet("late", 3, expires_s=0.1), 0.0)
@@ -62,7 +62,7 @@ def test_what_has_expired_is_never_taken():
     assert counts.frames_expired == 1
 
 
-def test_a_newer_flight_command_takes_out_what_waits_for_its_vehicle_but_never_stop_motors():
+def test_a_newer_flight_command_removes_waiting_ones_of_its_vehicle_but_not_stop_motors():
     queue = SendQueue(SendCounts())
     queue.put(packet("arm", 2, group="1"), 0.0)
     queue.put(packet("arm 2", 2, group="2"), 0.0)
@@ -73,7 +73,7 @@ def test_a_newer_flight_command_takes_out_what_waits_for_its_vehicle_but_never_s
     assert drained(queue) == ["stop", "terminate", "land", "arm 2"]
 
 
-def test_too_much_is_dropped_but_never_stop_motors():
+def test_packets_beyond_the_limit_are_dropped_but_not_stop_motors():
     counts = SendCounts()
     queue = SendQueue(counts)
     kept = [queue.put(packet(f"r{n}", LAST, size=1000), 0.0) for n in range(100)]
@@ -87,7 +87,7 @@ def test_too_much_is_dropped_but_never_stop_motors():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_whatever_comes_stop_motors_is_first_no_setpoint_is_late_and_no_class_starves(seed):
+def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(seed):
     chance = random.Random(seed)
     counts = SendCounts()
     queue = SendQueue(counts)

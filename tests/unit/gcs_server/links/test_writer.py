@@ -116,7 +116,7 @@ class SlowLink(Link):
         ]
 
 
-def test_under_a_stream_and_a_parameter_load_stop_motors_leaves_within_50_ms():
+def test_under_load_stop_motors_is_sent_within_50_ms():
     link = SlowLink()
     link.under_load(2.0)
     late_s = []
@@ -157,7 +157,7 @@ def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
     assert info.frames_replaced > 200
 
 
-def test_a_command_does_not_leave_once_it_was_given_up():
+def test_an_expired_command_is_not_sent():
     link = SlowLink()
     link.under_load(0.5)
     link.line.stall(3.0)
@@ -179,7 +179,7 @@ def test_a_setpoint_that_reaches_the_link_too_late_is_not_sent():
     assert link.info().frames_expired == 1
 
 
-def test_streams_that_want_more_than_the_line_leave_something_to_parameters_and_share_the_rest():
+def test_streams_beyond_the_line_rate_leave_room_for_parameters_and_share_the_rest():
     link = SlowLink()
     for _ in range(100):
         for system in (1, 2, 3, 4):
@@ -191,7 +191,7 @@ def test_streams_that_want_more_than_the_line_leave_something_to_parameters_and_
     assert len(link.left(PARAM_READ)) > 10
 
 
-def test_a_frame_that_was_begun_and_is_too_late_ends_so_that_nobody_obeys_it():
+def test_a_partly_sent_frame_that_is_too_late_ends_with_a_wrong_checksum():
     room, out = [20], bytearray()
 
     def write(data, _peer):
@@ -213,7 +213,7 @@ def test_a_frame_that_was_begun_and_is_too_late_ends_so_that_nobody_obeys_it():
     assert parser.crc_errors == 1
 
 
-def test_what_cannot_leave_keeps_its_number_for_the_next_and_waits_for_room():
+def test_an_unsent_frame_does_not_use_its_sequence_number():
     full, out = [True], []
 
     def write(data, _peer):
@@ -234,7 +234,7 @@ def test_what_cannot_leave_keeps_its_number_for_the_next_and_waits_for_room():
     assert link.recorded == out
 
 
-def test_a_frame_that_cannot_be_made_costs_itself_alone():
+def test_a_frame_that_cannot_be_packed_affects_only_itself():
     link = SlowLink()
     link.line.stall(0.1)
     link.under_load(0.06)
@@ -250,7 +250,7 @@ def test_a_frame_that_cannot_be_made_costs_itself_alone():
 
 
 @pytest.mark.parametrize("round_trip_s", [0.001, 0.6])
-def test_tcp_writes_no_more_while_an_acknowledgement_is_overdue(round_trip_s):
+def test_tcp_sending_pauses_while_an_acknowledgement_is_overdue(round_trip_s):
     in_flight = [0]
     pacer = AckPacer(lambda: in_flight[0], lambda: round_trip_s)
     patience_s = ACKED_WITHIN_S + 2 * round_trip_s
@@ -267,7 +267,7 @@ def test_tcp_writes_no_more_while_an_acknowledgement_is_overdue(round_trip_s):
     assert pacer.wait_s(now_s + 100) == 0
 
 
-def test_a_closed_writer_takes_and_writes_nothing_more():
+def test_a_closed_writer_accepts_and_writes_nothing():
     link = SlowLink()
     link.line.stall(1.0)
     link.under_load(0.2)
@@ -278,7 +278,7 @@ def test_a_closed_writer_takes_and_writes_nothing_more():
     assert link.info().frames_sent == count
 
 
-def test_threads_that_send_on_one_serial_link_share_its_numbers_and_lose_no_stop():
+def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop():
     async def story():
         ours, theirs = pty.openpty()
         tty.setraw(ours)
@@ -315,7 +315,7 @@ def test_threads_that_send_on_one_serial_link_share_its_numbers_and_lose_no_stop
     run(story)
 
 
-def test_faults_and_counts_are_the_links():
+def test_faults_and_counters_belong_to_the_link():
     counts = SendCounts()
     writer = LinkWriter(None, lambda data, _: len(data), counts, FaultLog("x"), lambda: 0.0)
     assert writer.submit(Packet(PEER, 3, lambda: b"abc"))

@@ -51,7 +51,7 @@ def packed(message, seq, *, v1=False, system=3, component=7):
 
 @settings(max_examples=300, deadline=None)
 @given(messages(), st.integers(0, 255))
-def test_what_pymavlink_packs_is_read_and_packed_the_same(message, seq):
+def test_frames_of_pymavlink_are_read_and_packed_identically(message, seq):
     raw = packed(message, seq)
     (frame,) = codec.FrameParser().feed(raw, 5.0)
     assert (frame.msg_id, frame.system_id, frame.component_id, frame.seq) == (message.get_msgId(), 3, 7, seq)
@@ -66,7 +66,7 @@ def test_what_pymavlink_packs_is_read_and_packed_the_same(message, seq):
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(messages(), min_size=1, max_size=6), st.data())
-def test_frames_survive_any_cutting_and_garbage(batch, data):
+def test_frames_are_found_in_any_pieces_and_garbage(batch, data):
     raws, stream, garbage_bytes = [], b"", 0
     for number, message in enumerate(batch):
         garbage = data.draw(
@@ -88,7 +88,7 @@ def test_frames_survive_any_cutting_and_garbage(batch, data):
 
 @settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=600))
-def test_garbage_never_breaks_it_and_what_follows_is_found(garbage):
+def test_garbage_never_raises_and_the_next_frame_is_found(garbage):
     parser = codec.FrameParser()
     parser.feed(garbage, 0.0)
     good = packed(sim.MAVLink_heartbeat_message(2, 12, 29, 0, 4, 3), 9)
@@ -122,7 +122,7 @@ def test_mavlink_1_and_signed_frames_are_read():
     assert {codec.decode(f).custom_mode for f in frames} == {50593792}
 
 
-def test_an_unknown_message_stays_visible_as_bytes():
+def test_an_unknown_message_is_kept_as_bytes():
     body = b"\xfd\x03\x00\x00\x05\x01\x01\xff\xff\x0a" + b"abc" + b"\x12\x34"
     good = packed(sim.MAVLink_ping_message(1, 2, 0, 0), 1)
     parser = codec.FrameParser()
@@ -150,7 +150,7 @@ def test_crc_errors_are_counted():
     assert parser.crc_errors == 1
 
 
-def test_cut_off_zeros_and_longer_payloads_are_understood():
+def test_truncated_zeros_and_longer_payloads_are_decoded():
     payload = struct.pack("<IBB", 7, 2, 12)
     (frame,) = codec.FrameParser().feed(codec.encode_frame(0, payload, 0, 1, 1), 0.0)
     assert codec.full_payload(frame) == payload + b"\0" * 3
@@ -159,7 +159,7 @@ def test_cut_off_zeros_and_longer_payloads_are_understood():
     assert codec.full_payload(longer) == b"\1" * 9
 
 
-def test_target_systems_are_found_where_they_stand():
+def test_target_systems_are_found_at_their_offsets():
     for msg_id, offset in TARGET_SYSTEM_OFFSET.items():
         layout = LAYOUTS[msg_id]
         payload = bytearray(layout.unpacker.size)
@@ -171,7 +171,7 @@ def test_target_systems_are_found_where_they_stand():
     assert dialect.MAVLINK_MSG_ID_HEARTBEAT not in TARGET_SYSTEM_OFFSET
 
 
-def test_not_a_number_travels():
+def test_nan_is_encoded_and_decoded():
     message = dialect.MAVLink_command_long_message(1, 1, 22, 0, math.nan, 1, 2, 3, 4, 5, math.nan)
     (frame,) = codec.FrameParser().feed(
         codec.encode_frame(76, codec.encode_payload(message), 0, 255, 190), 0.0

@@ -73,7 +73,7 @@ def pinned(shared):
 
 
 @pytest.mark.parametrize("module", [dialect, sim], ids=["gcs_server", "vehicle_sim"])
-def test_every_message_of_px4_is_laid_out_as_pinned(shared, module):
+def test_every_message_of_px4_has_the_pinned_layout(shared, module):
     definitions = pinned(shared)
     assert len(definitions) > 200
     wrong = []
@@ -94,7 +94,7 @@ def test_every_message_of_px4_is_laid_out_as_pinned(shared, module):
     assert wrong == []
 
 
-def test_the_decoders_formats_are_the_dialects_beginnings():
+def test_the_decoders_formats_match_the_dialect():
     for msg_id, ours in decoders.FORMATS.items():
 
         def flat(text):
@@ -111,7 +111,7 @@ def test_the_decoders_formats_are_the_dialects_beginnings():
         assert theirs.startswith(flat(ours.format)), dialect.mavlink_map[msg_id].msgname
 
 
-def test_instances_stand_where_the_dialect_has_them():
+def test_instance_offsets_match_the_dialect():
     fields = {"BATTERY_STATUS": "id", "SERVO_OUTPUT_RAW": "port", "DISTANCE_SENSOR": "id"}
     for msg_id, at in INSTANCE_AT.items():
         layout = LAYOUTS[msg_id]

@@ -51,7 +51,7 @@ def test_every_message_has_its_class(message, priority):
     assert urgency(message).priority is priority
 
 
-def test_a_setpoint_replaces_any_other_of_its_vehicle_and_of_no_other():
+def test_a_setpoint_replaces_only_setpoints_of_its_vehicle():
     local = d.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     attitude = d.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0)
     other = d.MAVLink_set_attitude_target_message(0, 2, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0)
@@ -59,7 +59,7 @@ def test_a_setpoint_replaces_any_other_of_its_vehicle_and_of_no_other():
     assert urgency(local).lifetime_s == SETPOINT_LIFETIME_S == 0.1
 
 
-def test_a_command_sent_again_replaces_itself_and_no_other_command():
+def test_a_repeated_command_replaces_only_itself():
     assert urgency(long(530, 1)).key == urgency(long(530, 1, confirmation=3)).key
     assert urgency(long(511, 30)).key != urgency(long(511, 31)).key
     assert urgency(long(512)).flight is None
@@ -68,12 +68,12 @@ def test_a_command_sent_again_replaces_itself_and_no_other_command():
     assert urgency(arm).flight != urgency(long(400, 1, system=2)).flight
 
 
-def test_no_command_waits_longer_than_until_it_is_sent_again():
+def test_commands_expire_before_their_repetition():
     assert urgency(long(176)).lifetime_s <= RESEND_S
     assert urgency(long(400, 1)).lifetime_s <= RESEND_S
 
 
-def test_forwarded_commands_keep_their_order_but_for_stop_motors():
+def test_forwarded_commands_keep_their_order_except_stop_motors():
     def forwarded(message, system=254):
         raw = encode_frame(message.get_msgId(), encode_payload(message), 0, system, 190)
         (frame,) = FrameParser().feed(raw, 0.0)

@@ -64,7 +64,7 @@ def pymavlink(key, system_id=1, timestamp=NOW):
 
 
 @given(keys, st.integers(0, 255), st.integers(1, 255), st.integers(0, 255), st.integers(0, 2**32 - 1))
-def test_pymavlink_takes_what_is_signed_here(key, link_id, system_id, seq, custom_mode):
+def test_pymavlink_accepts_frames_signed_here(key, link_id, system_id, seq, custom_mode):
     signer = FrameSigner(SecretKey(key), link_id, clock())
     payload = custom_mode.to_bytes(4, "little") + bytes([6, 8, 192, 4, 3])
     other = pymavlink(key)
@@ -84,7 +84,7 @@ def test_pymavlink_takes_what_is_signed_here(key, link_id, system_id, seq, custo
 
 
 @given(keys, st.integers(1, 255), st.integers(0, 2**32 - 1))
-def test_what_pymavlink_signs_is_taken_here(key, system_id, custom_mode):
+def test_frames_signed_by_pymavlink_are_accepted(key, system_id, custom_mode):
     other, own = pymavlink(key, system_id), verifier(key)
     parser = FrameParser()
     for _ in range(3):
@@ -111,7 +111,7 @@ def test_a_flipped_bit_anywhere_is_refused(key, payload, data):
 
 
 @given(st.lists(st.integers(NOW - MINUTE, NOW + MINUTE), min_size=2, max_size=20))
-def test_of_a_stream_only_rising_timestamps_are_taken(timestamps):
+def test_only_increasing_timestamps_of_a_stream_are_accepted(timestamps):
     own, newest = verifier(), -1
     for timestamp in timestamps:
         why = own.refusal(signed(timestamp=timestamp), 1, 1)
@@ -134,14 +134,14 @@ def test_a_new_stream_may_be_a_minute_behind_and_no_more():
     assert own.refusal(signed(timestamp=NOW + 10 * MINUTE + 1), 1, 1) is None
 
 
-def test_streams_are_told_apart_by_link_id_system_and_component():
+def test_streams_are_distinguished_by_link_id_system_and_component():
     own = verifier()
     for link_id, system_id in ((0, 1), (1, 1), (0, 2)):
         assert own.refusal(signed(link_id=link_id, system_id=system_id), system_id, 1) is None
     assert own.refusal(signed(link_id=0), 1, 1) is Refusal.REPLAYED
 
 
-def test_streams_are_bounded():
+def test_the_number_of_streams_is_limited():
     own = verifier()
     for n in range(MAX_STREAMS):
         assert own.refusal(signed(link_id=n % 256, system_id=1 + n // 256), 1 + n // 256, 1) is None
@@ -149,7 +149,7 @@ def test_streams_are_bounded():
     assert own.refusal(signed(link_id=0, timestamp=NOW + 1), 1, 1) is None
 
 
-def test_timestamps_never_go_back_whatever_the_machines_clock_does():
+def test_timestamps_never_go_back_if_the_system_clock_does():
     now_s = [NOW_S]
     own, last = SigningClock(lambda: now_s[0]), 0
     for step_s in (0, 0, 1, -3600, 0, 0.00001, 7200, -1e9, 0):
@@ -159,7 +159,7 @@ def test_timestamps_never_go_back_whatever_the_machines_clock_does():
         last = stamp
 
 
-def test_the_time_of_a_vehicle_that_is_ahead_is_taken_over_and_none_of_the_end_of_time():
+def test_a_vehicles_later_time_is_adopted_but_not_an_implausible_one():
     own = clock()
     own.adopt(NOW - 5)
     assert own.ahead_ticks == 0
@@ -170,7 +170,7 @@ def test_the_time_of_a_vehicle_that_is_ahead_is_taken_over_and_none_of_the_end_o
     assert own.next() < MAX_ADOPTED_TIMESTAMP
 
 
-def test_two_that_take_over_each_others_time_do_not_run_away():
+def test_two_peers_that_adopt_each_others_time_do_not_drift():
     one, two = clock(), clock()
     for _ in range(1000):
         two.adopt(one.next())
@@ -204,7 +204,7 @@ def frame(raw):
     return found
 
 
-def test_what_a_link_refuses_is_counted_by_reason_and_told_in_words(tmp_path, caplog):
+def test_refused_frames_are_counted_by_reason_and_reported_as_text(tmp_path, caplog):
     caplog.set_level(logging.WARNING)
     later = Later()
     link = Signing(later, store(tmp_path)).open("radio", SigningOptions("field", required=True))
@@ -237,7 +237,7 @@ def crc_v1():
     return crc16.mcrf4xx(b"\x09\x00\x01\x01\x00" + bytes(9) + b"\x32").to_bytes(2, "little")
 
 
-def test_allowed_takes_unsigned_frames_but_none_that_is_signed_wrongly(tmp_path):
+def test_signing_allowed_accepts_unsigned_but_not_wrongly_signed_frames(tmp_path):
     link = Signing(Later(), store(tmp_path)).open("radio", SigningOptions("field", required=False))
     assert link.accepts(frame(encode_frame(0, bytes(9), 0, 1, 1)))
     assert link.accepts(frame(signed()))
@@ -245,7 +245,7 @@ def test_allowed_takes_unsigned_frames_but_none_that_is_signed_wrongly(tmp_path)
     assert not link.accepts(frame(signed(bytes(32))))
 
 
-def test_a_frame_heard_on_one_link_is_a_replay_on_every_other_with_that_key(tmp_path):
+def test_a_frame_of_one_link_is_a_replay_on_other_links_with_the_key(tmp_path):
     signing = Signing(Later(), store(tmp_path, again=KEY, other=bytes(32)))
     one, two, three = (signing.open(n, SigningOptions(n, required=True)) for n in ("field", "again", "other"))
     assert [link.signer.link_id for link in (one, two, three)] == [0, 1, 2]
@@ -259,7 +259,7 @@ def test_a_frame_heard_on_one_link_is_a_replay_on_every_other_with_that_key(tmp_
     assert three.accepts(frame(signed(bytes(32))))
 
 
-def test_timestamps_rise_over_a_restart_with_a_clock_that_went_back(tmp_path):
+def test_timestamps_increase_over_a_restart_with_an_earlier_clock(tmp_path):
     kept, later = store(tmp_path), Later()
     first = Signing(later, kept)
     first.open("one", SigningOptions("field", required=True))
@@ -278,7 +278,7 @@ def test_timestamps_rise_over_a_restart_with_a_clock_that_went_back(tmp_path):
 # --- keys -------------------------------------------------------------------------------------------
 
 
-def test_a_key_shows_in_nothing_that_prints(tmp_path):
+def test_a_key_is_never_printed(tmp_path):
     key = random_key()
     link = Signing(Later(), store(tmp_path, mine=key.reveal())).open(
         "one", SigningOptions("mine", required=True)
@@ -304,7 +304,7 @@ def test_a_key_shows_in_nothing_that_prints(tmp_path):
         assert "secret" not in str(error.value)
 
 
-def test_keys_are_their_owners_alone_and_what_others_can_read_is_refused(tmp_path):
+def test_key_files_are_private_and_readable_ones_are_refused(tmp_path):
     kept = store(tmp_path)
     path = tmp_path / "signing" / "field.key"
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
@@ -341,7 +341,7 @@ def test_keys_are_read_as_hexadecimal_or_base64(key):
             parse_key(bad)
 
 
-def test_a_passphrase_makes_the_key_that_mavproxy_makes_of_it():
+def test_a_passphrase_gives_the_same_key_as_mavproxy():
     expected = "c4bbcb1fbec99d65bf59d85c8cb62ee2db963f0fe106f483d9afa73bd4e39a8a"
     assert key_of_passphrase("correct horse battery staple").reveal().hex() == expected
     with pytest.raises(ValueError, match="12 characters"):
@@ -372,14 +372,14 @@ def test_a_links_url_names_its_key(url, signing):
         "udpin://0.0.0.0:14550?key=../token",
     ],
 )
-def test_signing_without_a_key_or_with_a_wrong_word_is_refused(url):
+def test_signing_without_a_key_or_with_an_invalid_mode_is_refused(url):
     with pytest.raises(InvalidRequest):
         make_link(url)
 
 
 @pytest.mark.parametrize("url", ["udpin://0.0.0.0:14550?key={}", "x?key={}", "tcp://h:1?forward=2&KEY={}"])
 @pytest.mark.parametrize("secret", [KEY.hex(), "AAECAwQFBgcICQoLDA0ODxAREhMUFRYXGBkaGxwdHh8="])
-def test_a_key_given_for_its_name_is_shown_in_no_error_and_no_journal(url, secret):
+def test_a_key_given_as_a_name_is_not_in_errors_or_journal(url, secret):
     with pytest.raises(InvalidRequest) as error:
         make_link(url.format(secret))
     said = f"{error.value} {error.value.remedy}"

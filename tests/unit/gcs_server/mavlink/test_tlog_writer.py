@@ -21,7 +21,7 @@ def files(folder):
     return sorted(folder.glob("*.tlog"))
 
 
-def test_what_is_appended_is_read_back(tmp_path):
+def test_appended_records_are_read_back(tmp_path):
     tape = recorder(tmp_path / "logs")
     channel = tape.channel("udpin-127.0.0.1/14550")
     for n in range(100):
@@ -39,7 +39,7 @@ def test_a_link_without_traffic_leaves_no_file(tmp_path):
     assert files(tmp_path) == []
 
 
-def test_it_is_rotated_by_size_between_records(tmp_path):
+def test_a_recording_is_rotated_by_size_between_records(tmp_path):
     tape = recorder(tmp_path, max_bytes=1000)
     channel = tape.channel("a")
     for n in range(100):
@@ -53,7 +53,7 @@ def test_it_is_rotated_by_size_between_records(tmp_path):
     ]
 
 
-def test_a_full_disk_stops_the_recording_not_the_caller_and_room_lets_it_go_on(tmp_path, monkeypatch):
+def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypatch):
     tape = recorder(tmp_path)
     channel = tape.channel("a")
     channel.append(stamp(NOW_US), FRAME)
@@ -86,7 +86,7 @@ def test_a_full_disk_stops_the_recording_not_the_caller_and_room_lets_it_go_on(t
     assert files(tmp_path)[0].stat().st_size == 8 + len(FRAME)
 
 
-def test_too_little_room_is_said_in_numbers(tmp_path):
+def test_too_little_disk_space_is_reported_in_numbers(tmp_path):
     tape = recorder(tmp_path, keep_free_bytes=10**18)
     channel = tape.channel("a")
     channel.append(stamp(NOW_US), FRAME)
@@ -96,7 +96,7 @@ def test_too_little_room_is_said_in_numbers(tmp_path):
     tape.close()
 
 
-def test_a_stalled_disk_is_bounded(tmp_path, monkeypatch):
+def test_the_backlog_of_a_stalled_disk_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(tlog_writer, "BACKLOG_LIMIT_FRAMES", 5)
     tape = recorder(tmp_path)
     channel = tape.channel("a")

@@ -43,7 +43,7 @@ def begin(at, work=for_ever, kind="parameters/read", **more):
     return at.operations.start(kind, work, text="Beginning", **more)
 
 
-def test_it_reports_its_progress_and_ends_with_its_result():
+def test_an_operation_reports_progress_and_ends_with_its_result():
     async def tell(at):
         async def work(report):
             for step in range(4):
@@ -72,7 +72,7 @@ def test_it_reports_its_progress_and_ends_with_its_result():
     story(tell)
 
 
-def test_progress_is_told_a_few_times_a_second_however_often_it_is_reported():
+def test_progress_events_are_limited_to_a_few_per_second():
     async def tell(at):
         async def work(report):
             for step in range(1000):
@@ -88,7 +88,7 @@ def test_progress_is_told_a_few_times_a_second_however_often_it_is_reported():
     story(tell)
 
 
-def test_who_asks_for_the_same_joins_it_and_who_goes_does_not_end_it():
+def test_equal_requests_share_one_operation_that_outlives_its_caller():
     async def tell(at):
         first = begin(at, vehicle="1")
         assert begin(at, vehicle="1").id == first.id
@@ -102,7 +102,7 @@ def test_who_asks_for_the_same_joins_it_and_who_goes_does_not_end_it():
     story(tell)
 
 
-def test_cancelled_it_cleans_up_first_and_cancelling_again_does_nothing():
+def test_cancel_waits_for_the_cleanup_and_can_be_repeated():
     async def tell(at):
         steps = []
 
@@ -123,7 +123,7 @@ def test_cancelled_it_cleans_up_first_and_cancelling_again_does_nothing():
     story(tell)
 
 
-def test_one_that_is_cancelled_before_its_first_step_has_ended_too():
+def test_an_operation_cancelled_before_its_first_step_has_ended():
     async def tell(at):
         begun = begin(at)
         assert (await at.operations.cancel(begun.id)).state == "cancelled"
@@ -134,7 +134,7 @@ def test_one_that_is_cancelled_before_its_first_step_has_ended_too():
 @pytest.mark.parametrize(
     ("error", "code"), [(NoReply("No answer.", deadline_s=5), "no_reply"), (KeyError("x"), "error")]
 )
-def test_what_it_raises_is_its_error(error, code):
+def test_a_raised_exception_is_the_operations_error(error, code):
     async def tell(at):
         async def work(report):
             raise error
@@ -148,7 +148,7 @@ def test_what_it_raises_is_its_error(error, code):
     story(tell)
 
 
-def test_a_result_that_is_large_is_a_fault_of_the_work():
+def test_a_too_large_result_is_a_failure():
     async def tell(at):
         async def work(report):
             return {"all": "x" * MAX_RESULT}
@@ -160,7 +160,7 @@ def test_a_result_that_is_large_is_a_fault_of_the_work():
     story(tell)
 
 
-def test_a_lost_vehicle_ends_what_needs_it_and_nothing_else():
+def test_a_lost_vehicle_ends_only_operations_that_need_it():
     async def tell(at):
         upload = begin(at, kind="upload", vehicle="1", needs_vehicle=True)
         dry_run = begin(at, kind="dry_run", vehicle="1")
@@ -176,7 +176,7 @@ def test_a_lost_vehicle_ends_what_needs_it_and_nothing_else():
     story(tell)
 
 
-def test_work_that_hears_of_the_loss_itself_fails_in_its_own_words():
+def test_work_that_detects_the_loss_fails_with_its_own_error():
     async def tell(at):
         async def work(report):
             await asyncio.sleep(1.5)
@@ -191,7 +191,7 @@ def test_work_that_hears_of_the_loss_itself_fails_in_its_own_words():
     story(tell)
 
 
-def test_when_the_server_stops_all_are_cancelled_and_none_begins():
+def test_a_server_stop_cancels_all_operations_and_starts_none():
     async def tell(at):
         begun = [begin(at, vehicle=str(n)) for n in range(3)]
         await asyncio.sleep(1)
@@ -204,7 +204,7 @@ def test_when_the_server_stops_all_are_cancelled_and_none_begins():
     story(tell)
 
 
-def test_so_many_run_and_no_more_and_of_the_ended_the_oldest_are_forgotten():
+def test_running_operations_are_limited_and_the_oldest_ended_are_dropped():
     async def tell(at):
         async def short(report):
             await asyncio.sleep(0.01)

@@ -23,7 +23,7 @@ def found(**changes):
     return {"id": "3", "kind": "offboard_mission", **whole, **changes}
 
 
-def test_its_places_lie_where_it_began_and_its_bounds_hold_all_flights():
+def test_the_corridor_begins_at_the_start_and_contains_all_flights():
     corridor = corridor_of(found(), HERE, ORIGIN)
     assert corridor.position_ned_m[1] == pytest.approx((40.0, -20.0, -13.0), abs=0.01)
     assert corridor.beside_m == (0.5, 1.5)
@@ -39,6 +39,6 @@ def test_its_places_lie_where_it_began_and_its_bounds_hold_all_flights():
         (found(), (90.0, -20.0, 0.0), "began 60 m from the vehicle's position"),
     ],
 )
-def test_one_without_a_corridor_or_of_another_start_is_refused(dry_run, here, said):
+def test_a_dry_run_without_corridor_or_with_another_start_is_refused(dry_run, here, said):
     with pytest.raises(Refused, match=said):
         corridor_of(dry_run, here, ORIGIN)

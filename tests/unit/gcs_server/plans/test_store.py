@@ -43,7 +43,7 @@ def story(tmp_path, work):
     asyncio.run(run())
 
 
-def test_a_plan_is_kept_with_its_versions_and_found_again_after_a_restart(tmp_path):
+def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
     async def work(at):
         first = await at.store.create("Tower", plan(count=3), by=ANNA)
         assert (first.version, first.changed_by, first.item_count) == (1, "anna", 3)
@@ -62,7 +62,7 @@ def test_a_plan_is_kept_with_its_versions_and_found_again_after_a_restart(tmp_pa
     story(tmp_path, work)
 
 
-def test_a_save_on_an_older_version_overwrites_nothing_and_says_who_was_first(tmp_path):
+def test_a_save_on_an_older_version_is_refused_with_the_other_client(tmp_path):
     async def work(at):
         first = await at.store.create("Tower", plan(), by=ANNA)
         second = await at.store.save(first.id, "Tower", plan(6.0), base_version=1, by=BOB)
@@ -79,7 +79,7 @@ def test_a_save_on_an_older_version_overwrites_nothing_and_says_who_was_first(tm
     story(tmp_path, work)
 
 
-def test_two_saves_at_once_keep_one_and_refuse_the_other(tmp_path):
+def test_of_two_concurrent_saves_one_is_refused(tmp_path):
     async def work(at):
         first = await at.store.create("Tower", plan(), by=ANNA)
         saves = [
@@ -92,7 +92,7 @@ def test_two_saves_at_once_keep_one_and_refuse_the_other(tmp_path):
     story(tmp_path, work)
 
 
-def test_a_save_whose_caller_went_away_is_whole_and_told_or_not_there(tmp_path):
+def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
     async def work(at):
         first = await at.store.create("Tower", plan(), by=ANNA)
         saving = asyncio.ensure_future(at.store.save(first.id, "T", plan(2.0), base_version=1, by=BOB))
@@ -107,7 +107,7 @@ def test_a_save_whose_caller_went_away_is_whole_and_told_or_not_there(tmp_path):
     story(tmp_path, work)
 
 
-def test_every_change_is_told_with_who_made_it(tmp_path):
+def test_every_change_is_published_with_its_client(tmp_path):
     async def work(at):
         first = await at.store.create("Tower", plan(), by=ANNA)
         await at.store.save(first.id, "Tower", plan(), base_version=1, by=BOB)
@@ -126,7 +126,7 @@ def test_every_change_is_told_with_who_made_it(tmp_path):
     story(tmp_path, work)
 
 
-def test_the_last_versions_are_kept_and_older_ones_go(tmp_path, monkeypatch):
+def test_only_the_newest_versions_are_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(plan_store, "MAX_VERSIONS", 3)
 
     async def work(at):
@@ -140,7 +140,7 @@ def test_the_last_versions_are_kept_and_older_ones_go(tmp_path, monkeypatch):
     story(tmp_path, work)
 
 
-def test_number_and_size_are_bounded_and_deleting_makes_room(tmp_path, monkeypatch):
+def test_number_and_size_of_plans_are_limited_and_deleting_makes_room(tmp_path, monkeypatch):
     monkeypatch.setattr(plan_store, "MAX_PLANS", 2)
 
     async def work(at):
@@ -157,7 +157,7 @@ def test_number_and_size_are_bounded_and_deleting_makes_room(tmp_path, monkeypat
     story(tmp_path, work)
 
 
-def test_a_damaged_file_is_told_and_the_other_plans_stay_usable(tmp_path):
+def test_a_damaged_file_is_a_warning_and_other_plans_stay_usable(tmp_path):
     async def work(at):
         good = await at.store.create("good", plan(), by=ANNA)
         bad = await at.store.create("bad", plan(), by=ANNA)
@@ -172,7 +172,7 @@ def test_a_damaged_file_is_told_and_the_other_plans_stay_usable(tmp_path):
     story(tmp_path, work)
 
 
-def test_a_folder_that_cannot_be_made_is_an_error_in_words(tmp_path):
+def test_a_folder_that_cannot_be_created_is_an_error_with_text(tmp_path):
     (tmp_path / "plans").write_text("a file")
 
     async def work(at):
@@ -182,7 +182,7 @@ def test_a_folder_that_cannot_be_made_is_an_error_in_words(tmp_path):
     story(tmp_path, work)
 
 
-def test_a_version_from_before_there_were_missions_is_a_waypoint_plan(tmp_path):
+def test_a_version_without_a_kind_is_a_waypoint_plan(tmp_path):
     async def work(at):
         kept = await at.store.create("Tower", plan(), by=ANNA)
         file = at.folder / kept.id / "00000001.plan"

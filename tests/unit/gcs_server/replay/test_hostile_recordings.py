@@ -50,13 +50,13 @@ def index_of(path):
         return make_index(file)
 
 
-def test_more_kinds_of_message_than_any_fleet_sends_are_left_out_and_counted(log):
+def test_too_many_message_kinds_are_left_out_and_counted(log):
     index = index_of(log(many_kinds(index_module.MAX_KINDS + 2000)))
     assert index.left_out == 2000
     assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KINDS
 
 
-def test_a_story_without_end_is_cut_and_counted(log, monkeypatch):
+def test_too_many_events_are_cut_and_counted(log, monkeypatch):
     monkeypatch.setattr(index_module, "MAX_EVENT_RECORDS", 30)
     speaker = Speaker(1)
     switching = [(BEGIN_US + i, speaker.say(heartbeat(i % 2 << 16))) for i in range(100)]
@@ -65,7 +65,7 @@ def test_a_story_without_end_is_cut_and_counted(log, monkeypatch):
     assert index.left_out == 70
 
 
-def test_checkpoints_stay_within_their_bound_and_a_jump_still_finds_every_state(log, monkeypatch):
+def test_checkpoints_are_limited_and_a_jump_restores_every_state(log, monkeypatch):
     monkeypatch.setattr(records, "BATCH_BYTES", 8192)
     path = log(log_bytes(flight(seconds=120)))
     whole = index_of(path)
@@ -84,7 +84,7 @@ def newest(there):
     return {raw[5:10]: raw for raw in (r.raw for r in there.records)}
 
 
-def test_a_jump_into_a_flood_of_texts_feeds_no_more_than_a_feed_shows(log, monkeypatch):
+def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(log, monkeypatch):
     monkeypatch.setattr("gcs_server.replay.playback.CHANGES_RESTORED", 5)
     monkeypatch.setattr("gcs_server.replay.playback.TEXTS_RESTORED", 5)
     speaker = Speaker(1)
@@ -98,12 +98,12 @@ def test_a_jump_into_a_flood_of_texts_feeds_no_more_than_a_feed_shows(log, monke
     assert there.records[-1].time_us == index.end_us
 
 
-def test_an_index_comes_whole_out_of_its_process(log):
+def test_an_index_is_complete_after_its_process(log):
     index = index_of(log(log_bytes(flight(seconds=60))))
     assert from_bytes(to_bytes(index)) == index
 
 
-def test_what_takes_too_much_memory_is_said_in_words(log, monkeypatch):
+def test_too_much_memory_is_reported_as_text(log, monkeypatch):
     def greedy(file):
         raise MemoryError
 
@@ -112,7 +112,7 @@ def test_what_takes_too_much_memory_is_said_in_words(log, monkeypatch):
         from_bytes(index_process._answer(log(b"any")))
 
 
-def test_a_packed_file_that_unpacks_without_end_is_refused_in_the_list_and_when_opened(log, monkeypatch):
+def test_a_gzip_bomb_is_refused_in_the_list_and_when_opened(log, monkeypatch):
     monkeypatch.setattr(records, "MAX_UNPACKED_BYTES", 1_000_000)
     path = log(gzip.compress(bytes(3_000_000)), "bomb.tlog.gz")
     with pytest.raises(OSError, match="unpacks to more than"):
@@ -121,19 +121,19 @@ def test_a_packed_file_that_unpacks_without_end_is_refused_in_the_list_and_when_
     assert "unpacks to more than" in listed[0].problem
 
 
-def test_a_packed_file_leaves_room_on_the_disk(log, monkeypatch):
+def test_unpacking_leaves_free_disk_space(log, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=records.KEEP_FREE_BYTES - 1))
     with pytest.raises(OSError, match="too little free disk space"):
         open_log(log(gzip.compress(log_bytes(flight(seconds=2))), "packed.tlog.gz"))
 
 
 @pytest.mark.parametrize("name", ["a" * 300 + ".tlog", "half \ud800.tlog", "new\0line.tlog", "..", ""])
-def test_a_name_that_no_recording_can_have_is_an_unknown_recording(tmp_path, name):
+def test_an_invalid_name_is_an_unknown_recording(tmp_path, name):
     with pytest.raises(UnknownRecording, match="There is no recording"):
         Catalogue(tmp_path).path(name)
 
 
-def test_a_file_whose_name_is_no_text_is_left_out_of_the_list(tmp_path):
+def test_a_file_name_that_is_not_text_is_not_listed(tmp_path):
     (tmp_path / "whole.tlog").write_bytes(log_bytes(flight(seconds=2)))
     with open(bytes(tmp_path) + b"/bad\xff.tlog", "wb") as file:  # noqa: PTH123 a name of bytes
         file.write(b"x")
@@ -141,7 +141,7 @@ def test_a_file_whose_name_is_no_text_is_left_out_of_the_list(tmp_path):
 
 
 @pytest.mark.parametrize("how", ["fast", "jump"])
-def test_no_turn_of_the_event_loop_plays_more_than_a_bounded_number_of_records(log, monkeypatch, how):
+def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
     """A recording of thousands of senders, all at once: the vehicles in the air wait for none of it."""
     monkeypatch.setattr(tlog, "RECORDS_PER_TICK", 50)
     path = log(many_kinds(3000, step_us=10))

@@ -14,7 +14,7 @@ from gcs_server.replay.records import open_log
         ("failsafe-battery.tlog", ["Armed", "Takeoff detected", "Low battery", "Critical battery"]),
     ],
 )
-def test_what_was_said_in_its_order_without_the_findings_of_reports(shared, name, told):
+def test_texts_are_in_order_without_findings_of_reports(shared, name, told):
     path = shared / "px4" / "tlogs" / name
     with open_log(path) as file:
         index = make_index(file)

@@ -28,7 +28,7 @@ def whole(data):
     return parse(data, Cursor(), is_last=True)
 
 
-def test_every_record_is_there_with_whose_it_is():
+def test_every_record_is_read_with_its_sender():
     found = whole(DATA)
     assert [(r.time_us, r.raw) for r in found.records] == FLIGHT
     assert found.bytes_skipped == 0
@@ -39,7 +39,7 @@ def test_every_record_is_there_with_whose_it_is():
 
 @settings(deadline=None)
 @given(st.lists(st.integers(1, len(DATA) - 1), max_size=5))
-def test_it_does_not_matter_in_which_pieces_it_is_read(cuts):
+def test_records_are_equal_for_any_read_size(cuts):
     cursor, found = Cursor(), []
     for end in [*sorted(cuts), len(DATA)]:
         batch = parse(DATA[cursor.offset : end], cursor, is_last=end == len(DATA))
@@ -51,7 +51,7 @@ def test_it_does_not_matter_in_which_pieces_it_is_read(cuts):
 
 @settings(deadline=None)
 @given(st.integers(0, len(DATA)), st.binary(min_size=1, max_size=60))
-def test_damage_costs_no_more_than_the_records_it_touches(at, garbage):
+def test_damage_affects_only_the_records_that_it_touches(at, garbage):
     found = whole(DATA[:at] + garbage + DATA[at:])
     lost = Counter(raw for _, raw in FLIGHT) - Counter(r.raw for r in found.records)
     assert lost.total() <= 8  # the torn one, and what a header made of garbage swallows (290 bytes)
@@ -70,7 +70,7 @@ def test_noise_never_raises(noise):
 
 
 @pytest.mark.parametrize("jump_us", [-3_600_000_000, 400 * 86_400_000_000])
-def test_a_clock_that_is_set_in_flight_does_not_bend_the_time(jump_us):
+def test_a_clock_change_in_flight_does_not_change_durations(jump_us):
     half = len(FLIGHT) // 2
     changed = FLIGHT[:half] + [(time_us + jump_us, raw) for time_us, raw in FLIGHT[half:]]
     found = whole(log_bytes(changed))

@@ -99,7 +99,7 @@ def compare(path, share):
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 1000), share=st.floats(0, 1))
-def test_in_made_up_flights(tmp_path, seed, share):
+def test_a_jump_equals_playing_in_generated_flights(tmp_path, seed, share):
     path = tmp_path / "made.tlog"
     path.write_bytes(log_bytes(flight(seed, seconds=30)))
     compare(path, share)
@@ -108,7 +108,7 @@ def test_in_made_up_flights(tmp_path, seed, share):
 @pytest.mark.parametrize(
     "share", [0.31, 1.0, *(pytest.param(s, marks=pytest.mark.broad) for s in (0.0, 0.77))]
 )
-def test_in_a_long_one_from_a_checkpoint(tmp_path, share):
+def test_a_jump_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, share):
     path = tmp_path / "long.tlog"
     path.write_bytes(log_bytes(flight(3, seconds=500)))
     vehicles, before, fed = compare(path, share)
@@ -121,7 +121,7 @@ def test_in_a_long_one_from_a_checkpoint(tmp_path, share):
     ["flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz", "failsafe-battery.tlog", "offboard-api.tlog.gz"],
 )
 @pytest.mark.parametrize("share", [0.2, pytest.param(0.5, marks=pytest.mark.broad), 0.9])
-def test_in_flights_of_a_real_px4(shared, name, share):
+def test_a_jump_equals_playing_in_flights_of_a_real_px4(shared, name, share):
     vehicles, before, fed = compare(shared / "px4" / "tlogs" / name, share)
     assert len(vehicles) == 1
     assert before > 10 * fed
@@ -132,7 +132,7 @@ def test_in_flights_of_a_real_px4(shared, name, share):
     assert events
 
 
-def test_condensed_playing_leaves_out_nothing_that_lasts(tmp_path):
+def test_condensed_playing_restores_the_same_state(tmp_path):
     path = tmp_path / "made.tlog"
     path.write_bytes(log_bytes(flight(9, seconds=20)))
     with open_log(path) as file:
@@ -146,5 +146,5 @@ def test_condensed_playing_leaves_out_nothing_that_lasts(tmp_path):
     assert fleet_after(thinned, end_us, records[0].time_us, ticks=False) == whole
 
 
-def test_the_acknowledgements_in_the_story_are_those_that_tell_who_changed_a_mode():
+def test_indexed_acknowledgements_are_those_of_mode_commands():
     assert MODE_COMMANDS == mode_cause.MODE_COMMANDS

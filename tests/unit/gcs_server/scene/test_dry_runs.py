@@ -43,7 +43,7 @@ def path():
     return found
 
 
-def test_its_vehicle_is_between_two_samples_and_stays_at_the_ends():
+def test_the_dry_runs_vehicle_is_interpolated_and_stays_at_the_ends():
     at_15_s = pose_at(path(), 15.0, START)
     assert at_15_s.position_enu_m == pytest.approx((120.0, 200.0, 15.0))
     assert yaw_from_q(at_15_s.q_enu_flu) == pytest.approx(0.0)
@@ -53,7 +53,7 @@ def test_its_vehicle_is_between_two_samples_and_stays_at_the_ends():
 
 
 @pytest.mark.parametrize(("t_s", "looks_enu"), [(0.0, (0, 1, 0)), (10.0, (0, 0, -1)), (20.0, (0, -1, 0))])
-def test_its_gimbal_looks_where_the_dry_run_had_it_look(t_s, looks_enu):
+def test_the_gimbal_points_as_in_the_dry_run(t_s, looks_enu):
     pose = pose_at(path(), t_s, START)
     assert pose.q_body_camera is not None
     ahead = rotate(pose.q_enu_flu, rotate(pose.q_body_camera, (1.0, 0.0, 0.0)))
@@ -92,7 +92,7 @@ def shown(scene, **asked):
     return scene._set_view("page", ViewRequest.model_validate(asked)).dry_run
 
 
-def test_a_view_shows_a_moment_until_it_is_told_otherwise():
+def test_a_view_keeps_the_shown_time_until_a_new_request():
     asked: list[str] = []
 
     def results(dry_run: str):
@@ -118,6 +118,6 @@ def test_a_view_shows_a_moment_until_it_is_told_otherwise():
 
 
 @pytest.mark.parametrize("t_s", [-1.0, math.nan, math.inf])
-def test_a_moment_that_is_none_is_refused(t_s):
+def test_an_invalid_time_is_refused(t_s):
     with pytest.raises(ValueError, match="t_s"):
         ViewRequest.model_validate({"dry_run": {"id": "1", "t_s": t_s}})

@@ -59,6 +59,6 @@ def test_a_thousandth_of_a_degree_is_111_m_north():
     assert north == pytest.approx(111.17, abs=0.05)
 
 
-def test_the_date_line_is_no_wall():
+def test_positions_are_continuous_across_the_date_line():
     east, _, _ = frames.enu_from_geodetic(0.0, -179.9999, 0.0, origin_deg_m=(0.0, 179.9999, 0.0))
     assert east == pytest.approx(22.26, abs=0.05)

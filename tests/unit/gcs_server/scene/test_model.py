@@ -34,7 +34,7 @@ def test_solids_face_outwards(name):
     assert volume > 0
 
 
-def test_rotors_stand_where_px4_numbers_them():
+def test_rotors_have_px4s_numbering():
     front_right, rear_left, front_left, rear_right = model.ROTORS_FLU_M
     assert front_right[0] > 0 > front_right[1]
     assert rear_left[0] < 0 < rear_left[1]
@@ -60,7 +60,7 @@ def test_no_direction_no_turn():
     assert model.q_along((0.0, 0.0, 0.0)) == IDENTITY
 
 
-def test_writing_is_centred_and_as_high_as_said():
+def test_text_is_centred_and_has_the_given_height():
     segments = strokes.text_segments("10 m", height_m=2.0, at_m=(5.0, 7.0, 0.0))
     low, high = segments.reshape(-1, 3).min(axis=0), segments.reshape(-1, 3).max(axis=0)
     assert (low + high)[0] / 2 == pytest.approx(5.0, abs=0.2)

@@ -16,7 +16,7 @@ def test_the_first_home_is_the_origin():
     assert place.home_enu_m == (0.0, 0.0, 0.0)
 
 
-def test_two_vehicles_with_frames_of_their_own_stand_where_they_are():
+def test_two_vehicles_with_different_local_frames_are_placed_correctly():
     placement = Placement()
     placement.place(flying("1"))
     second = flying("2")
@@ -43,7 +43,7 @@ def test_a_local_position_alone_places_a_vehicle():
     assert place.known
 
 
-def test_without_any_position_it_is_drawn_and_said_so():
+def test_without_a_position_the_vehicle_is_drawn_with_a_note():
     place = Placement().place(FakeVehicle())
     assert place.position_enu_m == (0.0, 0.0, 0.0)
     assert not place.known
@@ -65,12 +65,12 @@ def test_a_reset_of_the_estimator_moves_the_frame_and_not_the_vehicle():
 
 
 @pytest.mark.parametrize("bad", [glob(math.nan, LON, 0.0), glob(0.0, 0.0, 0.0)])
-def test_a_position_that_is_none_is_not_used(bad):
+def test_an_invalid_position_is_not_used(bad):
     vehicle = FakeVehicle(values={"global_position": bad})
     assert not Placement().place(vehicle).known
 
 
-def test_when_the_last_has_gone_the_next_gives_the_origin():
+def test_after_the_last_vehicle_the_next_one_sets_the_origin():
     placement = Placement()
     placement.place(flying())
     placement.reset()

@@ -81,7 +81,7 @@ def test_our_own_stream_is_the_target_and_its_frame_is_the_vehicles():
     assert not target.is_velocity
 
 
-def test_a_velocity_asked_for_points_where_it_leads():
+def test_a_velocity_setpoint_is_drawn_as_its_target():
     target = look(flying(), OffboardTarget(velocity_ned_m_s=(2.0, 0.0, 0.0))).target
     assert target.position_enu_m == pytest.approx((0.0, 2.0, 10.0), abs=1e-6)
     assert target.is_velocity
@@ -97,13 +97,13 @@ def test_the_vehicles_own_target_is_drawn_while_fresh_and_armed():
 
 
 @pytest.mark.parametrize("position", [(None, None, -3.0), (math.nan, 0.0, 0.0)])
-def test_half_a_target_is_none(position):
+def test_an_incomplete_target_is_not_drawn(position):
     vehicle = flying()
     vehicle.values["target_local"] = target_local(position=position)
     assert look(vehicle).target is None
 
 
-def test_labels_say_height_and_what_it_is():
+def test_labels_show_height_and_notes():
     vehicle = flying()
     pose = look(vehicle)
     assert (pose.label, pose.note) == ("1 · 10.0 m", "simulated")
@@ -115,7 +115,7 @@ def test_labels_say_height_and_what_it_is():
     assert look(vehicle).label == "1 · \N{MINUS SIGN}0.3 m"
 
 
-def test_a_lost_vehicle_is_said_to_be_and_has_no_target():
+def test_a_lost_vehicle_is_labelled_and_has_no_target():
     vehicle = flying()
     vehicle.values["status"] = status(lost=True)
     pose = look(vehicle, OffboardTarget((0.0, 0.0, -5.0)))
@@ -124,12 +124,12 @@ def test_a_lost_vehicle_is_said_to_be_and_has_no_target():
     assert pose.note == "lost, simulated"
 
 
-def test_a_silent_vehicle_is_named_without_a_height():
+def test_a_silent_vehicle_has_a_label_without_height():
     pose = look(FakeVehicle("7", FakeIdentity(replayed=True)))
     assert (pose.label, pose.note) == ("7", "no position, replayed")
 
 
-def test_what_distance_sensors_met_is_drawn_where_it_is_and_only_while_it_is_measured():
+def test_measured_points_are_drawn_only_while_they_are_measured():
     vehicle = flying()
     vehicle.values["attitude"] = attitude(yaw=math.pi / 2)
     assert look(vehicle).returns_enu_m == ()

@@ -23,7 +23,7 @@ def flew_north(vehicle: FakeVehicle, clock: StillClock, seconds: int) -> None:
         vehicle.past.append(Sample("local_position", None, unix_s, clock.monotonic_s() - ago_s, at))
 
 
-def test_with_nobody_looking_no_vehicle_is_looked_at(monkeypatch):
+def test_without_a_view_no_vehicle_is_read(monkeypatch):
     monkeypatch.setattr(ViserHost, "clients", lambda _: {})
     vehicle = flying()
     scene = Scene(FakeFleet([vehicle]), StillClock())
@@ -32,7 +32,7 @@ def test_with_nobody_looking_no_vehicle_is_looked_at(monkeypatch):
     assert (vehicle.looked_at, vehicle.asked) == (0, 0)
 
 
-def test_the_trail_is_there_at_the_first_look():
+def test_the_trail_is_complete_when_a_view_opens():
     clock = StillClock()
     vehicle = flying()
     vehicle.clock = clock
@@ -45,7 +45,7 @@ def test_the_trail_is_there_at_the_first_look():
     assert vehicle.asked == 1
 
 
-def test_a_gap_is_filled_and_nothing_drawn_twice():
+def test_a_gap_is_filled_without_duplicates():
     clock = StillClock()
     vehicle = flying()
     vehicle.clock = clock
@@ -63,7 +63,7 @@ def test_a_gap_is_filled_and_nothing_drawn_twice():
     assert [p[1] for p in points(track)] == pytest.approx([-60.0, *range(-29, 1)])
 
 
-def test_after_a_long_time_the_trail_begins_anew():
+def test_the_trail_restarts_after_a_long_time():
     clock = StillClock()
     vehicle = flying()
     vehicle.clock = clock
@@ -76,7 +76,7 @@ def test_after_a_long_time_the_trail_begins_anew():
     assert points(track) == []
 
 
-def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
+def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
     clock = StillClock()
     vehicles = [flying(str(i)) for i in range(1, 6)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
@@ -87,7 +87,7 @@ def test_one_vehicle_a_look_is_made_up_for_and_the_chosen_one_first():
     assert [v.asked for v in vehicles] == [1, 1, 1, 1, 1]
 
 
-def test_of_many_vehicles_those_that_nobody_follows_are_looked_at_a_third_as_often_and_lose_no_time():
+def test_vehicles_without_a_follower_are_updated_a_third_as_often():
     vehicles = [flying(str(i)) for i in range(1, 8)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     tracks.update(0.0, 0.03, {"4"})  # the first look is at all
@@ -107,7 +107,7 @@ def test_of_many_vehicles_those_that_nobody_follows_are_looked_at_a_third_as_oft
     assert [norths[v] for v in last] == pytest.approx([norths["4"]] * len(last))
 
 
-def test_a_few_vehicles_are_looked_at_each_time():
+def test_a_few_vehicles_are_all_updated_each_time():
     vehicles = [flying(str(i)) for i in range(1, 4)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     for index in range(3):
@@ -143,7 +143,7 @@ def test_global_positions_make_a_trail_where_there_are_no_local_ones():
     assert [p[1] for p in points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
 
 
-def test_a_replayed_vehicles_trail_is_made_up_in_its_recordings_time():
+def test_a_replayed_vehicles_trail_uses_the_recordings_time():
     long_ago, vehicle = StillClock(5.0), flying()
     vehicle.clock = long_ago
     flew_north(vehicle, long_ago, 4)

@@ -90,7 +90,7 @@ def told(story):
     in_jumps(run)
 
 
-def test_a_stuck_client_gets_the_newest_value_and_no_backlog():
+def test_a_slow_client_gets_the_newest_value_and_no_backlog():
     async def story(fleet, socket, hub):
         fleet.set_climb(1.0, 1.0)
         await asyncio.sleep(0.05)
@@ -128,7 +128,7 @@ def test_a_topic_of_the_servers_own_is_sent_after_a_subscription_and_when_it_cha
     told(story)
 
 
-def test_a_vehicle_that_comes_back_under_its_id_is_told_anew():
+def test_a_vehicle_that_returns_under_its_id_is_sent_again():
     async def story(fleet, socket, hub):
         await socket.asks.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
         await asyncio.sleep(5)
@@ -141,7 +141,7 @@ def test_a_vehicle_that_comes_back_under_its_id_is_told_anew():
     told(story)
 
 
-def test_a_vehicle_replaced_while_a_frame_leaves_is_told_before_its_samples():
+def test_a_replaced_vehicle_is_announced_before_its_samples():
     async def story(fleet, socket, hub):
         replays = []
         hub.watch_replays(lambda: replays)
@@ -228,7 +228,7 @@ def test_a_bad_request_is_explained_and_the_socket_stays(ask):
     told(story)
 
 
-def test_a_client_that_asks_badly_and_reads_nothing_costs_no_memory():
+def test_invalid_requests_of_a_client_that_reads_nothing_use_no_memory():
     async def story(fleet, socket, hub):
         await asyncio.sleep(0.02)
         socket.writable.clear()
@@ -271,7 +271,7 @@ def test_large_events_that_are_not_read_close_the_client_before_their_number_doe
         '{"type": "subscribe", "topics": ["' + "x" * 70_000 + '"]}',
     ],
 )
-def test_a_request_without_end_is_explained_in_a_few_words(ask):
+def test_a_too_long_request_is_explained_briefly(ask):
     async def story(fleet, socket, hub):
         await socket.asks.put(ask)
         await asyncio.sleep(0.05)

@@ -30,7 +30,7 @@ def test_any_order_with_repeats_comes_out_once_and_in_order(first, offsets):
     assert missing == (None if not later else ((first + run) & 0xFFFF, (first + min(later) - 1) & 0xFFFF))
 
 
-def test_a_gap_is_asked_for_again_and_in_the_end_left_behind():
+def test_a_gap_is_requested_again_and_finally_skipped():
     stream = started(65534)
     assert stream.take(1, 1) == []
     now_s, asked = 0.0, 0
@@ -48,7 +48,7 @@ def test_a_gap_is_asked_for_again_and_in_the_end_left_behind():
     assert (stream.lost, stream.expected) == (2, 2)
 
 
-def test_a_recovered_event_sets_free_what_waited_for_it():
+def test_a_recovered_event_releases_the_later_ones():
     stream = started(5)
     assert stream.take(7, 7) == []
     assert stream.wanted(0.0) == (6, 6)
@@ -68,7 +68,7 @@ def test_the_current_number_shows_a_gap_at_the_end():
     assert stream.wanted(1.0) == (16, 16)
 
 
-def test_what_the_vehicle_has_no_more_is_skipped():
+def test_events_that_the_vehicle_no_longer_has_are_skipped():
     stream = started(10)
     assert stream.take(20, 20) == []
     assert stream.gone(14, 15) == []  # not the one we wait for
@@ -78,7 +78,7 @@ def test_what_the_vehicle_has_no_more_is_skipped():
     assert stream.take(19, 19) == [19, 20]
 
 
-def test_a_large_jump_or_a_reset_begins_anew():
+def test_a_large_jump_or_a_reset_starts_over():
     stream = started(1000)
     assert stream.take(1000 + MAX_GAP + 2, "far") == ["far"]
     assert stream.take(3, "restarted") == ["restarted"]

@@ -30,7 +30,7 @@ def test_a_packet_survives_the_wire(packet):
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_are_a_packet_or_none(payload):
+def test_any_bytes_are_decoded_or_ignored(payload):
     packet = codec.decode(payload)
     assert packet is None or len(packet.data) <= codec.DATA_BYTES
     if packet is not None:
@@ -121,6 +121,6 @@ def test_missing_parts_are_limited_and_what_leaves_too_many_counts_as_lost():
     assert pieces.received == pieces.size
 
 
-def test_a_listed_size_that_no_file_can_have_is_not_believed():
+def test_an_implausible_file_size_is_ignored():
     entries, _ = codec.parse_listing(b"Fa\t" + b"9" * 200 + b"\0Fb\t4294967295")
     assert [e.bytes for e in entries] == [0, 4294967295]

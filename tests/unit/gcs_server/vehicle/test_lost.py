@@ -52,25 +52,25 @@ HEARTBEAT = d.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
 
 
-def test_silent_it_is_lost_after_three_and_a_half_seconds(listener):
+def test_a_silent_vehicle_is_lost_after_three_and_a_half_seconds(listener):
     assert listener.lost_after_s() == 4.0
     assert listener.state.silence() == "no messages for 4.0 s"
 
 
-def test_heartbeats_that_get_lost_on_a_bad_link_lose_no_vehicle_that_is_heard(listener):
+def test_lost_heartbeats_on_a_bad_link_do_not_lose_a_vehicle_that_sends(listener):
     assert listener.lost_after_s(ATTITUDE, within_s=9.0) is None
 
 
-def test_without_a_heartbeat_for_ten_seconds_nobody_knows_whether_it_is_armed(listener):
+def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(listener):
     assert listener.lost_after_s(ATTITUDE) == 10.5
     assert "no heartbeat for 10 s" in listener.state.silence()
 
 
-def test_its_camera_does_not_speak_for_the_autopilot(listener):
+def test_messages_of_the_camera_do_not_count_for_the_autopilot(listener):
     assert listener.lost_after_s(ATTITUDE, component_id=CAMERA) == 4.0
 
 
-def test_once_lost_only_a_heartbeat_finds_it_again(listener):
+def test_a_lost_vehicle_returns_only_with_a_heartbeat(listener):
     listener.lost_after_s()
     listener.hears(ATTITUDE)
     assert listener.state.link_lost

@@ -125,7 +125,7 @@ def test_the_recorded_refusals_have_the_right_cause_for_each_mode(shared, expect
         assert by_mode in found, name
 
 
-def test_every_recorded_report_explains_every_mode_that_is_shut(shared, px4_words):
+def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_words):
     reports = 0
     for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
         for name, payloads in recorded(shared, file.stem):
@@ -165,7 +165,7 @@ def test_the_vehicles_own_words_come_first_and_fill_in_its_values(shared, px4_wo
     assert sticks.cause == "No manual control input"
 
 
-def test_our_names_are_px4s(px4_words):
+def test_check_names_match_px4(px4_words):
     assert {i: words.name for i, words in CHECKS.items()} == {i: px4_words[i].name for i in CHECKS}
     named = {i for i, e in px4_words.items() if e.is_check and e.name.startswith("check_modes_")}
     assert named - set(MODE_NEEDS) == {18648929}  # cannot take off: it may be flown
@@ -201,7 +201,7 @@ def test_metadata_is_filled_in_as_its_format_says():
             event_document.parse(bad)
 
 
-def test_chunks_forbid_together_and_a_missing_one_spoils_the_report():
+def test_restrictions_of_chunks_add_up_and_a_missing_chunk_drops_the_report():
     def chunk(number, can_arm, errors, *checks):
         return [
             payload(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", number, errors, 0, can_arm, can_arm)),
@@ -275,7 +275,7 @@ def hostile_report(chunks, findings):
 
 
 @pytest.mark.parametrize(("chunks", "findings"), [(1, 20_000), (250, 80)])
-def test_a_report_without_end_is_cut_and_counted(chunks, findings):
+def test_a_too_long_report_is_cut_and_counted(chunks, findings):
     report = hostile_report(chunks, findings)
     assert len(report.findings) == MAX_FINDINGS
     told = readiness.readiness_of(report, 0.0, "vehicle")
@@ -302,7 +302,7 @@ def test_a_report_of_usual_length_leaves_nothing_out():
         ("offboard", False, ["acro"], None),
     ],
 )
-def test_a_mode_that_cannot_be_armed_in_offers_another(mode, armed, can_arm, offered):
+def test_a_mode_that_prevents_arming_offers_another_mode(mode, armed, can_arm, offered):
     report = HealthReport(sum(1 << BY_NAME[name].nav_state for name in can_arm), 0)
     found = readiness.offers(report, BY_NAME[mode], armed)
     assert [(o.code, o.mode) for o in found] == ([] if offered is None else [("choose_mode", offered)])

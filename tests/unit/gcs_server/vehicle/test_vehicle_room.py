@@ -52,7 +52,7 @@ def test_battery_comes_from_the_system_status_until_its_own_message():
         ([65534, 4000, *[65535] * 8], [0] * 4, 69.534, None),
     ],
 )
-def test_cells_are_told_where_the_vehicle_tells_them(voltages, more, sum_v, cells):
+def test_cell_voltages_are_shown_if_reported(voltages, more, sum_v, cells):
     message = d.MAVLink_battery_status_message(
         0, 0, 0, 2500, voltages, 500, 120, -1, 66, 300, voltages_ext=more
     )
@@ -61,7 +61,7 @@ def test_cells_are_told_where_the_vehicle_tells_them(voltages, more, sum_v, cell
     assert value.cell_voltages_v == cells
 
 
-def test_health_tells_readiness_as_px4_and_ardupilot_report_it():
+def test_health_reads_readiness_from_px4_and_ardupilot():
     bit = d.MAV_SYS_STATUS_PREARM_CHECK
     for present, healthy, expected in ((bit, bit, True), (bit, 0, False), (1, bit, True), (0, 0, None)):
         status = d.MAVLink_sys_status_message(present, 0, healthy, 250, 0, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -92,7 +92,7 @@ def test_attitude_agrees_between_quaternion_and_angles():
     ("flags", "earth"),
     [(0, False), (16, True), (12, False), (28, True), (32, False), (48, False), (64, True), (80, True)],
 )
-def test_the_gimbals_yaw_is_told_in_both_frames(flags, earth):
+def test_the_gimbals_yaw_is_converted_to_both_frames(flags, earth):
     device = d.MAVLink_gimbal_device_attitude_status_message(
         0, 0, 1000, flags, list(q_from_euler(0, -0.5, 1.0)), 0, 0, 0, 0, 0, 0, 1
     )

@@ -26,7 +26,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 
 @flown
-async def test_a_killed_process_is_told_and_started_again_but_no_stream_is(streams, vehicle):
+async def test_a_killed_process_is_reported_and_restarted_without_its_streams(streams, vehicle):
     number = await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGKILL)
@@ -58,7 +58,7 @@ async def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
 
 
 @flown
-async def test_a_process_that_hangs_while_nobody_asks_is_ended_too(streams, vehicle, monkeypatch):
+async def test_a_hanging_process_is_killed_without_pending_requests(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -69,7 +69,7 @@ async def test_a_process_that_hangs_while_nobody_asks_is_ended_too(streams, vehi
 
 
 @flown
-async def test_a_loop_that_stood_still_does_not_end_a_living_process(streams, vehicle, monkeypatch):
+async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -86,7 +86,7 @@ async def test_a_loop_that_stood_still_does_not_end_a_living_process(streams, ve
 
 
 @flown
-async def test_whatever_the_process_does_nothing_in_the_loop_waits_for_it(streams, vehicle):
+async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
     """It hangs: each plain call returns at once, and the loop turns while a coroutine waits for an answer."""
     await begin(streams, "1", vehicle)
     os.kill(streams.pid, signal.SIGSTOP)
@@ -136,7 +136,7 @@ async def test_whatever_the_process_does_nothing_in_the_loop_waits_for_it(stream
 
 
 @flown
-async def test_a_process_that_reads_nothing_is_ended_at_a_bound(streams, vehicle, monkeypatch):
+async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.handle.MAX_WAITING_BYTES", 2_000_000)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -160,7 +160,7 @@ async def test_signals_for_the_server_leave_it_streaming(streams, vehicle, numbe
     await soon(lambda: len(vehicle.frames) >= count + 3)
 
 
-def test_streams_that_want_more_than_a_processor_still_let_others_run(monkeypatch):
+def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
     waits = []
 
     class Hurrying:

@@ -23,7 +23,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 
 @flown
-async def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams, vehicle):
+async def test_sent_frames_have_own_ids_continuous_numbers_and_are_recorded(streams, vehicle):
     await begin(streams, "1", vehicle)
     await soon(lambda: len(vehicle.frames) >= 10)
     streams.end("1", "stopped", "")
@@ -38,7 +38,7 @@ async def test_what_goes_out_is_ours_numbered_without_gaps_and_recorded(streams,
 
 
 @flown
-async def test_what_goes_out_is_signed_with_the_links_key_which_no_argument_shows(streams, vehicle):
+async def test_sent_frames_are_signed_and_the_key_is_in_no_argument(streams, vehicle):
     key = bytes(range(32))
     signer = FrameSigner(SecretKey(key), 5, SigningClock(SystemClock().unix_s))
     vehicle.way.connection.signing = SimpleNamespace(signer=signer)
@@ -69,7 +69,7 @@ def shown_to_other_users(pid):
 
 
 @flown
-async def test_what_is_no_datagram_is_sent_by_the_server_even_while_its_loop_stalls(streams, vehicle):
+async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams, vehicle):
     vehicle.datagrams = False
     await begin(streams, "1", vehicle)
     stall(0.4)
@@ -81,9 +81,7 @@ async def test_what_is_no_datagram_is_sent_by_the_server_even_while_its_loop_sta
 
 
 @flown
-async def test_a_new_way_is_taken_with_the_next_beat_and_the_server_sends_where_there_is_none(
-    streams, vehicle
-):
+async def test_a_new_route_is_used_with_the_next_beat(streams, vehicle):
     await begin(streams, "1", vehicle)
     await soon(lambda: vehicle.frames)
     other = Vehicle()
@@ -116,7 +114,7 @@ async def test_a_closed_links_port_is_free_although_the_process_sent_by_its_sock
 
 
 @flown
-async def test_a_fault_of_passing_on_costs_one_setpoint_and_not_the_thread_that_passes_on(streams, vehicle):
+async def test_a_relay_error_loses_one_setpoint_and_the_thread_continues(streams, vehicle):
     vehicle.datagrams = False
     real, faults = vehicle.send_payload, []
 

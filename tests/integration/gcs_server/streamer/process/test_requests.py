@@ -57,7 +57,7 @@ async def test_a_change_is_sent_at_once(streams, vehicle):
 
 
 @flown
-async def test_a_snapshot_that_cannot_be_handed_over_costs_its_own_vehicle_only(streams, vehicle):
+async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(streams, vehicle):
     other = Vehicle()
     await begin(streams, "1", vehicle)
     await begin(streams, "2", other)
@@ -108,7 +108,7 @@ async def test_a_renewal_of_a_whole_group_is_known_with_its_answer(streams, vehi
 
 
 @flown
-async def test_ended_here_it_is_idle_before_the_process_says_so(streams, vehicle):
+async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, vehicle):
     number = await begin(streams, "1", vehicle)
     streams.end("1", "stopped", "The stream was stopped.", number)
     state = streams.state("1")
@@ -119,7 +119,7 @@ async def test_ended_here_it_is_idle_before_the_process_says_so(streams, vehicle
 
 
 @flown
-async def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams, vehicle, monkeypatch):
+async def test_the_event_loop_continues_while_the_process_starts(streams, vehicle, monkeypatch):
     """The moment after its end: a server that waited with its loop would hear no vehicle meanwhile."""
     turns = []
 
@@ -154,7 +154,7 @@ async def test_while_it_starts_the_loop_goes_on_and_a_start_waits_for_it(streams
 
 
 @flown
-async def test_an_order_that_cannot_be_flown_is_an_error_here_and_ends_nothing(streams, vehicle):
+async def test_an_invalid_order_is_an_error_and_ends_no_stream(streams, vehicle):
     await begin(streams, "1", vehicle)
     with pytest.raises(ValueError, match="vehicle 2 sends no position"):
         await streams.change("1", Order(Follow("2"), 60.0), snapshot())
@@ -162,7 +162,7 @@ async def test_an_order_that_cannot_be_flown_is_an_error_here_and_ends_nothing(s
 
 
 @flown
-async def test_expiry_is_brought_about_and_told_there(streams, vehicle):
+async def test_the_process_executes_and_reports_an_expiry(streams, vehicle):
     await begin(streams, "1", vehicle, order=Order(HOVER, 0.1, OnExpiry("stop_stream")))
     await soon(lambda: streams.beat({"1": snapshot()}) or not streams.active())
     assert "expired" in [report.code for _, report in streams.take_reports()]

@@ -63,16 +63,16 @@ def vectors(*rows):
 # --- braking --------------------------------------------------------------------------------------
 
 
-def test_head_on_both_ways_of_stopping_count():
+def test_a_head_on_approach_counts_both_braking_distances():
     left_m = closest_m(*vectors((0, 0, 0), (5, 0, 0), (30, 0, 0), (-5, 0, 0)))
     assert float(left_m) == pytest.approx(30 - 2 * stopping_m(5.0), abs=0.02)
 
 
-def test_in_parallel_nothing_is_lost_however_fast():
+def test_parallel_flight_keeps_its_distance_at_any_speed():
     assert float(closest_m(*vectors((0, 0, 0), (9, 0, 0), (0, 4, 0), (9, 0, 0)))) == pytest.approx(4.0)
 
 
-def test_standing_and_apart_nothing_comes_nearer():
+def test_vehicles_that_hold_their_positions_keep_their_distance():
     left_m = closest_m(*vectors((0, 0, 0), (4, 0, 0), (-7, 0, 0), (0, 0, 0)))
     assert float(left_m) == pytest.approx(7.0)
 
@@ -99,7 +99,7 @@ def test_a_vehicle_that_reports_no_accuracy_gets_a_margin_of_its_own():
     assert moving(snapshot(), 101.4, HERE, None).age_s == pytest.approx(0.4)
 
 
-def test_who_allows_itself_little_tilt_or_flies_by_attitude_is_stopped_earlier():
+def test_vehicles_with_low_tilt_or_attitude_setpoints_are_stopped_earlier():
     def brakes(tilt_deg, setpoint):
         bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
         return moving(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).brakes_m_s2
@@ -125,7 +125,7 @@ def test_places_in_two_local_frames_are_compared_on_the_earth():
     assert "vehicles 1 and 2 would come within" in found.text(3.0)
 
 
-def test_two_that_stand_too_near_are_found_at_once():
+def test_two_vehicles_that_are_too_near_are_found_at_once():
     found = conflict(planned("1", None), planned("2", None, east_m=2.0))
     assert found is not None
     assert (found.after_s, found.distance_m) == (0.0, pytest.approx(2.0, abs=0.01))
@@ -146,7 +146,7 @@ def test_paths_are_compared_in_time():
     assert conflict(planned("1", across(60.0)), planned("2", across(1.0), east_m=-10.0)) is not None
 
 
-def test_a_path_under_way_is_looked_at_from_where_it_is():
+def test_a_running_path_is_checked_from_its_current_point():
     path = Path((PathPoint(0.0, (0.0, 0.0, -10.0)), PathPoint(20.0, (40.0, 0.0, -10.0))))
     late = Planned("1", path, snapshot(position=(20.0, 0.0, -10.0)), 30.0, elapsed_s=10.0)
     passed = planned("2", None, position=(4.0, 0.0, -10.0))
@@ -164,7 +164,7 @@ def test_velocities_count_until_they_expire():
     assert conflict(*pair(20.0)) is not None
 
 
-def test_a_body_velocity_and_a_place_on_the_earth_are_understood():
+def test_body_velocities_and_global_positions_are_predicted():
     east = planned("1", VelocityBody((1.0, 0.0, 0.0)), yaw=math.pi / 2)
     assert conflict(east, planned("2", None, east_m=20.0)) is not None
     place = PositionGlobal(47.0, 8.0, alt_amsl_m=510.0)
@@ -184,7 +184,7 @@ def test_a_follower_is_where_its_leader_will_be():
     assert found.vehicles == ("2", "3")
 
 
-def test_so_fast_that_both_could_not_be_stopped_is_refused_though_they_would_pass():
+def test_vehicles_too_fast_to_stop_are_refused_even_if_they_would_pass():
     def pass_by(north_m, towards):
         points = [(0.0, (0.0, north_m, -10.0)), (10.0, (80.0 * towards, north_m, -10.0))]
         return Path(tuple(PathPoint(t, (n, e, d)) for t, (n, e, d) in points))
@@ -196,7 +196,7 @@ def test_so_fast_that_both_could_not_be_stopped_is_refused_though_they_would_pas
     assert found.while_stopping or found.distance_m < 3.0
 
 
-def test_looking_ahead_has_an_end():
+def test_the_prediction_has_a_time_limit():
     endless = planned("1", Follow("9", offset_ned_m=(0.0, 3.0, 0.0)))
     assert conflict(endless, planned("2", None, east_m=50.0)) is None
     assert MAX_PLAN_S == 600.0
@@ -220,7 +220,7 @@ def far(index, north_m_s):
     ],
     ids=["ten_paths", "a_path_and_nine_places"],
 )
-def test_the_others_have_a_turn_after_each_small_piece_of_a_long_search(monkeypatch, members):
+def test_a_long_prediction_yields_after_each_small_piece(monkeypatch, members):
     piece, most, total = Counter(), Counter(), Counter()
 
     def counted(name, work, size=lambda *_: 1):
@@ -255,7 +255,7 @@ def test_the_others_have_a_turn_after_each_small_piece_of_a_long_search(monkeypa
     assert most["samples"] <= 12_000
 
 
-def test_searches_made_at_once_take_turns_and_the_loop_has_its_own_after_each_piece():
+def test_concurrent_predictions_take_turns_with_the_event_loop():
     log = []
 
     def search(name):
@@ -305,7 +305,7 @@ def seen(second=None, order=WAIT, phase="streaming", **more):
     return {"1": first, "2": MemberView(phase, order, second or snapshot(20.0), None)}
 
 
-def test_all_begin_at_the_instant_and_once():
+def test_all_members_start_once_at_the_common_start():
     watch = guard()
     assert not watch.check(100.5, seen()).take
     assert watch.due_s <= 101.0
@@ -314,7 +314,7 @@ def test_all_begin_at_the_instant_and_once():
     assert not watch.check(101.1, seen(order=GO)).take
 
 
-def test_woken_late_nobody_begins():
+def test_a_missed_common_start_starts_no_member():
     watch = guard()
     late = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin()))
     other = Snapshot(102.4, "offboard", HERE, None, 0.0, bounds=Bounds(origin=origin(20.0)))
@@ -337,7 +337,7 @@ def test_the_two_that_come_too_near_hold_and_the_finding_says_how_near():
     assert not watch.check(101.2, near).hold  # told and done once
 
 
-def test_one_that_is_driven_ever_faster_is_stopped_while_there_is_still_room():
+def test_an_accelerating_member_is_stopped_in_time():
     drift = Order(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
     gains_m_s2, go_on_s, brakes_m_s2 = 6.0, 0.3, 1.5
     watch = GroupGuard(
@@ -363,7 +363,7 @@ def test_one_that_is_driven_ever_faster_is_stopped_while_there_is_still_room():
     assert apart_m - needs_m >= 3.0, (apart_m, speed_m_s)
 
 
-def test_an_expiry_of_all_at_their_instant_is_no_finding():
+def test_a_common_expiry_is_not_a_finding():
     watch = guard()
     watch.check(101.0, seen())
     watch._next_look_s = 0.0
@@ -374,7 +374,7 @@ def test_an_expiry_of_all_at_their_instant_is_no_finding():
     assert (watch.phase, watch.due_s) == ("over", math.inf)
 
 
-def test_one_whose_place_is_not_known_holds_all():
+def test_a_member_without_position_holds_all():
     watch = guard()
     watch.check(101.0, seen())
     blind = Snapshot(101.0, "offboard", None, None, 0.0, bounds=Bounds(origin=origin(20.0)))
@@ -383,7 +383,7 @@ def test_one_whose_place_is_not_known_holds_all():
     assert watch.findings[0].code == "place_unknown"
 
 
-def test_others_go_on_where_that_was_asked_for():
+def test_others_continue_with_others_go_on():
     watch = guard(others_go_on=True)
     watch.check(101.0, seen())
     actions = watch.check(101.1, seen(order=GO, phase="holding"))

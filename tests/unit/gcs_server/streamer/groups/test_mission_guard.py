@@ -28,7 +28,7 @@ def guard() -> MissionGuard:
     return MissionGuard("mission 1", ("1", "2", "3"), minimum_m=5.0, now_s=NOW_S)
 
 
-def test_the_guard_of_a_mission_counts_who_is_armed_and_stops_all() -> None:
+def test_the_guard_of_a_mission_checks_armed_vehicles_and_stops_all() -> None:
     near = {"1": seen(0.0), "2": seen(4.0, armed=False), "3": seen(30.0)}
     watch = guard()
     assert watch.check(NOW_S, near).hold == {}
@@ -46,7 +46,7 @@ def test_one_whose_position_is_not_known_stops_all_unless_it_is_disarmed() -> No
     assert watch.findings[-1].code == "place_unknown"
 
 
-def test_one_without_a_stream_has_not_left_and_the_guard_is_never_over_by_itself() -> None:
+def test_a_vehicle_without_a_stream_has_not_left_the_mission() -> None:
     landed = {"1": seen(0.0), "2": seen(15.0, "idle"), "3": seen(30.0, "idle", armed=False)}
     watch = guard()
     assert watch.check(NOW_S, landed).hold == {}

@@ -41,7 +41,7 @@ def limited(wanted, around, here=HERE, bounds=UNLIMITED):
     return apply_limits(wanted, bounds, here, around=around)
 
 
-def test_a_velocity_towards_an_obstacle_is_one_from_which_it_stops():
+def test_a_velocity_towards_an_obstacle_is_limited_to_the_braking_speed():
     result = limited(Velocity((8.0, 0.0, 0.0)), seen(6.0))
     speed = result.setpoint.velocity_ned_m_s[0]
     assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(6.0 - MARGIN_M)
@@ -60,7 +60,7 @@ def test_the_body_frame_and_slow_or_other_directions():
         assert (result.setpoint, result.notes) == (free, ())
 
 
-def test_a_place_behind_an_obstacle_becomes_one_before_it_approached_no_faster_than_it_stops():
+def test_a_target_behind_an_obstacle_is_moved_before_it():
     result = limited(Position((30.0, 0.0, -5.0)), seen(4.0))
     north, east, down = result.setpoint.position_ned_m
     assert 0.0 < north <= 4.0 - MARGIN_M
@@ -69,7 +69,7 @@ def test_a_place_behind_an_obstacle_becomes_one_before_it_approached_no_faster_t
     assert result.notes == ("position limited to stop before an obstacle",)
 
 
-def test_nearer_than_the_margin_it_is_moved_back_where_there_is_room():
+def test_within_the_margin_the_vehicle_is_moved_back_if_there_is_room():
     assert limited(Position((30.0, 0.0, -5.0)), seen(0.8)).setpoint.position_ned_m == pytest.approx(
         (-0.2, 0.0, -5.0)
     )
@@ -99,7 +99,7 @@ def test_a_trajectory_is_slowed_with_its_feed_forward():
     assert speed > 0.0
 
 
-def test_what_the_sensor_does_not_see_counts_as_the_end_of_the_way():
+def test_the_sensor_range_counts_as_an_obstacle():
     result = limited(Velocity((12.0, 0.0, 0.0)), seen(None, range_m=10.0))
     speed = result.setpoint.velocity_ned_m_s[0]
     assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(10.0 - MARGIN_M)
@@ -108,7 +108,7 @@ def test_what_the_sensor_does_not_see_counts_as_the_end_of_the_way():
     assert limited(sideways, seen(None, range_m=10.0)).setpoint == sideways, "no sensor looks there"
 
 
-def test_the_ground_that_a_sensor_measures_stops_neither_landing_nor_take_off():
+def test_measured_ground_stops_neither_landing_nor_take_off():
     down = seen(0.3, (0.0, 0.0, 1.0))
     for wanted in (
         Velocity((0.0, 0.0, 1.0)),
@@ -121,7 +121,7 @@ def test_the_ground_that_a_sensor_measures_stops_neither_landing_nor_take_off():
         assert (result.setpoint, result.notes) == (wanted, ())
 
 
-def test_a_wall_is_seen_though_the_vehicle_pitches_forward_and_the_ground_slows_it_only():
+def test_a_wall_is_detected_while_the_vehicle_pitches_forward():
     tilt = math.radians(15.0)
     foot = seen(6.0 / math.cos(tilt), (math.cos(tilt), 0.0, math.sin(tilt)))
     level = limited(Velocity((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_ned_m_s[0]
@@ -130,7 +130,7 @@ def test_a_wall_is_seen_though_the_vehicle_pitches_forward_and_the_ground_slows_
     assert limited(Velocity((8.0, 0.0, 0.0)), ground).setpoint.velocity_ned_m_s[0] > 1.5, "from 1 m height"
 
 
-def test_what_was_measured_counts_for_two_seconds_at_the_same_height_though_it_is_looked_over_since():
+def test_measurements_are_used_for_two_seconds_at_the_same_height():
     ahead, over = ((1.0, 0.0, 0.0),), ((math.cos(0.5), 0.0, -math.sin(0.5)),)
     for since_s, climbed_m, kept in ((1.0, 0.0, True), (2.5, 0.0, False), (1.0, 1.5, False)):
         memory = BrakeMemory()
@@ -146,7 +146,7 @@ def test_without_a_position_the_newest_measurements_count():
     assert around.points_ne_m.tolist() == [[3.0, 0.0]]
 
 
-def test_a_climb_stops_below_what_a_sensor_that_looks_up_measures():
+def test_a_climb_stops_below_an_obstacle_measured_above():
     up = seen(3.0, (0.0, 0.0, -1.0))
     assert -1.8 < limited(Velocity((0.0, 0.0, -5.0)), up).setpoint.velocity_ned_m_s[2] < -1.0
     assert limited(Position((0.0, 0.0, -20.0)), up).setpoint.position_ned_m[2] == pytest.approx(-7.5)
@@ -165,7 +165,7 @@ def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_then_forgotten()
 @pytest.mark.parametrize(
     "wanted", [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates(STILL, 0.5), Acceleration((0.0, 0.0, 0.0))]
 )
-def test_kinds_that_steer_no_place_are_taken_over_before_an_obstacle(wanted):
+def test_setpoints_without_position_control_are_taken_over_before_an_obstacle(wanted):
     fast = VehicleMotion((0.0, 0.0, -5.0), (4.0, 0.0, 0.0), 0.0)
     near = seen(5.0, velocity=fast.velocity_ned_m_s)
     assert "hit an obstacle" in limited(wanted, near, fast).stop
@@ -174,7 +174,7 @@ def test_kinds_that_steer_no_place_are_taken_over_before_an_obstacle(wanted):
     assert limited(wanted, None, fast).stop is None
 
 
-def test_along_a_wall_that_is_near_already_it_may_fly():
+def test_flight_along_a_near_wall_is_allowed():
     headings = [math.radians(5.0 * k) for k in range(72)]
     rays = tuple((math.cos(a), math.sin(a), 0.0) for a in headings)
     wall = tuple(0.6 / ray[1] if ray[1] > 0.05 else None for ray in rays)  # 0.6 m to the east

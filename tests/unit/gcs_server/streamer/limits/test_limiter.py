@@ -122,7 +122,7 @@ def stoppable(velocity, here, limits):
 
 @settings(max_examples=400)
 @given(orders, bounds(), heres, st.none() | orders, st.floats(0.005, 1.0))
-def test_whatever_is_ordered_what_goes_out_obeys(wanted, limits, here, before, dt_s):
+def test_any_ordered_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt_s):
     result = apply_limits(wanted, limits, here, before, dt_s)
     sent = result.setpoint
     assert sent is not None
@@ -163,7 +163,7 @@ def test_whatever_is_ordered_what_goes_out_obeys(wanted, limits, here, before, d
 
 
 @given(orders, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
-def test_what_is_not_a_number_never_goes_out(wanted, limits, poison):
+def test_values_that_are_not_finite_are_never_sent(wanted, limits, poison):
     broken = None
     if isinstance(wanted, Velocity):
         broken = Velocity((poison, 0.0, 0.0))
@@ -179,7 +179,7 @@ def test_what_is_not_a_number_never_goes_out(wanted, limits, poison):
 
 
 @given(vector, bounds())
-def test_without_knowing_where_it_is_no_speed_leaves_a_limited_space(velocity, limits):
+def test_without_a_position_no_velocity_is_sent_inside_a_fence(velocity, limits):
     for wanted in (Velocity(velocity), VelocityBody(velocity)):
         sent = apply_limits(wanted, limits, None).setpoint
         values = getattr(sent, "velocity_ned_m_s", None) or getattr(sent, "velocity_frd_m_s", None)
@@ -233,7 +233,7 @@ def test_from_outside_only_the_way_back_is_flown():
     assert "only a velocity back inside" in stopped.notes[0]
 
 
-def test_next_to_the_edge_it_is_pushed_back_though_it_is_told_to_stand():
+def test_near_the_edge_the_vehicle_is_moved_back():
     """PX4's integrator carries it on for seconds after the setpoint has become zero."""
     limits = Bounds(region=Region(-20.0, math.inf, (Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = VehicleMotion((0.0, 49.6, -19.8), (0.0, 0.4, 0.0))
@@ -241,7 +241,7 @@ def test_next_to_the_edge_it_is_pushed_back_though_it_is_told_to_stand():
     assert sent == pytest.approx((0.0, -0.6, 0.3))
 
 
-def test_from_outside_a_place_beyond_becomes_one_inside():
+def test_from_outside_a_target_beyond_the_fence_is_moved_inside():
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     (n, e, _) = apply_limits(Position((90.0, 0.0, -10.0)), limits, here).setpoint.position_ned_m
@@ -252,7 +252,7 @@ def test_from_outside_a_place_beyond_becomes_one_inside():
     "wanted",
     [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates((0.0, 0.0, 0.0), 0.5), Acceleration((0.0, 0.0, 0.0))],
 )
-def test_kinds_that_steer_no_place_are_taken_over_in_time(wanted):
+def test_setpoints_without_position_control_are_taken_over_in_time(wanted):
     limits = Bounds(region=FENCED)
     assert apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop is None
     assert "leave" in apply_limits(wanted, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop
@@ -265,7 +265,7 @@ def test_kinds_that_steer_no_place_are_taken_over_in_time(wanted):
     assert apply_limits(wanted, Bounds(), None).stop is None
 
 
-def test_a_far_place_is_approached_at_the_operators_speed():
+def test_a_far_target_is_approached_at_the_operators_speed():
     """PX4 would fly there at its own: the place sent is a carrot before the vehicle."""
     limits = Bounds(approach_m_s=3.0, position_gain=0.95)
     here = VehicleMotion((0.0, 0.0, -10.0), (3.0, 0.0, 0.0))

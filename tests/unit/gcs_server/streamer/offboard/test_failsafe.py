@@ -17,5 +17,5 @@ from gcs_server.streamer.offboard.failsafe import Failsafe
         (Failsafe(1.0, 42, False), "unknown to this server"),
     ],
 )
-def test_what_the_vehicle_will_do_is_said_in_words(failsafe, says):
+def test_the_failsafe_action_is_described_as_text(failsafe, says):
     assert says in failsafe.text()

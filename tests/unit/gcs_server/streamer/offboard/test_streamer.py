@@ -114,7 +114,7 @@ def told(story, stalls=()):
     in_jumps(run)
 
 
-def test_streams_before_it_asks_for_offboard_and_says_what_a_lost_stream_means():
+def test_streams_before_offboard_is_requested_and_reports_the_failsafe():
     async def story(vehicle):
         status = await vehicle.offboard.start(Order(UP, 60.0, client="me"))
         assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
@@ -132,7 +132,7 @@ def test_streams_before_it_asks_for_offboard_and_says_what_a_lost_stream_means()
     told(story)
 
 
-def test_setpoints_that_did_not_go_out_are_no_setpoints_streamed():
+def test_unsent_setpoints_do_not_count_as_streamed():
     """A machine that stands still during the start must not ask for Offboard after a single setpoint."""
 
     async def story(vehicle):
@@ -142,7 +142,7 @@ def test_setpoints_that_did_not_go_out_are_no_setpoints_streamed():
     told(story, stalls=[(0.01, 1.3)])
 
 
-def test_a_machine_that_cannot_stream_steadily_does_not_ask_for_offboard():
+def test_offboard_is_not_requested_without_a_steady_stream():
     async def story(vehicle):
         with pytest.raises(Refused, match="too busy"):
             await vehicle.offboard.start(Order(UP, 60.0))
@@ -180,7 +180,7 @@ def test_prerequisites_are_explained():
     told(story)
 
 
-def test_leaving_offboard_ends_the_stream_and_is_told():
+def test_leaving_offboard_ends_the_stream_with_an_event():
     async def story(vehicle):
         await vehicle.offboard.start(Order(UP, 60.0))
         vehicle.status.mode = "position"
@@ -191,7 +191,7 @@ def test_leaving_offboard_ends_the_stream_and_is_told():
     told(story)
 
 
-def test_a_mode_that_we_commanded_ends_the_stream_as_news_not_as_a_warning():
+def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
     async def story(vehicle):
         await vehicle.offboard.start(Order(UP, 60.0))
         vehicle.ours = ModeCommand("Land", "land", "page", 0.0)
@@ -205,7 +205,7 @@ def test_a_mode_that_we_commanded_ends_the_stream_as_news_not_as_a_warning():
     told(story)
 
 
-def test_at_the_servers_end_all_are_stopped_at_once_and_one_that_hangs_costs_no_more_than_the_deadline(
+def test_shutdown_stops_all_streams_at_once_within_the_deadline(
     monkeypatch,
 ):
     monkeypatch.setattr(streamer_module, "STOP_ALL_S", 0.4)

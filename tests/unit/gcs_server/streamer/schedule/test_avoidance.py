@@ -60,7 +60,7 @@ def stream():
     return Stream()
 
 
-def test_off_the_brake_alone_acts_and_avoidance_says_nothing(stream):
+def test_with_avoidance_off_only_the_brake_acts(stream):
     assert stream.send(GOAL).position_ned_m[0] < 2.0
     assert stream.pipeline.limited == ("position limited to stop before an obstacle",)
     assert stream.pipeline.avoiding is None
@@ -85,7 +85,7 @@ def test_the_operator_switches_the_brake_off_and_avoidance_keeps_it_on(stream):
     ],
     ids=lambda wanted: wanted.type,
 )
-def test_on_every_setpoint_that_leads_to_a_place_climbs_over(stream, wanted):
+def test_with_avoidance_on_every_position_setpoint_climbs_over(stream, wanted):
     stream.avoidance, stream.bounds = "over", Bounds(origin=ORIGIN)
     sent = stream.send(wanted, 3)
     assert isinstance(sent, Velocity)
@@ -94,14 +94,14 @@ def test_on_every_setpoint_that_leads_to_a_place_climbs_over(stream, wanted):
     assert stream.told == ["avoidance"], "told once"
 
 
-def test_a_velocity_is_not_led_around_and_that_is_said(stream):
+def test_avoidance_reports_that_it_ignores_velocities(stream):
     stream.avoidance = "over"
     sent = stream.send(Velocity((3.0, 0.0, 0.0)), 2)
     assert 0.0 < sent.velocity_ned_m_s[0] < 3.0, "braked"
     assert "does not apply" in stream.pipeline.avoiding.text
 
 
-def test_switched_on_and_off_between_two_sendings(stream):
+def test_avoidance_can_be_switched_between_two_setpoints(stream):
     stream.send(GOAL)
     stream.avoidance = "over"
     assert isinstance(stream.go_on(), Velocity)
@@ -121,7 +121,7 @@ def test_without_a_position_it_is_stopped_and_with_silent_sensors_too(stream):
     assert stream.told.count("avoidance_stopped") == 1
 
 
-def test_a_sensor_that_falls_silent_is_told_once_and_the_stream_goes_on(stream):
+def test_a_silent_sensor_is_reported_once_and_the_stream_continues(stream):
     stream.ahead_m = None
     stream.send(Position((3.0, 0.0, -2.0), 0.0), 2)
     stream.silent_s = 2.5

@@ -62,7 +62,7 @@ class Bench:
         return [report.code for _, report in self.streams.take_reports()]
 
 
-def test_a_loop_that_stalls_for_0_4_s_leaves_no_gap():
+def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
     bench = Bench()
     bench.run(1.0, beats=True)
     bench.run(0.4, beats=False)
@@ -71,7 +71,7 @@ def test_a_loop_that_stalls_for_0_4_s_leaves_no_gap():
     assert bench.codes() == []
 
 
-def test_after_a_stall_of_3_s_it_says_so_and_does_not_start_again():
+def test_a_stall_of_3_s_ends_the_stream_with_an_event():
     bench = Bench()
     bench.run(1.0, beats=True)
     stalled_s = bench.clock.now_s
@@ -86,7 +86,7 @@ def test_after_a_stall_of_3_s_it_says_so_and_does_not_start_again():
 
 
 @pytest.mark.parametrize("first", ["beat", "begin of another vehicle"])
-def test_a_process_that_stood_still_sends_nothing_when_it_is_woken(first):
+def test_a_resumed_process_sends_no_old_setpoints(first):
     bench = Bench()
     bench.run(1.0, beats=True)
     bench.clock.now_s += 3.0  # neither loop nor scheduler ran
@@ -107,7 +107,7 @@ class Broken:
         raise ValueError("broken")
 
 
-def test_one_vehicles_fault_leaves_the_others_stream():
+def test_one_vehicles_fault_does_not_affect_other_streams():
     bench = Bench()
     bench.streams.attach("bad", Broken(), (2, 1))
     assert bench.streams.begin("bad", Order(HOVER, 60.0), 50.0, bench.snapshot())
@@ -136,7 +136,7 @@ def two():
         {"yaw_ned_rad": "east"},
     ],
 )
-def test_one_vehicles_senseless_snapshot_leaves_the_others_stream(bad):
+def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
     bench = two()
     bench.streams.beat({"bad": replace(bench.snapshot(), **bad), "1": bench.snapshot()})
     bench.run(1.0, beats=True)
@@ -161,7 +161,7 @@ def test_a_fault_in_the_look_after_a_stall_leaves_the_others(monkeypatch):
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e38, 1e300])
-def test_numbers_that_cannot_be_are_not_known_and_never_sent(wrong):
+def test_implausible_numbers_count_as_unknown_and_are_never_sent(wrong):
     """Its velocity setpoint expires while its estimate says nonsense: no place can be held, so it is
     asked for Land, and what goes out meanwhile is finite."""
     bench = Bench()
@@ -195,7 +195,7 @@ def in_group(bench, *ids):
     return {v: Bounds(origin=LocalOrigin(47.0, 8.0 + i * 1.3e-4, 500.0)) for i, v in enumerate(ids)}
 
 
-def test_one_that_cannot_be_held_does_not_keep_the_others_of_its_group_from_it(monkeypatch):
+def test_a_member_that_cannot_be_held_does_not_stop_the_others_from_holding(monkeypatch):
     bench = two()
     bounds = in_group(bench, "bad", "1")
 
@@ -219,7 +219,7 @@ def test_one_that_cannot_be_held_does_not_keep_the_others_of_its_group_from_it(m
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
-def test_a_member_whose_numbers_cannot_be_holds_its_group_and_no_other(wrong):
+def test_a_member_with_implausible_numbers_holds_only_its_group(wrong):
     bench = two()
     bounds = in_group(bench, "bad")
     for _ in range(3):
@@ -233,7 +233,7 @@ def test_a_member_whose_numbers_cannot_be_holds_its_group_and_no_other(wrong):
     assert bench.streams.state("1").phase == "streaming"
 
 
-def test_a_guard_that_fails_holds_its_group_and_the_streams_go_on(monkeypatch):
+def test_a_failing_guard_holds_its_group_and_other_streams_continue(monkeypatch):
     bench = two()
     bounds = in_group(bench, "bad")
 

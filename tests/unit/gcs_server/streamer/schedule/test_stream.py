@@ -108,7 +108,7 @@ def test_streams_fifty_a_second_to_the_target_in_local_ned():
     assert flight.core.cadence.achieved_hz(flight.now_s) == pytest.approx(50, rel=0.03)
 
 
-def test_a_changed_setpoint_goes_out_at_once():
+def test_a_changed_setpoint_is_sent_at_once():
     flight = Flight(rate_hz=2.0)
     flight.begin(HOVER, valid_for_s=60)
     flight.run(1.1)
@@ -210,7 +210,7 @@ def test_the_stream_expires_while_the_loop_is_stalled_where_the_vehicle_has_got_
 
 
 @pytest.mark.parametrize("mode", ["position", "rtl", "mission"])
-def test_a_vehicle_that_leaves_offboard_is_let_go(mode):
+def test_leaving_offboard_ends_the_stream(mode):
     flight = started(HOVER, valid_for_s=60)
     flight.run(0.5)
     flight.mode = mode
@@ -219,7 +219,7 @@ def test_a_vehicle_that_leaves_offboard_is_let_go(mode):
     assert not flight.change(HOVER, valid_for_s=1)
 
 
-def test_stop_holds_the_place_and_sends_nothing_afterwards():
+def test_stop_holds_the_position_and_sends_nothing_afterwards():
     flight = started(NORTH, valid_for_s=60)
     flight.run(0.3)
     flight.core.request_stop(flight.now_s, flight.snapshot())
@@ -229,7 +229,7 @@ def test_stop_holds_the_place_and_sends_nothing_afterwards():
     assert flight.run(5.0) == []
 
 
-def test_while_starting_nothing_expires_but_it_does_not_stream_for_ever():
+def test_setpoints_do_not_expire_while_starting_but_the_start_has_a_deadline():
     flight = Flight()
     flight.begin(HOVER, valid_for_s=0.1)
     assert len(flight.run(5.0)) > 200

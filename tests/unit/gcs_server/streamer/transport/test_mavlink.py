@@ -99,7 +99,7 @@ def test_a_body_velocity_never_has_an_ignore_bit_of_velocity(velocity, yaw):
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-500, 9000, width=32))
-def test_a_global_place_arrives_within_a_centimetre_or_two(lat, lon, alt):
+def test_a_global_position_is_encoded_within_two_centimetres(lat, lon, alt):
     m = read(PositionGlobal(lat, lon, alt_amsl_m=alt, yaw_ned_rad=0.0))
     assert m.lat_int == pytest.approx(lat * 1e7, abs=0.51)
     assert m.lon_int == pytest.approx(lon * 1e7, abs=0.51)

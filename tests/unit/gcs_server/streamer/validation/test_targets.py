@@ -31,7 +31,7 @@ def test_the_longest_path_inside_the_largest_fence_costs_milliseconds():
     assert min(took_s) < 0.2  # 2 s moment by moment, on the same machine
 
 
-def test_its_one_bad_moment_is_found_and_named():
+def test_one_invalid_sample_of_a_path_is_found_and_named():
     points, bounds = the_longest()
     points[4000] = PathPoint(points[4000].t_s, (0.0, 80.0, -10.0))
     with pytest.raises(Refused, match=r"After 287\d\.\d s the path"):
