@@ -103,20 +103,16 @@ class Encoded:
         held = self._bytes.setdefault(vehicle.id, {})
         for topic in topics:
             newest = held.get(topic)
-            # Most topics are usually unchanged, so this check is most of the cost of a client.
-            if newest is None or not self._is_newest(vehicle, topic, newest[0]):
+            # Most topics are usually unchanged or never sent, so this check is most of the cost of a client.
+            received_s = None if topic in SERVER_TOPICS else vehicle.topic_received_s(topic)
+            if received_s is None and topic not in SERVER_TOPICS:
+                continue
+            if newest is None or newest[0] != received_s:
                 what = f"telemetry of {topic}"
                 newest = vehicle.isolation.run(what, self._newest, vehicle, topic, held)
             if newest is not None and seen.get(topic) != newest[0]:
                 seen[topic] = newest[0]
                 yield newest[1]
-
-    @staticmethod
-    def _is_newest(vehicle: Vehicle, topic: str, number: float) -> bool:
-        if topic in SERVER_TOPICS:
-            return False
-        sample = vehicle.topic(topic)
-        return sample is not None and sample.received_monotonic_s == number
 
     def _newest(
         self, vehicle: Vehicle, topic: str, all_held: dict[str, tuple[float, bytes]]

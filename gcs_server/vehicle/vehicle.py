@@ -159,6 +159,10 @@ class Vehicle:
         """The newest sample of a topic, decoded now; None before the first."""
         return self._state.topic(name)
 
+    def topic_received_s(self, name: str) -> float | None:
+        """When the newest sample of a topic was received [s, monotonic]; None before the first."""
+        return self._state.topic_received_s(name)
+
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
         """Samples at up to 4 Hz of the last five minutes, oldest first."""
         return self._state.history(topics, since_unix_s)

@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 
+from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -115,5 +116,25 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
         assert [v.id for v in world.fleet.all()] == ["1"]
         assert vehicle.identity.component_id == 1
         assert vehicle.endpoints[0].boot_at_s == pytest.approx(boot_at_s, abs=0.5)
+
+    told(jump, story)
+
+
+def test_when_a_topic_was_received_is_told_as_its_newest_sample_has_it(jump):
+    async def story(_world, pilot, vehicle):
+        def agree():
+            for topic in TOPICS:
+                received_s = vehicle.topic_received_s(topic)
+                sample = vehicle.topic(topic)
+                assert received_s == (None if sample is None else sample.received_monotonic_s), topic
+            return vehicle.topic_received_s("status")
+
+        before_s = agree()
+        await asyncio.sleep(1.5)
+        changed_s = agree()
+        pilot.alive = False
+        await asyncio.sleep(6)
+        assert vehicle.status.link_lost
+        assert before_s < changed_s < agree(), "the lost connection is news of the status"
 
     told(jump, story)

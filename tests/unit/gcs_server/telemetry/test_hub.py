@@ -22,6 +22,7 @@ class Fleet:
         self.vehicle = SimpleNamespace(
             id="1",
             topic=self.samples.get,
+            topic_received_s=lambda topic: getattr(self.samples.get(topic), "received_monotonic_s", None),
             offboard=None,
             identity={"simulated": True},
             isolation=Isolation(SystemClock(), logging.getLogger("test"), "Vehicle 1"),
