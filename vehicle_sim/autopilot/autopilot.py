@@ -7,10 +7,11 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
+from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import WITH_WAYPOINT, Navigator
-from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.autopilot.offboard import LEVELS, Kind, Offboard, Setpoint
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
@@ -51,6 +52,7 @@ class Autopilot:
         self.land_detector = LandDetector()
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
+        self._goto = GotoControl(view, self._row)
         self._down_m = 0.0
         # Of all vehicles; read past NumPy, which takes three times as long.
         self._thrusts = numbers(view.simulation.target.thrust)
@@ -65,10 +67,13 @@ class Autopilot:
     def update(self) -> None:
         """One tick."""
         self._take_over()
+        if self.commander.active is not NavState.OFFBOARD:
+            self.offboard.left()
         self._detect_landing()
         self.commander.update(landed=self.land_detector.landed)
         self._ramp()
         self._steer()
+        self._fly_goto()
         self.gimbal.update(TICK_S)
 
     @property
@@ -211,6 +216,34 @@ class Autopilot:
         parameter = self.view.parameter
         return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_MARGIN * parameter("MPC_Z_V_AUTO_DN"))
 
+    def take_setpoint(self, setpoint: Setpoint) -> None:
+        """One of PX4's own setpoint topics, in whatever mode: its controllers follow the newest one.
+
+        Outside Offboard the mode's own output follows within a tick. Motors, thrust and torque have no effect
+        there: PX4's own output follows them within 4 ms.
+        """
+        self.offboard.put(setpoint)
+        commander, level = self.commander, LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)
+        if not commander.armed or commander.terminated or not self.takeoff.flying:
+            return
+        offboard = commander.active is NavState.OFFBOARD
+        if offboard and level is self._control_mode.level and level is self.offboard.level:
+            if level is not ControlLevel.TRAJECTORY:
+                self._steer_offboard()
+        elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES):
+            self._row.cut_in(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+        elif level is ControlLevel.TRAJECTORY and not offboard and not self._row.below_trajectory:
+            self._write_trajectory(setpoint)
+
+    def take_goto(self, goto: Goto) -> None:
+        """GotoSetpoint: flown in every mode that controls the position, while such messages come."""
+        self._goto.take(goto)
+
+    def _fly_goto(self) -> None:
+        flying = self.commander.armed and self.takeoff.flying and not self.commander.terminated
+        if flying and not self._row.below_trajectory:
+            self._goto.fly()
+
     def _tilt_limit_rad(self) -> float:
         """MPC_TILTMAX_LND until the take-off ramp is over, then slowly more; NaN: as in flight.
 
@@ -238,6 +271,8 @@ class Autopilot:
         setpoint = self.offboard.setpoint
         if self.offboard.invalid:
             self.navigator.descend()
+        elif self.offboard.waits:
+            return
         elif setpoint.kind is Kind.ATTITUDE and setpoint.q_ned_frd is not None:
             self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
         elif setpoint.kind is Kind.RATES:
@@ -246,7 +281,11 @@ class Autopilot:
             self._row.thrust_torque(setpoint.thrust, setpoint.torque_frd)
         elif setpoint.kind is Kind.ACTUATORS:
             self._row.motors(setpoint.motors)
-        elif setpoint.complete:
+        else:
+            self._write_trajectory(setpoint)
+
+    def _write_trajectory(self, setpoint: Setpoint) -> None:
+        if setpoint.complete:
             self._row.trajectory(
                 setpoint.position_ned_m,
                 setpoint.velocity_ned_m_s,

@@ -380,7 +380,7 @@ class Commander:
         flags = mode.base_flags | 16
         if self.active in (NavState.ACRO, NavState.TERMINATION):
             flags &= ~16
-        if self.active is NavState.OFFBOARD and self.offboard.setpoint.kind in (Kind.NONE, Kind.RATES):
+        if self.active is NavState.OFFBOARD and self.offboard.kind in (Kind.NONE, Kind.RATES):
             flags &= ~16  # what was streamed last counts, also when nothing is any more
         return flags | (128 if self.armed else 0)
 

@@ -125,7 +125,7 @@ class FailsafeWatch:
 
     def _needs_position(self, mode: NavState) -> bool:
         if mode is NavState.OFFBOARD:
-            return self._offboard.setpoint.kind in (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
+            return self._offboard.kind in (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
         return MODES[mode].needs_position
 
     def _tell(self, before: Decision, now: Decision, intended: NavState) -> None:

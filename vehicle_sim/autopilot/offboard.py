@@ -99,6 +99,10 @@ class Offboard:
         self._view = view
         self._announcer = announcer
         self._heard_at_s = -math.inf
+        self._flagged: Kind | None = None
+        """Kind that an OffboardControlMode message asks for; None: the stream is MAVLink's."""
+        self._topics: dict[ControlLevel, Setpoint] = {}
+        """Newest setpoint of PX4's own topics, by where it enters the cascade."""
         self.setpoint = Setpoint()
         self.no_attitude: tuple[float, float, float, float] | None = None
         """The newest attitude is none (zeros, not a number): no controller follows it, but it is echoed."""
@@ -113,6 +117,43 @@ class Offboard:
         """Whether a valid setpoint came within COM_OF_LOSS_T."""
         loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))
         return self._view.time_s - self._heard_at_s < loss_s
+
+    def control_mode(self, kind: Kind) -> None:
+        """OffboardControlMode: what keeps Offboard alive, and chooses which setpoints are flown.
+
+        Args:
+            kind: the first of its flags; NONE: no flag is set, which counts as no signal.
+        """
+        self._heard_at_s = -math.inf if kind is Kind.NONE else self._view.time_s
+        self._flagged = kind
+        self._choose()
+
+    def put(self, setpoint: Setpoint) -> None:
+        """A setpoint of PX4's own topics: flown in Offboard where OffboardControlMode asks for its level."""
+        self._topics[LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)] = setpoint
+        if self._flagged is not None:
+            self._choose()
+
+    def left(self) -> None:
+        """Another mode flies: its own setpoints have replaced those of the topics."""
+        if self._topics:
+            self._topics.clear()
+            if self._flagged is not None:
+                self._choose()
+
+    def _choose(self) -> None:
+        self.setpoint = self._topics.get(self.level, Setpoint())
+        self.invalid, self.no_attitude = False, None
+
+    @property
+    def kind(self) -> Kind:
+        """The highest quantity that is controlled in Offboard."""
+        return self.setpoint.kind if self._flagged is None else self._flagged
+
+    @property
+    def waits(self) -> bool:
+        """OffboardControlMode asks for setpoints of a level that never came: the last ones go on."""
+        return self._flagged is not None and self.setpoint.kind is Kind.NONE
 
     def local(
         self, frame: int, mask: int, p: Vector, v: Vector, a: Vector, yaw_rad: float, yaw_rate_rad_s: float
@@ -172,6 +213,7 @@ class Offboard:
 
     def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
         """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
+        self._flagged = None
         asked = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
         self.told_thrust = 0.0 if mask & 64 else abs(thrust)
         thrust = self.setpoint.thrust if mask & 64 else asked
@@ -198,9 +240,7 @@ class Offboard:
 
         Rotors lift only, so of the thrust only the part upwards (-z) has an effect; no number is zero.
         """
-        lift = -thrust_frd[2] if math.isfinite(thrust_frd[2]) else 0.0
-        x, y, z = (max(-1.0, min(1.0, each)) if math.isfinite(each) else 0.0 for each in torque_frd)
-        self._direct(Setpoint(Kind.THRUST_TORQUE, thrust=max(0.0, min(1.0, lift)), torque_frd=(x, y, z)))
+        self._direct(thrust_torque_setpoint(thrust_frd, torque_frd))
 
     def actuators(self, motors: Sequence[float]) -> None:
         """Inner interface: what ROS 2 sends as actuator motors, up to `ROTOR_COUNT`, each -1..1.
@@ -212,13 +252,10 @@ class Offboard:
         """
         if len(motors) > ROTOR_COUNT:
             raise ValueError(f"{len(motors)} motor signals for {ROTOR_COUNT} motors; send one each")
-        signals = tuple(
-            min(1.0, each) if math.isfinite(each) and each >= 0.0 else math.nan for each in motors
-        )
-        self._direct(Setpoint(Kind.ACTUATORS, motors=signals))
+        self._direct(motor_setpoint(motors))
 
     def _direct(self, setpoint: Setpoint) -> None:
-        self._heard_at_s = self._view.time_s
+        self._heard_at_s, self._flagged = self._view.time_s, None
         self.setpoint, self.invalid, self.no_attitude = setpoint, False, None
         self.on_setpoint()
 
@@ -239,13 +276,8 @@ class Offboard:
         *,
         loud: bool,
     ) -> None:
-        kind = Kind.NONE
-        if _finite(*position):
-            kind = Kind.POSITION
-        elif _finite(*velocity):
-            kind = Kind.VELOCITY
-        elif _finite(*acceleration):
-            kind = Kind.ACCELERATION
+        kind = trajectory_kind(position, velocity, acceleration)
+        self._flagged = None
         self.setpoint = Setpoint(
             kind,
             position,
@@ -263,7 +295,7 @@ class Offboard:
     @property
     def level(self) -> ControlLevel:
         """Where the newest setpoint enters the cascade."""
-        return LEVELS.get(self.setpoint.kind, ControlLevel.TRAJECTORY)
+        return LEVELS.get(self.kind, ControlLevel.TRAJECTORY)
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
         """Whether the setpoint leads off the ground."""
@@ -273,6 +305,32 @@ class Offboard:
             or setpoint.velocity_ned_m_s[2] < 0.0
             or setpoint.acceleration_ned_m_s2[2] < 0.0
         )
+
+
+def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> Kind:
+    """The highest quantity that has a number."""
+    if _finite(*position):
+        return Kind.POSITION
+    if _finite(*velocity):
+        return Kind.VELOCITY
+    return Kind.ACCELERATION if _finite(*acceleration) else Kind.NONE
+
+
+def lift_of(thrust_frd: Vector) -> float:
+    """Collective thrust 0..1: rotors lift only, and no number is zero."""
+    return max(0.0, min(1.0, -thrust_frd[2])) if math.isfinite(thrust_frd[2]) else 0.0
+
+
+def thrust_torque_setpoint(thrust_frd: Vector, torque_frd: Vector) -> Setpoint:
+    """Of normalised thrust and torques, -1..1; no number is zero."""
+    x, y, z = (max(-1.0, min(1.0, each)) if math.isfinite(each) else 0.0 for each in torque_frd)
+    return Setpoint(Kind.THRUST_TORQUE, thrust=lift_of(thrust_frd), torque_frd=(x, y, z))
+
+
+def motor_setpoint(motors: Sequence[float]) -> Setpoint:
+    """Of motor signals; NaN and negative ones disarm a motor."""
+    signals = tuple(min(1.0, each) if math.isfinite(each) and each >= 0.0 else math.nan for each in motors)
+    return Setpoint(Kind.ACTUATORS, motors=signals)
 
 
 def _nobody() -> None:

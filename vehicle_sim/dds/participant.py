@@ -123,9 +123,12 @@ class DdsPort:
             return []
         received: list[tuple[str, bytes]] = []
         for each in self._readers:
-            for sample in each.reader.take(each.depth):
-                if isinstance(sample, Sample):
-                    received.append((each.topic, sample.cdr))
+            try:
+                samples = each.reader.take(each.depth)
+            except DDSException:
+                continue
+            # The end of a writer comes as an `InvalidSample`.
+            received += [(each.topic, sample.cdr) for sample in samples if isinstance(sample, Sample)]
         return received
 
 

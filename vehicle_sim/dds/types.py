@@ -36,6 +36,11 @@ class Sample(IdlStruct):
         return cls.of(bytes(data))
 
     @classmethod
+    def deserialize_key(cls, data: bytes, *_: Any, **__: Any) -> Self:
+        """What Cyclone makes of the news that a writer has ended; these types have no keys."""
+        return cls.of(b"")
+
+    @classmethod
     def of(cls, cdr: bytes) -> Self:
         """A sample of these bytes."""
         sample = cls()

@@ -1,14 +1,34 @@
-"""Setpoints and sticks that arrive over ROS 2."""
+"""Setpoints and sticks that arrive over ROS 2: what their messages mean to the autopilot."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.goto import Goto
+from vehicle_sim.autopilot.offboard import (
+    LIMIT,
+    Kind,
+    Setpoint,
+    Vector,
+    lift_of,
+    motor_setpoint,
+    thrust_torque_setpoint,
+    trajectory_kind,
+)
+from vehicle_sim.state import ROTOR_COUNT
 
 Values = Mapping[str, Any]
 STICK_RANGE = 1000.0
+FASTEST_RAD_S = 50.0
+KINDS = {
+    "position": Kind.POSITION, "velocity": Kind.VELOCITY, "acceleration": Kind.ACCELERATION,
+    "attitude": Kind.ATTITUDE, "body_rate": Kind.RATES, "thrust_and_torque": Kind.THRUST_TORQUE,
+    "direct_actuator": Kind.ACTUATORS,
+}  # fmt: skip
+"""Flags of OffboardControlMode; the first that is set counts."""
 
 
 class SetpointInputs:
@@ -16,9 +36,75 @@ class SetpointInputs:
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot
+        self._thrust_frd: Vector = (0.0, 0.0, 0.0)
         self.receivers: dict[str, Callable[[Values], None]] = {
             "/fmu/in/manual_control_input": self._sticks,
+            "/fmu/in/offboard_control_mode": self._control_mode,
+            "/fmu/in/trajectory_setpoint": self._trajectory,
+            "/fmu/in/vehicle_attitude_setpoint": self._attitude,
+            "/fmu/in/vehicle_rates_setpoint": self._rates,
+            "/fmu/in/vehicle_thrust_setpoint": self._thrust,
+            "/fmu/in/vehicle_torque_setpoint": self._torque,
+            "/fmu/in/actuator_motors": self._motors,
+            "/fmu/in/goto_setpoint": self._goto,
         }
+
+    def _control_mode(self, v: Values) -> None:
+        kind = next((kind for flag, kind in KINDS.items() if v[flag]), Kind.NONE)
+        self._autopilot.offboard.control_mode(kind)
+
+    def _trajectory(self, v: Values) -> None:
+        position, velocity, acceleration = (_sane(v[n]) for n in ("position", "velocity", "acceleration"))
+        kind = trajectory_kind(position, velocity, acceleration)
+        # All NaN is still a setpoint: the position controller then holds the velocity at zero.
+        kind = Kind.ACCELERATION if kind is Kind.NONE else kind
+        (yaw_rad, yaw_rate_rad_s, _) = _sane((v["yaw"], v["yawspeed"], 0.0))
+        self._autopilot.take_setpoint(
+            Setpoint(kind, position, velocity, acceleration, yaw_rad, yaw_rate_rad_s)
+        )
+
+    def _attitude(self, v: Values) -> None:
+        w, x, y, z = v["q_d"]
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        if not (math.isfinite(norm) and norm > 1e-6):
+            return
+        turn_rad_s = v["yaw_sp_move_rate"]
+        self._autopilot.take_setpoint(
+            Setpoint(
+                Kind.ATTITUDE, q_ned_frd=(w / norm, x / norm, y / norm, z / norm),
+                thrust=lift_of(v["thrust_body"]),
+                yaw_rate_ned_rad_s=turn_rad_s if abs(turn_rad_s) <= FASTEST_RAD_S else math.nan,
+            )
+        )  # fmt: skip
+
+    def _rates(self, v: Values) -> None:
+        roll, pitch, yaw = (
+            max(-FASTEST_RAD_S, min(FASTEST_RAD_S, v[axis])) if math.isfinite(v[axis]) else 0.0
+            for axis in ("roll", "pitch", "yaw")
+        )
+        self._autopilot.take_setpoint(
+            Setpoint(Kind.RATES, rates_frd_rad_s=(roll, pitch, yaw), thrust=lift_of(v["thrust_body"]))
+        )
+
+    def _thrust(self, v: Values) -> None:
+        """Takes effect with the next torque."""
+        self._thrust_frd = v["xyz"]
+
+    def _torque(self, v: Values) -> None:
+        self._autopilot.take_setpoint(thrust_torque_setpoint(self._thrust_frd, v["xyz"]))
+
+    def _motors(self, v: Values) -> None:
+        self._autopilot.take_setpoint(motor_setpoint(v["control"][:ROTOR_COUNT]))
+
+    def _goto(self, v: Values) -> None:
+        self._autopilot.take_goto(
+            Goto(
+                _sane(v["position"]),
+                v["heading"] if v["flag_control_heading"] else math.nan,
+                _speed(v["max_horizontal_speed"]) if v["flag_set_max_horizontal_speed"] else math.nan,
+                _speed(v["max_vertical_speed"]) if v["flag_set_max_vertical_speed"] else math.nan,
+            )
+        )
 
     def _sticks(self, v: Values) -> None:
         if not v["valid"]:
@@ -28,6 +114,17 @@ class SetpointInputs:
         axes = (v["pitch"], v["roll"], throttle, v["yaw"])
         if not all(abs(each) <= 1.0 for each in axes):
             return
-        if autopilot.sticks.hear(*(round(each * STICK_RANGE) for each in axes)):
+        pitch, roll, lift, yaw = (round(each * STICK_RANGE) for each in axes)
+        if autopilot.sticks.hear(pitch, roll, lift, yaw):
             autopilot.commander.checks.manual_control_at_s = autopilot.view.time_s
             autopilot.commander.sticks_heard()
+
+
+def _sane(values: tuple[float, ...]) -> Vector:
+    """No number where there is none, and none that is larger than could ever be flown."""
+    x, y, z = (max(-LIMIT, min(LIMIT, each)) if math.isfinite(each) else math.nan for each in values)
+    return x, y, z
+
+
+def _speed(speed_m_s: float) -> float:
+    return speed_m_s if 0.0 < speed_m_s < LIMIT else math.nan

@@ -13,6 +13,7 @@ from typing import Any
 from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
+from vehicle_sim.autopilot.offboard import Kind
 from vehicle_sim.autopilot.takeoff import TakeoffState
 from vehicle_sim.topics import failsafe_flags
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
@@ -28,6 +29,7 @@ NEVER_MS = 1 << 62
 FIRST_MODE_US = 116_000
 """When the commander of a PX4 in simulation takes its first mode."""
 EVENT_ARGUMENTS = 25
+TRAJECTORY_KINDS = (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
 _TAKEOFF = {
     TakeoffState.DISARMED: 1, TakeoffState.SPOOLUP: 2, TakeoffState.READY: 3, TakeoffState.RAMPUP: 4,
     TakeoffState.FLIGHT: 5,
@@ -152,7 +154,8 @@ class States:
         commander, detector = self._commander, self._autopilot.land_detector
 
         def decisions() -> object:
-            return commander.armed, commander.active, commander.intended, commander.in_failsafe
+            kind = commander.offboard.kind if commander.active is NavState.OFFBOARD else None
+            return commander.armed, commander.active, commander.intended, commander.in_failsafe, kind
 
         add("vehicle_status", 500, self._vehicle_status,
             "uint64_t armed_time;uint64_t takeoff_time;uint64_t nav_state_timestamp;"
@@ -248,15 +251,20 @@ class States:
         mode = MODES[c.active]
         offboard, ended = c.active is NavState.OFFBOARD, c.active is NavState.TERMINATION
         angles = not ended and c.active is not NavState.ACRO
+        if offboard:
+            angles = c.offboard.kind in (*TRAJECTORY_KINDS, Kind.ATTITUDE)
         height = angles and c.active not in (NavState.MANUAL, NavState.STABILIZED)
+        height = height and not (offboard and c.offboard.kind is Kind.ATTITUDE)
         place = height and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
+        rates = not ended and (not offboard or angles or c.offboard.kind is Kind.RATES)
+        allocation = not ended and (not offboard or rates or c.offboard.kind is Kind.THRUST_TORQUE)
         return {
             "flag_armed": c.armed, "flag_multicopter_position_control_enabled": height,
             "flag_control_manual_enabled": mode.needs_sticks, "flag_control_auto_enabled": mode.auto,
             "flag_control_offboard_enabled": offboard, "flag_control_position_enabled": place,
             "flag_control_velocity_enabled": place, "flag_control_altitude_enabled": height,
             "flag_control_climb_rate_enabled": height, "flag_control_attitude_enabled": angles,
-            "flag_control_rates_enabled": not ended, "flag_control_allocation_enabled": not ended,
+            "flag_control_rates_enabled": rates, "flag_control_allocation_enabled": allocation,
             "flag_control_termination_enabled": ended,
         }  # fmt: skip
 

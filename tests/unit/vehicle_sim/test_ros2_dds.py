@@ -109,6 +109,17 @@ def test_a_flooding_writer_is_bounded(vehicle):
     assert len(received) == 2 * MESSAGES["VehicleCommand"].constants["ORB_QUEUE_LENGTH"]
 
 
+def test_the_end_of_a_program_harms_nothing(vehicle):
+    participant = DomainParticipant(DOMAIN)
+    topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
+    writer = DataWriter(participant, topic, qos=RELIABLE)
+    writer.write(VehicleCommand(command=400, param1=1.0))
+    writer.dispose(VehicleCommand())
+    del writer, topic, participant
+    vehicle.step(0.1)
+    assert vehicle.autopilots[0].commander.armed
+
+
 def test_without_an_interface_nothing_leaves_the_machine(monkeypatch):
     monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS><Domain id='any'/></CycloneDDS>")
     loopback, named = configuration(None), configuration("eth0")

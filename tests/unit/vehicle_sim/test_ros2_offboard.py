@@ -1,0 +1,160 @@
+"""Offboard over ROS 2: OffboardControlMode and the setpoint topics, in Offboard and in other modes."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.support.ros2_vehicle import Ros2Vehicle
+from vehicle_sim.control.setpoints import ControlLevel
+
+NAN = math.nan
+NAN3 = [NAN, NAN, NAN]
+SET_MODE, OFFBOARD = 176, (1.0, 6.0)
+POSITION_MODE, HOLD_MODE, OFFBOARD_MODE = 2, 4, 14
+CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
+ATTITUDE, RATES = "/fmu/in/vehicle_attitude_setpoint", "/fmu/in/vehicle_rates_setpoint"
+THRUST, TORQUE = "/fmu/in/vehicle_thrust_setpoint", "/fmu/in/vehicle_torque_setpoint"
+MOTORS, GOTO = "/fmu/in/actuator_motors", "/fmu/in/goto_setpoint"
+HOVER = [0.0, 0.0, -0.49]
+
+
+def flags(name: str) -> tuple[str, dict[str, bool]]:
+    return CONTROL_MODE, {name: True}
+
+
+def trajectory(position=NAN3, velocity=NAN3, acceleration=NAN3, yaw=0.0):
+    fields = {"position": list(position), "velocity": list(velocity), "acceleration": list(acceleration)}
+    return TRAJECTORY, {**fields, "jerk": NAN3, "yaw": yaw, "yawspeed": NAN}
+
+
+KINDS = {
+    "position": (ControlLevel.TRAJECTORY, [trajectory((0.0, 0.0, -2.5))]),
+    "velocity": (ControlLevel.TRAJECTORY, [trajectory(velocity=(0.0, 0.0, 0.0))]),
+    "acceleration": (ControlLevel.TRAJECTORY, [trajectory(acceleration=(0.0, 0.0, 0.0))]),
+    "attitude": (ControlLevel.ATTITUDE, [(ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})]),
+    "body_rate": (ControlLevel.RATES, [(RATES, {"thrust_body": HOVER})]),
+    "thrust_and_torque": (ControlLevel.THRUST_TORQUE, [(THRUST, {"xyz": HOVER}), (TORQUE, {})]),
+    "direct_actuator": (ControlLevel.MOTORS, [(MOTORS, {"control": [0.49] * 4 + [NAN] * 8})]),
+}
+
+
+def status(vehicle: Ros2Vehicle) -> tuple[int, bool]:
+    last = vehicle.last("/fmu/out/vehicle_status_v1")
+    return last["nav_state"], last["failsafe"]
+
+
+def enter(vehicle: Ros2Vehicle, *stream) -> None:
+    vehicle.stream(0.2, 50.0, *stream)
+    vehicle.command(SET_MODE, *OFFBOARD)
+    vehicle.stream(0.1, 50.0, *stream)
+
+
+@pytest.fixture
+def air() -> Ros2Vehicle:
+    vehicle = Ros2Vehicle()
+    vehicle.hover()
+    return vehicle
+
+
+@pytest.mark.flight
+def test_every_kind_is_flown_and_the_flag_chooses_which(air):
+    enter(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
+    for name, (level, setpoints) in KINDS.items():
+        air.stream(0.6, 100.0, flags(name), *setpoints)
+        assert air.sim.simulation.setpoints.level[0] == level, name
+        assert -3.2 < air.position_ned_m[2] < -1.8, name
+        assert status(air) == (OFFBOARD_MODE, False)
+    # A setpoint of another level than the flag's changes nothing.
+    air.stream(2.0, 50.0, flags("position"), trajectory((0.0, 0.0, -2.5)))
+    air.stream(1.0, 50.0, flags("position"), *KINDS["direct_actuator"][1])
+    assert air.sim.simulation.setpoints.level[0] == ControlLevel.TRAJECTORY
+    assert air.position_ned_m[2] == pytest.approx(-2.5, abs=0.3)
+
+
+@pytest.mark.flight
+def test_only_offboard_control_mode_keeps_offboard_alive(air):
+    enter(air, flags("position"), trajectory((1.0, 0.0, -2.5)))
+    air.stream(5.0, 10.0, flags("position"))
+    assert status(air) == (OFFBOARD_MODE, False)
+    assert air.position_ned_m[0] == pytest.approx(1.0, abs=0.3)
+    air.stream(0.8, 10.0, trajectory((1.0, 0.0, -2.5)))
+    assert status(air) == (OFFBOARD_MODE, False)
+    air.stream(0.5, 10.0, trajectory((1.0, 0.0, -2.5)))
+    assert status(air) == (POSITION_MODE, True)
+    air.stream(0.5, 10.0, flags("position"))
+    assert status(air) == (OFFBOARD_MODE, False)
+
+
+@pytest.mark.flight
+def test_without_any_flag_the_signal_is_lost_at_once(air):
+    enter(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
+    air.stream(0.3, 20.0, (CONTROL_MODE, {}))
+    assert status(air) == (POSITION_MODE, True)
+
+
+@pytest.mark.flight
+def test_unusable_setpoints_leave_the_last_one_in_effect(air):
+    level = (ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})
+    enter(air, flags("attitude"), level)
+    for broken in ([NAN, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]):
+        air.stream(0.3, 50.0, flags("attitude"), (ATTITUDE, {"q_d": broken, "thrust_body": HOVER}))
+    assert air.sim.simulation.setpoints.thrust[0] == pytest.approx(0.49)
+    air.stream(3.0, 20.0, flags("position"), trajectory())
+    assert status(air) == (OFFBOARD_MODE, False)
+    assert math.dist(air.position_ned_m, (0.0, 0.0, -2.5)) < 1.0
+
+
+@pytest.mark.flight
+def test_goto_is_flown_in_hold_and_ends_with_its_messages(air):
+    goal = {"position": [0.0, 5.0, -2.5], "flag_set_max_horizontal_speed": True, "max_horizontal_speed": 4.0}
+    air.stream(8.0, 30.0, (GOTO, goal))
+    assert status(air) == (HOLD_MODE, False)
+    assert air.position_ned_m[1] == pytest.approx(5.0, abs=0.4)
+    air.stream(0.1, 30.0, (GOTO, {"position": NAN3}))
+    air.run(5.0)
+    assert air.position_ned_m[1] == pytest.approx(0.0, abs=0.5)
+
+
+@pytest.mark.flight
+def test_trajectory_setpoints_pull_a_vehicle_in_hold_the_more_the_faster_they_come(air):
+    pulled_m = []
+    for hz in (10.0, 50.0):
+        air.stream(3.0, hz, trajectory((5.0, 0.0, -2.5)))
+        pulled_m.append(air.position_ned_m[0])
+        assert status(air) == (HOLD_MODE, False)
+        air.run(4.0)
+    assert 0.1 < pulled_m[0] < 1.0 < pulled_m[1] < 4.9
+    assert abs(air.position_ned_m[0]) < 0.5
+
+
+def test_setpoints_do_not_move_a_disarmed_vehicle_and_an_old_one_is_not_flown_later():
+    vehicle = Ros2Vehicle()
+    for _, setpoints in KINDS.values():
+        vehicle.stream(0.1, 50.0, *setpoints)
+    assert vehicle.sim.simulation.setpoints.level[0] == ControlLevel.DISARMED
+    vehicle.stream(0.3, 10.0, flags("position"))
+    vehicle.command(SET_MODE, *OFFBOARD)
+    vehicle.command(400, 1.0)
+    vehicle.stream(2.0, 10.0, flags("position"))
+    assert status(vehicle)[0] == OFFBOARD_MODE
+    assert vehicle.sim.autopilots[0].offboard.waits
+    assert vehicle.position_ned_m[2] == pytest.approx(0.0, abs=0.2)
+
+
+def test_the_control_mode_topic_says_what_the_flag_asks_for():
+    vehicle = Ros2Vehicle()
+    vehicle.stream(0.2, 20.0, flags("position"))
+    vehicle.command(SET_MODE, *OFFBOARD)
+    shown = {}
+    for name in KINDS:
+        vehicle.stream(0.6, 20.0, flags(name))
+        last = vehicle.last("/fmu/out/vehicle_control_mode")
+        names = ("position", "attitude", "rates", "allocation")
+        shown[name] = tuple(last[f"flag_control_{each}_enabled"] for each in names)
+    assert shown["position"] == shown["velocity"] == shown["acceleration"] == (True, True, True, True)
+    assert shown["attitude"] == (False, True, True, True)
+    assert shown["body_rate"] == (False, False, True, True)
+    assert shown["thrust_and_torque"] == (False, False, False, True)
+    assert shown["direct_actuator"] == (False, False, False, False)

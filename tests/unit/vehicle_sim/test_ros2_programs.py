@@ -1,0 +1,69 @@
+"""Two published programs, ported to plain DDS, fly the simulator; their time is the simulation's."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from tests.clients import ros2_flow, ros2_offboard_node
+from tests.support.ros2_vehicle import AT_ONCE
+from vehicle_sim.dds.participant import DdsDomain
+from vehicle_sim.fleet import VehicleSim
+
+pytestmark = pytest.mark.flight
+DOMAIN = 47
+
+
+class Flight:
+    """A vehicle on DDS, and how high it was."""
+
+    def __init__(self, domain: DdsDomain, namespace: str) -> None:
+        self.sim = VehicleSim(1, links=(), sensor_noise=False, parameters=AT_ONCE | {"UXRCE_DDS_SYNCT": 1})
+        self.sim.open_ros2(0, domain.open(namespace), lambda text: None)
+        self.sim.step(6.0)
+        self.heights_m: list[float] = []
+        self.lifted_s = self.at_4_5_m_s = self.began_s = self.sim.time_s
+
+    def sleep(self, seconds: float) -> None:
+        """Instead of waiting."""
+        self.sim.step(seconds)
+        self.heights_m.append(-self.sim.autopilots[0].view.estimate.position_ned_m[2])
+
+    def first_s(self, height_m: float) -> float:
+        """When it first was higher, since the program began."""
+        return 0.1 * next(n for n, each in enumerate(self.heights_m, start=1) if each > height_m)
+
+    def lands(self) -> bool:
+        """Whether it is on the ground and disarmed within 25 s."""
+        for _ in range(25):
+            self.sim.step(1.0)
+            if not self.sim.autopilots[0].commander.armed:
+                return True
+        return False
+
+
+@pytest.fixture(scope="module")
+def domain() -> DdsDomain:
+    return DdsDomain(DOMAIN)
+
+
+def test_the_offboard_node_climbs_to_five_metres_and_lands(domain, capsys):
+    namespace = f"node_{os.getpid()}"
+    flight = Flight(domain, namespace)
+    ros2_offboard_node.main(DOMAIN, namespace, flight.sleep)
+    assert "Switching to land mode" in capsys.readouterr().out
+    # A recorded PX4 lifted off 4.3 s after the first message and passed 4.5 m at 7.4 to 7.6 s.
+    assert flight.first_s(0.1) - 0.4 == pytest.approx(4.3, abs=0.5)
+    assert flight.first_s(4.5) - 0.4 == pytest.approx(7.4, abs=0.7)
+    assert flight.heights_m[-1] == pytest.approx(5.0, abs=0.1)
+    assert flight.lands()
+
+
+def test_the_flow_holds_one_metre_for_twenty_seconds_and_lands(domain):
+    namespace = f"flow_{os.getpid()}"
+    flight = Flight(domain, namespace)
+    ros2_flow.main(DOMAIN, namespace, flight.sleep)
+    assert max(flight.heights_m) < 1.3
+    assert all(abs(height - 1.0) < 0.2 for height in flight.heights_m[-100:])
+    assert flight.lands()

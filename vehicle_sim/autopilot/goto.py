@@ -1,0 +1,59 @@
+"""GotoSetpoint: a smooth flight to a position, in whatever mode, as PX4's position controller does it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.vehicle_view import Vector, VehicleView
+
+EXPIRES_S = 0.5
+"""The flight ends so long after the last message."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goto:
+    """One message; NaN: as the parameters say."""
+
+    position_ned_m: Vector
+    heading_ned_rad: float = math.nan
+    horizontal_m_s: float = math.nan
+    vertical_m_s: float = math.nan
+
+
+class GotoControl:
+    """Flies one vehicle to the newest goal."""
+
+    def __init__(self, view: VehicleView, row: SetpointRow) -> None:
+        self._view = view
+        self._path = Path(view, row)
+        self._goal: Goto | None = None
+        self._received_at_s = -math.inf
+        self._flies = False
+
+    def take(self, goal: Goto) -> None:
+        """A message; one without a position is ignored."""
+        if all(map(math.isfinite, goal.position_ned_m)):
+            self._goal, self._received_at_s = goal, self._view.time_s
+
+    def fly(self) -> None:
+        """One tick: writes over what the mode has asked for, while messages come."""
+        goal = self._goal
+        if goal is None:
+            return
+        if self._view.time_s - self._received_at_s > EXPIRES_S:
+            self._goal, self._flies = None, False
+            return
+        path = self._path
+        if not self._flies:
+            path.restart(in_air=True)
+            self._flies = True
+        path.follow_resets()
+        path.target_ned_m = goal.position_ned_m
+        path.cruise_m_s = goal.horizontal_m_s
+        path.climb_m_s = path.descent_m_s = goal.vertical_m_s
+        if math.isfinite(goal.heading_ned_rad):
+            path.yaw_target_rad = goal.heading_ned_rad
+        path.fly_to_target()
