@@ -80,7 +80,9 @@ class _Reader:
 class DdsPort:
     """One vehicle's participant, with a writer or reader for each topic."""
 
-    def __init__(self, domain_id: int, namespace: str) -> None:
+    def __init__(self, domain: DdsDomain, domain_id: int, namespace: str) -> None:
+        self._domain = domain
+        """Cyclone ends a domain, with everything in it, when nobody refers to it any more."""
         self._participant = DomainParticipant(domain_id)
         self._namespace = namespace
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
@@ -157,7 +159,7 @@ class DdsDomain:
             DdsUnavailable: DDS gives none.
         """
         try:
-            return DdsPort(self._domain_id, namespace)
+            return DdsPort(self, self._domain_id, namespace)
         except DDSException as problem:
             raise self._unavailable(problem) from None
 

@@ -1,6 +1,7 @@
 """The topics on real DDS, within one process: delivery there is immediate, so that time can be simulated."""
 
 # No postponed annotations: Cyclone reads those of message types as values.
+import gc
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -107,6 +108,12 @@ def test_a_flooding_writer_is_bounded(vehicle):
         writer.write(VehicleCommand(command=30_000 + number))
     received = vehicle._bridges[0]._port.take()
     assert len(received) == 2 * MESSAGES["VehicleCommand"].constants["ORB_QUEUE_LENGTH"]
+
+
+def test_a_vehicle_keeps_its_domain_open():
+    port = DdsDomain(DOMAIN + 1).open(NAMESPACE)
+    gc.collect()
+    assert port.take() == []
 
 
 def test_the_end_of_a_program_harms_nothing(vehicle):
