@@ -1,0 +1,47 @@
+"""The simulator's own process on DDS, flown in real time by a program of another process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests.clients import ros2_offboard_node
+from tests.clients.px4_dds import Node, VehicleLocalPosition, VehicleStatus
+from vehicle_sim.dds.participant import DdsDomain
+
+DOMAIN = 46
+NAMESPACE = f"real_{os.getpid()}"
+
+
+@pytest.fixture
+def vehicle() -> Iterator[None]:
+    command = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
+    ports = ["--gcs-remote-port", "0", "--no-api", "--tcp-port", str(20_000 + os.getpid() % 20_000)]
+    process = subprocess.Popen([*command, *ports, "--no-log"], stdout=subprocess.DEVNULL)
+    yield
+    process.terminate()
+    assert process.wait(20.0) == 0
+
+
+def test_a_program_of_another_process_flies_the_simulator(vehicle):
+    domain = DdsDomain(DOMAIN)
+    node = Node(DOMAIN, NAMESPACE)
+    status = node.subscription(VehicleStatus, "/fmu/out/vehicle_status_v1")
+    position = node.subscription(VehicleLocalPosition, "/fmu/out/vehicle_local_position")
+    deadline_s = time.monotonic() + 90.0
+    while status.latest is None or not status.latest.pre_flight_checks_pass:
+        assert time.monotonic() < deadline_s, "no vehicle that can be armed"
+        time.sleep(0.1)
+
+    def sleep(seconds: float) -> None:
+        assert time.monotonic() < deadline_s + 90.0, "the program does not end"
+        time.sleep(seconds)
+
+    ros2_offboard_node.main(DOMAIN, NAMESPACE, sleep)
+    assert position.latest.z == pytest.approx(-5.0, abs=1.0)
+    assert domain
