@@ -108,7 +108,7 @@ class VehicleSim:
             node.open_console(shell.console)
             self.nodes.append(node)
             if camera:
-                self.nodes[-1].carry(Camera(autopilot.view, autopilot.gimbal, autopilot.home, own))
+                self.nodes[-1].add_camera(Camera(autopilot.view, autopilot.gimbal, autopilot.home, own))
         self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         for row in range(count):
@@ -207,7 +207,7 @@ class VehicleSim:
             if self._script is not None:
                 self._script.step()
         for node in self._speaking:
-            if ticks or node.attends:
+            if ticks or node.needs_every_step:
                 node.step()
         for bridge in self._bridges.values():
             bridge.step()

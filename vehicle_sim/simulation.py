@@ -197,7 +197,7 @@ class Simulation:
         if self.steps % WIND_EVERY_STEPS == 0:
             self._bodies.wind_ned_m_s[:] = self._wind.step()
         if self._contact is not None:
-            self._contact.before(self._bodies.state.velocity_ned_m_s)
+            self._contact.store_velocity(self._bodies.state.velocity_ned_m_s)
         self._bodies.step(self._cascade.motor_signal, self.motor_health)
         if self.steps % BATTERY_EVERY_STEPS == 0:
             self._batteries.step(self.setpoints.armed)
@@ -239,7 +239,7 @@ class Simulation:
     def reset_vehicle(self, i: int) -> None:
         """Put vehicle `i` back where it started, as after a reboot: nothing moves, nothing is remembered."""
         if self._contact is not None:
-            self._contact.mend(i)
+            self._contact.reset(i)
             self._bodies.ground_ned_m[i] = self._contact.support_ned_m(self._start_ned_m)[i]
         self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
         self._estimator.reset(i)

@@ -1,4 +1,4 @@
-"""One vehicle's onboard log: when it is written (SDLOG_MODE), where, and what happens when it cannot be."""
+"""One vehicle's onboard log: when (SDLOG_MODE) and where it is written, and handling of write errors."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from vehicle_sim.topics.layout import Layout
 from vehicle_sim.topics.states import States
 
 FOLDER: Final = "log"
-BEGINS_US: Final = 488_000
+LOGS_AFTER_BOOT_US: Final = 488_000
 """Time after boot from which PX4 in simulation can log."""
 STOPS_AFTER_US: Final = 1_000_000
 """A log continues for this long after disarming."""
-TELLS_AFTER_US: Final = 45_000
+FILE_NAME_DELAY_US: Final = 45_000
 """Delay between the event that starts a log and the time in its file name."""
 TICK_US: Final = 20_000
-"""In step with the autopilot, so that both share the values read in a step."""
+"""Period of the autopilot, so that both share the values read in a step."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
-"""SDLOG_MODE; AUX1 comes with a remote control only, which a simulated vehicle has not."""
+"""SDLOG_MODE; AUX1 requires a remote control, which a simulated vehicle does not have."""
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
 BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
 UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
 LEAST_FREE_BYTES: Final = 50 << 20
-"""With less free space no log is started, and a running one ends."""
+"""With less free space no log is started, and a running log ends."""
 LARGEST_BYTES: Final = 1 << 30
-"""A log of this size ends: a vehicle left running must not fill the disk."""
+"""Maximum size of a log, so that a vehicle left running does not fill the disk."""
 LOOKS_EVERY_US: Final = 5_000_000
 DEFAULT_PROFILE: Final = 1
 
 
 def free_bytes(path: Path) -> int:
-    """Room on the disk that holds a folder."""
+    """Free space on the disk of a folder."""
     return shutil.disk_usage(path).free
 
 
@@ -51,11 +51,11 @@ class Logger:
     """Writes `log/DATE/TIME.ulg`.
 
     Args:
-        autopilot: whose flight.
+        autopilot: the autopilot to log.
         states: its state topics.
-        files: where the log goes.
+        files: the vehicle's files, which receive the log.
         recorders: sample the array topics; None if this vehicle never logs.
-        room: free bytes of a folder's disk.
+        room: returns the free bytes of a folder's disk.
     """
 
     def __init__(
@@ -105,9 +105,9 @@ class Logger:
         return self._view.optional_choice("SDLOG_MODE", WHILE_ARMED)
 
     def step(self, now_us: int) -> None:
-        """After each step of the simulation."""
+        """Called after each simulation step."""
         if not self._begun:
-            if now_us < BEGINS_US:
+            if now_us < LOGS_AFTER_BOOT_US:
                 return
             self._begun = True
             self._autopilot.commander.checks.logging = False
@@ -128,7 +128,7 @@ class Logger:
             self._tick(now_us)
 
     def start_by_hand(self) -> bool:
-        """Log from now on until `stop_by_hand`; whether a file is written now."""
+        """Starts logging until `stop_by_hand`; True if a file is being written."""
         self._by_hand = True
         if not self.running:
             self._start(self._view.time_boot_us())
@@ -136,18 +136,18 @@ class Logger:
         return self.running
 
     def stop_by_hand(self) -> None:
-        """End what was begun by hand; while armed a log that arming asks for goes on."""
+        """Ends logging that was started by hand; a log that arming requires continues while armed."""
         self._by_hand = False
         if not (self._armed and self.mode in BY_ARMING) and self.mode != BOOT_TO_SHUTDOWN:
             self.stop()
 
     def flush(self) -> None:
-        """Bring the file up to date."""
+        """Writes buffered data to the file."""
         if self._recorder is not None:
             self._recorder.flush()
 
     def stop(self) -> None:
-        """Close the log."""
+        """Closes the log."""
         self._stop_at_us = None
         if self._file is None:
             return
@@ -157,7 +157,7 @@ class Logger:
         self._close()
 
     def write(self, data: bytes) -> None:
-        """Samples of the array topics, and what else has gathered."""
+        """Writes samples of the array topics, and pending messages."""
         self._pending.append(data)
         self._write_pending()
 
@@ -213,7 +213,7 @@ class Logger:
         profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
         recorder = self._recorders.of(profile)
         self._look_at_us = now_us + LOOKS_EVERY_US
-        self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._facts()]
+        self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._info_messages()]
         layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
         self._pending += [_formats(tuple(layouts)), _parameters(self._view.parameters)]
         self._pending += [ulog.subscription_of(layout) for layout in layouts]
@@ -228,7 +228,7 @@ class Logger:
             "logger_open_file_time", "HBBBBB", when.year, when.month, when.day, when.hour, when.minute,
             when.second,
         )  # fmt: skip
-        self._tell_at_us = now_us + TELLS_AFTER_US
+        self._tell_at_us = now_us + FILE_NAME_DELAY_US
 
     def _name(self) -> tuple[str, datetime]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
@@ -240,7 +240,7 @@ class Logger:
             path = f"{stem}_{number:02d}.ulg"
         return path, when
 
-    def _facts(self) -> list[bytes]:
+    def _info_messages(self) -> list[bytes]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
         return [
             ulog.info("ver_sw", build.GIT_HASH),
@@ -257,14 +257,14 @@ class Logger:
         ]
 
     def _make_room(self) -> None:
-        """SDLOG_DIRS_MAX: the oldest days go."""
+        """Deletes the oldest days beyond SDLOG_DIRS_MAX."""
         most = self._view.optional_choice("SDLOG_DIRS_MAX", 0)
         if most <= 0 or self.mode == DISABLED:
             return
         try:
             days = [name for name, size in self._files.listing(FOLDER) if size is None]
             for name in days[:-most]:
-                self._files.forget(f"{FOLDER}/{name}")
+                self._files.delete_tree(f"{FOLDER}/{name}")
         except OSError:
             return  # no log yet
 
@@ -322,7 +322,7 @@ def _formats(layouts: tuple[Layout, ...]) -> bytes:
 
 
 def _parameters(parameters: Parameters) -> bytes:
-    """All values, then the defaults of those that differ."""
+    """All parameter values, then the defaults of those that differ."""
     out: list[bytes] = []
     for name, value in parameters.items():
         out.append(ulog.parameter(name, value, integer=parameters.type_of(name) == "INT32"))
@@ -334,19 +334,19 @@ def _parameters(parameters: Parameters) -> bytes:
 
 
 class Logbook:
-    """The logs of a fleet."""
+    """The logs of all vehicles of a fleet."""
 
     def __init__(self, recorders: Recorders, loggers: list[Logger]) -> None:
         self._recorders, self._loggers = recorders, loggers
 
     def step(self, now_us: int) -> None:
-        """After each step of the simulation."""
+        """Called after each simulation step."""
         for logger in self._loggers:
             logger.step(now_us)
         for step in self._recorders.steps:
             step(now_us)
 
     def close(self) -> None:
-        """End all logs, as a shutdown does."""
+        """Ends all logs, as a shutdown does."""
         for logger in self._loggers:
             logger.stop()

@@ -1,7 +1,7 @@
 """Samples the array topics of all logging vehicles: one copy per column and step, encoded in whole blocks.
 
-A step costs one small copy an array; what is written is built by NumPy for forty samples of every vehicle at
-once, so that a log costs a percent of what flying does.
+A step costs one small copy per array. NumPy encodes forty samples of all vehicles at once, so that logging
+takes about one per cent of the simulation's computing time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vehicle_sim.simulation import Simulation
 from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, Pace, Source
 
 BLOCK_MS = 400
-"""Samples that are gathered before they are written."""
+"""Duration of the samples that are collected before they are written."""
 
 
 class Sink(Protocol):
@@ -26,7 +26,7 @@ class Sink(Protocol):
     row: int
 
     def write(self, data: bytes) -> None:
-        """Take whole messages."""
+        """Writes complete messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class _Column:
     """Position of a source's values in a group's buffer, and the vehicles that they belong to."""
 
     names: tuple[str, ...]
-    """One field, or one a column of the array."""
+    """One field, or one for each column of the array."""
     source: Source
     at: int
     width: int
@@ -71,7 +71,7 @@ class _Group:
         self._values = np.zeros((self._length, simulation.count, width))
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
 
-    def take(self, now_us: int) -> bool:
+    def sample(self, now_us: int) -> bool:
         """Takes a sample; a topic at a sensor's rate only if the sensor has measured. True if the buffer is
         full."""
         pace = self._pace
@@ -95,7 +95,7 @@ class _Group:
         return self._used == self._length
 
     def write(self, sinks: Sequence[Sink]) -> None:
-        """Hand out what was gathered."""
+        """Writes the collected samples."""
         used, self._used = self._used, 0
         if not used:
             return
@@ -124,7 +124,7 @@ class _Group:
 
 
 class Recorder:
-    """Samples for all vehicles that log by one profile."""
+    """Samples all vehicles that use one logging profile."""
 
     def __init__(self, simulation: Simulation, profile: int) -> None:
         self.topics = tuple(topic for topic in ARRAY_TOPICS if topic.pace(profile) is not None)
@@ -135,30 +135,30 @@ class Recorder:
         self._sinks: list[Sink] = []
 
     def add(self, sink: Sink) -> None:
-        """From now on this vehicle logs."""
+        """Starts logging for a vehicle."""
         self.flush()
         self._sinks.append(sink)
 
     def remove(self, sink: Sink) -> None:
-        """Writes what was gathered for this vehicle and stops logging it."""
+        """Writes the collected samples of a vehicle, and stops logging for it."""
         self.flush()
         self.discard(sink)
 
     def discard(self, sink: Sink) -> None:
-        """It cannot take any more."""
+        """Stops logging for a vehicle without writing, because its file failed."""
         self._sinks = [each for each in self._sinks if each is not sink]
 
     def flush(self) -> None:
-        """Write what is gathered, full or not."""
+        """Writes the collected samples, even if the buffer is not full."""
         for group in self._groups:
             group.write(tuple(self._sinks))
 
     def step(self, now_us: int) -> None:
-        """After each step of the simulation."""
+        """Called after each simulation step."""
         if not self._sinks:
             return
         for group in self._groups:
-            if now_us >= group.due_us and group.take(now_us):
+            if now_us >= group.due_us and group.sample(now_us):
                 group.write(tuple(self._sinks))
 
 

@@ -1,4 +1,4 @@
-"""Encodes the messages of PX4's log format ULog, version 1; knows nothing of what is logged.
+"""Encodes the messages of PX4's log format ULog, version 1, independent of their content.
 
 Format: docs.px4.io, "ULog File Format". Little-endian, fields packed in the order they are declared.
 """
@@ -15,7 +15,7 @@ _HEAD = struct.Struct("<HB")
 INCOMPAT_NOTHING = bytes(8)
 HAS_DEFAULTS = b"\x01" + bytes(7)
 SYSTEM_DEFAULT, AIRFRAME_DEFAULT = 1, 2
-"""Bits that say whose default a value is: the firmware's, the airframe's."""
+"""Bits for the source of a default value: firmware, airframe."""
 
 
 def message(kind: str, body: bytes) -> bytes:
@@ -29,7 +29,7 @@ def header(start_us: int) -> bytes:
 
 
 def flag_bits() -> bytes:
-    """The flag message: the file holds default values and no appended data."""
+    """The flag message: the file contains default values and no appended data."""
     return message("B", HAS_DEFAULTS + INCOMPAT_NOTHING + bytes(24))
 
 
@@ -39,7 +39,7 @@ def _key_value(declaration: str, value: bytes) -> bytes:
 
 
 def info(name: str, value: str | int, kind: str = "uint32_t") -> bytes:
-    """A fact about the log; a text, or a number of the given type."""
+    """An information message about the log: a text, or a number of the given type."""
     if isinstance(value, str):
         text = value.encode("utf-8")
         return message("I", _key_value(f"char[{len(text)}] {name}", text))
@@ -52,7 +52,8 @@ def _parameter_body(name: str, value: float, *, integer: bool) -> bytes:
 
 
 def parameter(name: str, value: float, *, integer: bool) -> bytes:
-    """A parameter message: initial values go into the definitions, changed ones into the data."""
+    """A parameter message; initial values belong to the definitions section, changed values to the data
+    section."""
     return message("P", _parameter_body(name, value, integer=integer))
 
 

@@ -1,4 +1,4 @@
-"""What every MAVLink service is handed: the vehicle, its links, and how to answer."""
+"""Context of all MAVLink services of a vehicle: the autopilot, its links, and replies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle_sim.mavlink.telemetry import Telemetry
 AUTOPILOT_COMPONENT = 1
 AckListener = Callable[[Command, int, int], None]
 GCS_SILENT_S = 2.5
-"""So long after its last heartbeat a ground station counts as there: one may be missing."""
+"""A ground station counts as connected for this long after its last heartbeat, so that one may be lost."""
 
 
 class Context:
@@ -29,7 +29,7 @@ class Context:
         self._later: list[Callable[[], None]] = []
         self._woken = False
         self.gcs_silent_s = GCS_SILENT_S
-        """Of simulated time: longer where that runs faster than the ground station's."""
+        """In simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
         self.heard: set[tuple[int, int]] = set()
         """(system id, component id) of all who have sent anything."""
@@ -40,12 +40,12 @@ class Context:
         """(system id, component id)."""
         return self.system_id, AUTOPILOT_COMPONENT
 
-    def hears_gcs(self, link: Link) -> bool:
-        """Whether a ground station is there: no one else is sent status texts."""
+    def gcs_connected(self, link: Link) -> bool:
+        """Whether a ground station is connected on a link; only then it is sent status texts."""
         return self.view.time_s - link.gcs_heard_at_s < self.gcs_silent_s
 
     def is_for_me(self, message: Message) -> bool:
-        """Whether target system and component mean this autopilot."""
+        """Whether target system and component address this autopilot."""
         values = message.values
         return values.get("target_system") == self.system_id and values.get("target_component") in (
             AUTOPILOT_COMPONENT,
@@ -70,31 +70,32 @@ class Context:
             self.send_ack(command, result, progress=progress)
 
     def send_ack(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """COMMAND_ACK to whom the command came from, on every link."""
+        """Sends COMMAND_ACK to the sender of the command, on every link."""
         self.broadcast(
             "COMMAND_ACK", command=command.number, result=result, progress=progress,
             target_system=command.sender[0], target_component=command.sender[1],
         )  # fmt: skip
 
     def later(self, action: Callable[[], None]) -> None:
-        """Run before the next tick: PX4's commander answers from its own loop, milliseconds later."""
+        """Runs an action before the next tick; PX4's commander also replies from its own loop, milliseconds
+        later."""
         self._later.append(action)
 
     def after(self, seconds: float, action: Callable[[], None]) -> None:
-        """Run once, this much simulated time from now."""
+        """Runs an action once after a simulated time."""
         self._timers.append((self.view.time_s + seconds, action))
 
     @property
     def waits(self) -> bool:
-        """Whether anything was put off."""
+        """Whether an action is pending."""
         return bool(self._later or self._timers or self._woken)
 
     def wake(self) -> None:
-        """A service has something to do that nothing received was the reason of."""
+        """Called when a service has work that no received message caused."""
         self._woken = True
 
     def run_due(self) -> None:
-        """Run what was put off."""
+        """Runs the actions that are due."""
         self._woken = False
         if self._later:
             actions, self._later = self._later, []

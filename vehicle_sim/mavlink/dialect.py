@@ -1,7 +1,7 @@
-"""The simulator's only door to the generated dialect: message layouts as tables, pack and unpack by them.
+"""Message layouts of the generated dialect as tables, and packing and unpacking with them.
 
-Nothing of pymavlink runs on the wire path; its classes are read once for wire order, struct format and
-CRC extra.
+This is the only module of the simulator that imports the dialect. Its classes are read once for field order,
+struct format and CRC extra; pymavlink does not encode or decode messages.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from .generated_dialect import mavlink_map as _classes
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How one message lies on the wire."""
+    """The binary layout of one message."""
 
     id: int
     name: str
     fields: tuple[str, ...]
-    """In wire order."""
+    """Field names in wire order."""
     array_lengths: tuple[int, ...]
     """0 for scalars and strings."""
     is_text: tuple[bool, ...]
@@ -29,7 +29,7 @@ class Layout:
     slots: tuple[tuple[str, int, bool], ...]
     """(field, array length, is text) in wire order."""
     id_bytes: bytes
-    """The id as MAVLink 2 writes it."""
+    """The message id as bytes of a MAVLink 2 header."""
     crc_extra_byte: bytes
 
 
@@ -56,7 +56,7 @@ BY_NAME: dict[str, Layout] = {layout.name: layout for layout in LAYOUTS.values()
 
 
 class Message:
-    """A decoded message: its fields as attributes, plus who sent it and the raw frame for forwarding."""
+    """A decoded message: its fields as attributes, its sender, and the raw frame for forwarding."""
 
     __slots__ = ("component_id", "id", "name", "raw", "system_id", "values")
 
@@ -98,13 +98,13 @@ def _fields(layout: Layout, flat: tuple[Any, ...]) -> Iterator[tuple[str, Any]]:
 
 
 def unpack(layout: Layout, payload: bytes) -> dict[str, Any]:
-    """Fields by name; a payload cut by MAVLink 2's zero truncation is filled up, extra bytes are dropped."""
+    """Fields by name; a payload truncated by MAVLink 2 is padded with zeros, extra bytes are ignored."""
     size = layout.packer.size
     return dict(_fields(layout, layout.packer.unpack(payload[:size].ljust(size, b"\0"))))
 
 
 def pack(name: str, /, **fields: Any) -> tuple[Layout, bytes]:
-    """Layout and payload of a message given by field names; what is left out is zero."""
+    """Layout and payload of a message from its fields; missing fields are zero."""
     layout = BY_NAME[name]
     flat: list[Any] = []
     used = 0

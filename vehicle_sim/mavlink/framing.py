@@ -1,4 +1,4 @@
-"""Bytes to frames and back: MAVLink 1 and 2 framing with its CRC, nothing of the messages' meaning."""
+"""Encodes and parses MAVLink 1 and 2 frames with their CRC, independent of the messages' content."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ STX_V1 = 0xFE
 
 _crc = crc16.mcrf4xx
 _HEADER = struct.Struct("BBBBBB")
-"""From the length to the component."""
+"""From the payload length to the component id."""
 _CRC = struct.Struct("<H")
 
 
 def frame_v2(layout: Layout, payload: bytes, sequence: int, system_id: int, component_id: int) -> bytes:
-    """One MAVLink 2 frame, trailing zeros of the payload cut (one byte stays)."""
+    """One MAVLink 2 frame; trailing zeros of the payload are removed, except the first byte."""
     payload = payload.rstrip(b"\0") or b"\0"
     body = _HEADER.pack(len(payload), 0, 0, sequence, system_id, component_id) + layout.id_bytes + payload
     return b"\xfd" + body + _CRC.pack(_crc(body + layout.crc_extra_byte))
@@ -27,7 +27,7 @@ def frame_v2(layout: Layout, payload: bytes, sequence: int, system_id: int, comp
 
 @dataclass(slots=True)
 class ParserCounts:
-    """What a link has seen, for LINK_NODE_STATUS."""
+    """Counters of a link, for LINK_NODE_STATUS."""
 
     frames: int = 0
     bad_crc: int = 0
@@ -37,7 +37,7 @@ class ParserCounts:
 
 
 class FrameParser:
-    """Finds messages in a byte stream; garbage is skipped and counted, never raised."""
+    """Finds messages in a byte stream; invalid bytes are skipped and counted."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -45,7 +45,7 @@ class FrameParser:
         self._sequences: dict[tuple[int, int], int] = {}
 
     def feed(self, data: bytes) -> list[Message]:
-        """All whole messages that end within `data`."""
+        """All complete messages that end in `data`."""
         self._buffer += data
         buffer, out, at = self._buffer, [], 0
         end = len(buffer)
@@ -108,4 +108,4 @@ class FrameParser:
 
 
 _UNKNOWN = Message(LAYOUTS[0], {}, 0, 0, b"")
-"""Stands for a well-framed message whose id no definition knows: skipped whole."""
+"""Placeholder for a valid frame with an unknown message id, which is skipped."""

@@ -1,4 +1,4 @@
-"""One MAVLink channel of one vehicle: its sequence numbers, its parser, its stream schedule, its outbox."""
+"""One MAVLink channel of one vehicle: sequence numbers, parser, stream schedule and send queue."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vehicle_sim.mavlink.rates import PROFILES, RESTORED
 
 NEVER_US = 1 << 62
 OUTBOX_LIMIT_BYTES = 4_000_000
-"""Nobody reads: older bytes are dropped, as a full UDP buffer would."""
+"""Most queued bytes; if nobody reads, the oldest are dropped, as in a full UDP buffer."""
 
 
 class Link:
@@ -25,7 +25,7 @@ class Link:
         self.parser = FrameParser()
         self.gcs_heard_at_s = -math.inf
         self.ports: tuple[int, int | None] | None = None
-        """Own and remote port; no remote one: TCP. None: this link has no socket."""
+        """Own and remote port; remote None: TCP. None: the link has no socket."""
         self.sent_frames = 0
         self.sent_bytes = 0
         self.received_bytes = 0
@@ -38,7 +38,7 @@ class Link:
         self._outbox_bytes = 0
         self._intervals_us: dict[int, int] = {}
         self._schedule: list[tuple[int, int, int]] = []
-        """(due, message id, generation)."""
+        """(due time [µs], message id, generation)."""
         self._generation = 0
         self._generations: dict[int, int] = {}
         self._dropped_bytes = 0
@@ -48,7 +48,7 @@ class Link:
     # --- sending ---------------------------------------------------------------------------------------
 
     def send(self, name: str, /, **fields: Any) -> None:
-        """Queue one message."""
+        """Queues one message."""
         layout, payload = pack(name, **fields)
         self.send_payload(layout, payload)
 
@@ -58,14 +58,14 @@ class Link:
         self._sequence = (self._sequence + 1) & 0xFF
 
     def send_from(self, component_id: int, name: str, /, **fields: Any) -> None:
-        """Queue one message of another component of the vehicle, which counts its own sequence."""
+        """Queues one message of another component of the vehicle, with that component's sequence number."""
         layout, payload = pack(name, **fields)
         sequence = self._component_sequences.get(component_id, 0)
         self._component_sequences[component_id] = (sequence + 1) & 0xFF
         self.send_raw(frame_v2(layout, payload, sequence, self.system_id, component_id))
 
     def send_raw(self, frame: bytes) -> None:
-        """Queue bytes as they are (forwarded frames keep their sender)."""
+        """Queues an unchanged frame; forwarded frames keep their sender."""
         if self._outbox_bytes > OUTBOX_LIMIT_BYTES:
             self._dropped_bytes += self._outbox_bytes
             self._outbox.clear()
@@ -76,12 +76,12 @@ class Link:
         self.sent_bytes += len(frame)
 
     def drain(self) -> list[bytes]:
-        """Take all queued frames."""
+        """Returns all queued frames and clears the queue."""
         out, self._outbox, self._outbox_bytes = self._outbox, [], 0
         return out
 
     def feed(self, data: bytes) -> list[Message]:
-        """Bytes in, messages out."""
+        """Parses received bytes; returns the messages."""
         self.received_bytes += len(data)
         return self.parser.feed(data)
 
@@ -106,17 +106,17 @@ class Link:
         return frozenset(self._intervals_us)
 
     def restore_interval(self, name: str, now_us: int) -> None:
-        """Back to PX4's default for this link."""
+        """Restores PX4's default interval of this link."""
         hz = RESTORED.get(name, PROFILES[self.profile].get(name, 0.0))
         self.set_interval(BY_NAME[name].id, int(1e6 / hz) if hz else 0, now_us)
 
     @property
     def next_due_us(self) -> int:
-        """Before this nothing is due."""
+        """Time of the next due message."""
         return self._schedule[0][0] if self._schedule else NEVER_US
 
     def due(self, now_us: int) -> list[int]:
-        """Message ids whose time has come; each is scheduled again."""
+        """Message ids that are due; each is scheduled again."""
         schedule = self._schedule
         if not schedule or schedule[0][0] > now_us:
             return []

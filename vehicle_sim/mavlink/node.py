@@ -1,4 +1,4 @@
-"""One vehicle on MAVLink: messages of all links to the services, streams to all links."""
+"""The MAVLink side of one vehicle: passes received messages to the services, and sends the streams."""
 
 from __future__ import annotations
 
@@ -82,27 +82,27 @@ class Node:
             BY_NAME["DISTANCE_SENSOR"].id: self._ranging.send,
         }
         self._rate_at_us = RATE_EVERY_US
-        self._rest_until_us = 0
-        """Before this no stream is due and no service has anything to do, unless something arrives."""
+        self._idle_until_us = 0
+        """Until this time no stream is due and no service has work, unless a message arrives."""
         self._rated: dict[str, tuple[int, int]] = {}
 
     @property
     def system_id(self) -> int:
-        """Of the vehicle."""
+        """System id of the vehicle."""
         return self.context.system_id
 
-    def carry(self, camera: Camera) -> None:
-        """Let a camera speak, as a component of its own."""
+    def add_camera(self, camera: Camera) -> None:
+        """Adds a camera as a separate component."""
         self._camera = CameraService(self.context, camera)
 
     def open_console(self, console: Callable[[], Terminal]) -> None:
-        """Let ground stations type at the vehicle's console; `console` makes one for each link."""
+        """Gives ground stations access to the vehicle's console; `console` creates one for each link."""
         self._shell.console = console
 
     def add_link(self, link: Link) -> None:
-        """Start talking on a link."""
+        """Adds a link, and starts its streams."""
         now_us = self.context.view.time_boot_us()
-        self._rest_until_us = 0
+        self._idle_until_us = 0
         self._rated.pop(link.name, None)
         for msg_id in list(link.streamed()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
@@ -110,36 +110,36 @@ class Node:
         self.context.links.append(link)
 
     def remove_link(self, link: Link) -> None:
-        """Stop talking on a link."""
+        """Removes a link."""
         if link in self.context.links:
             self.context.links.remove(link)
 
     def receive(self, link: Link, data: bytes) -> None:
-        """Bytes that arrived on a link; garbage is skipped."""
-        self._rest_until_us = 0
+        """Handles bytes received on a link; invalid bytes are skipped."""
+        self._idle_until_us = 0
         for message in link.feed(data):
             self.context.heard.add(message.sender)
             handler = self._handlers.get(message.name)
             if handler is not None:
                 handler(link, message)
             if self._camera is not None:
-                self._camera.hear(link, message)
+                self._camera.receive(link, message)
                 if self._camera.owns(message):
                     continue
             self._forward(link, message)
 
     @property
-    def attends(self) -> bool:
-        """Whether it must be stepped after each simulation step; nobody hears one without links, which is
-        stepped after each tick of the autopilot."""
+    def needs_every_step(self) -> bool:
+        """Whether it must be updated after each simulation step; without links it is updated only after each
+        tick of the autopilot."""
         context = self.context
         return bool(context.links) or context.waits or self._camera is not None
 
     def step(self) -> None:
-        """After each simulation step: answers put off, then whatever streams are due."""
+        """Called after each simulation step: runs pending actions, then sends the streams that are due."""
         context = self.context
         now_us = context.view.time_boot_us()
-        if now_us < self._rest_until_us and not context.waits and not self._mission.waits:
+        if now_us < self._idle_until_us and not context.waits and not self._mission.waits:
             return
         busy = self._serve()
         telemetry, streamers = context.telemetry, self._streamers
@@ -157,10 +157,10 @@ class Node:
             next_us = min(next_us, link.next_due_us)
         if now_us >= self._rate_at_us:
             self._rate(now_us)
-        self._rest_until_us = 0 if busy else next_us
+        self._idle_until_us = 0 if busy else next_us
 
     def _serve(self) -> bool:
-        """Let the services go on with what they have begun; whether any has."""
+        """Continues running transfers of the services; True if there are any."""
         if self.context.waits:
             self.context.run_due()
         busy = False

@@ -1,7 +1,7 @@
-"""Which messages PX4 streams by itself, and how often, on its two default links.
+"""Messages that PX4 streams by default on its two default links, and their rates.
 
-Rates in Hz as configured (a real vehicle's measured rates lie within 1 % below). A message id not in a link's
-table is not streamed there until somebody sets an interval.
+Rates in Hz as configured; measured rates of a real vehicle are up to 1 % lower. A message that is not in a
+link's table is not streamed on it until an interval is set.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ API: Final[dict[str, float]] = GCS | {
 PROFILES: Final[dict[str, dict[str, float]]] = {"gcs": GCS, "api": API}
 
 RESTORED: Final[dict[str, float]] = {"ATTITUDE": 15.0}
-"""Interval 0 ("default") gives these rates, which are not the ones at boot."""
+"""Rates after setting interval 0 ("default"), where they differ from the rates at boot."""
 
 EVENT_DRIVEN: Final = frozenset({"HEARTBEAT", "CURRENT_EVENT_SEQUENCE", "EVENT"})
 """No interval can be set for these."""

@@ -1,6 +1,6 @@
-"""What each telemetry message says, packed straight from the vehicle's state.
+"""Payloads of all telemetry messages, built from the vehicle's state.
 
-A payload is built once a step and shared by the links; the families of messages are in `messages/`.
+A payload is built at most once per step and shared by all links. The builders are in `messages/`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Telemetry:
 
     @property
     def ids(self) -> frozenset[int]:
-        """Messages this module can build."""
+        """Ids of the messages that can be built."""
         return frozenset(self._builders)
 
     def payload(self, msg_id: int) -> tuple[Layout, bytes] | None:
-        """Layout and payload of a message now, or None."""
+        """Current layout and payload of a message; None: no data yet."""
         step = self._simulation.steps
         if step != self._step:
             self._cache.clear()

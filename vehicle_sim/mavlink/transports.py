@@ -1,4 +1,4 @@
-"""The sockets around a vehicle: UDP and TCP on loopback, non-blocking, and nothing but bytes."""
+"""Non-blocking UDP and TCP sockets of a vehicle."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from collections.abc import Callable
 log = logging.getLogger(__name__)
 
 RECEIVE_BYTES = 65536
-DATAGRAMS_PER_TURN = 200
-"""A flood must not keep the vehicles from being simulated."""
+DATAGRAMS_PER_STEP = 200
+"""Most datagrams per step, so that a flood does not stop the simulation."""
 DATAGRAM_LIMIT = 1400
 TCP_BACKLOG_LIMIT = 1_000_000
-"""A client that does not read for so many bytes is let go."""
+"""A client with more unread bytes than this is disconnected."""
 LONGEST_METHOD = 20
 SHORTEST_METHOD = 3
-"""Letters of an HTTP request's method ("GET" to "VERSION-CONTROL", custom ones included)."""
+"""Fewest letters of an HTTP method ("GET")."""
 TLS_HANDSHAKE = b"\x16\x03"
 _CAPITALS = string.ascii_uppercase.encode()
 
 
 class PortTaken(OSError):
-    """A port cannot be bound; the text says which and why."""
+    """A port cannot be bound; the text names the port and the reason."""
 
 
 class UdpTransport:
-    """One UDP port: sends to a fixed address until somebody writes to it, then answers the first who did."""
+    """One UDP port: sends to a fixed address until a datagram arrives, then to the first sender."""
 
     def __init__(self, bind: str, port: int, remote: tuple[str, int] | None) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -44,13 +44,13 @@ class UdpTransport:
 
     @property
     def readable(self) -> socket.socket:
-        """What to watch for something to arrive."""
+        """The socket to wait on."""
         return self.socket
 
     def receive(self) -> bytes:
-        """What has arrived from the partner."""
+        """Bytes received from the remote side."""
         chunks: list[bytes] = []
-        for _ in range(DATAGRAMS_PER_TURN):
+        for _ in range(DATAGRAMS_PER_STEP):
             try:
                 data, sender = self.socket.recvfrom(RECEIVE_BYTES)
             except (BlockingIOError, InterruptedError):
@@ -63,7 +63,7 @@ class UdpTransport:
         return b"".join(chunks)
 
     def send(self, frames: list[bytes]) -> None:
-        """Frames packed into few datagrams; what nobody hears is lost, as on any UDP link."""
+        """Sends frames in as few datagrams as possible; they are lost if nobody receives them."""
         to = self._first_sender or self._remote
         if to is None:
             return
@@ -72,7 +72,7 @@ class UdpTransport:
                 self.socket.sendto(datagram, to)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Closes the socket."""
         self.socket.close()
 
 
@@ -92,10 +92,10 @@ def _packed(frames: list[bytes]) -> list[bytes]:
 
 
 def is_web_client(first: bytes) -> bool | None:
-    """Whether a connection's first bytes are a web browser's: an HTTP method and a blank, or a TLS handshake.
+    """Whether the first bytes of a connection come from a web browser: an HTTP method and a space, or TLS.
 
-    A web page anywhere can have the browser send it bytes; only the first ones are not the page's to choose.
-    None: more bytes are needed to tell.
+    Any web page can make the browser send bytes to this port, but it cannot choose the first bytes. None:
+    more bytes are needed.
     """
     letters = len(first) - len(first.lstrip(_CAPITALS))
     if letters == len(first) or first == TLS_HANDSHAKE[:1]:
@@ -106,9 +106,9 @@ def is_web_client(first: bytes) -> bool | None:
 
 
 class TcpServer:
-    """One TCP port for one client at a time; a second has to wait until the first has gone.
+    """One TCP port for one client at a time; a second client waits until the first one has disconnected.
 
-    A web browser that connects is let go before anything of it is read.
+    A web browser that connects is disconnected, and its bytes are ignored.
     """
 
     def __init__(
@@ -129,25 +129,25 @@ class TcpServer:
         self._client: socket.socket | None = None
         self._backlog = bytearray()
         self._first_bytes: bytes | None = b""
-        """What the client said so far, while it may still be a web browser; None: it is none."""
+        """First bytes of the client, while it may be a web browser; None: it is not a web browser."""
         self._told_of_web_client = False
 
     @property
     def connected(self) -> bool:
-        """Whether there is a client."""
+        """Whether a client is connected."""
         return self._client is not None
 
     @property
     def readable(self) -> socket.socket:
-        """What to watch: the client, or where the next one knocks; a second one waits unheard."""
+        """The socket to wait on: the client's, otherwise the listening one."""
         return self._client or self.socket
 
     def receive(self) -> bytes:
-        """What the client has sent; takes a waiting client when there is none."""
+        """Bytes received from the client; accepts a waiting client if none is connected."""
         if self._client is None:
             self._accept()
         chunks: list[bytes] = []
-        for _ in range(DATAGRAMS_PER_TURN):
+        for _ in range(DATAGRAMS_PER_STEP):
             if self._client is None:
                 break
             try:
@@ -164,7 +164,7 @@ class TcpServer:
         return self._screened(b"".join(chunks))
 
     def _screened(self, data: bytes) -> bytes:
-        """`data` unless its sender is a web browser, or may be one."""
+        """Returns `data`, or nothing while the client is or may be a web browser."""
         if self._first_bytes is None:
             return data
         first = self._first_bytes + data
@@ -186,7 +186,7 @@ class TcpServer:
         return b""
 
     def send(self, frames: list[bytes]) -> None:
-        """Frames to the client, as far as it takes them."""
+        """Sends frames to the client, as far as its buffer accepts them."""
         if self._client is None:
             return
         self._backlog += b"".join(frames)
@@ -204,7 +204,7 @@ class TcpServer:
             self._drop()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Closes the socket."""
         self._drop()
         self.socket.close()
 

@@ -1,7 +1,7 @@
-"""A camera on the gimbal: takes real pictures into the vehicle's files and remembers each one.
+"""A camera on the gimbal: draws pictures, stores them in the vehicle's files, and keeps a list of them.
 
-It is a component of its own (id 100), as the camera of PX4's other simulations is; the recorded vehicle had
-none, so it is there only when it is asked for.
+It is a separate component (id 100), like the camera of PX4's other simulations. The recorded PX4 vehicle had
+none, so the camera is optional.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ import numpy as np
 from vehicle_sim.frames import Quaternion, euler_of, quaternion_of
 from vehicle_sim.home import Home
 from vehicle_sim.payload.gimbal import Gimbal
-from vehicle_sim.payload.picture import HEIGHT, WIDTH, Painter, Place, jpeg
+from vehicle_sim.payload.picture import HEIGHT, WIDTH, ExifPosition, Painter, jpeg
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.vehicle_view import VehicleView
 
 FOLDER = "camera"
 FOCAL_LENGTH_MM = 4.5
 SENSOR_WIDTH_MM, SENSOR_HEIGHT_MM = 5.2, 3.9
-"""60 by 47 degrees without zoom."""
+"""Gives a field of view of 60 by 47 degrees without zoom."""
 ZOOM_MAX = 4.0
 CAPACITY_BYTES = 32 * 1024**3
 SHORTEST_INTERVAL_S = 0.5
 MAX_PICTURES = 9999
 EYE_ABOVE_GROUND_M = 0.15
-"""The vehicle's height stands for its feet."""
+"""Height of the camera above the vehicle's position, which is at its landing gear."""
 
 
 class CameraMode(IntEnum):
@@ -41,28 +41,28 @@ class CameraMode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """One picture of the log."""
+    """One picture in the list."""
 
     index: int
-    """From 0."""
+    """Index from 0."""
     time_boot_ms: int
     time_utc_us: int
-    place: Place | None
-    """None: the vehicle did not know where it was."""
+    place: ExifPosition | None
+    """None: the vehicle had no position estimate."""
     alt_home_m: float
     q_ned_camera: Quaternion
     path: str
-    """Among the vehicle's files; empty where it could not be written."""
+    """Path in the vehicle's files; empty if the picture could not be written."""
 
 
 class Camera:
     """The camera of one vehicle.
 
     Args:
-        body: whose position and clock the log carries.
-        gimbal: what it hangs on.
-        home: for heights above it.
-        files: where the pictures go.
+        view: the vehicle's state, for position and clock.
+        gimbal: the gimbal that carries the camera.
+        home: reference of heights.
+        files: the vehicle's files, which receive the pictures.
     """
 
     def __init__(self, view: VehicleView, gimbal: Gimbal, home: Home, files: VehicleFiles) -> None:
@@ -73,7 +73,7 @@ class Camera:
         self.captures: list[Capture] = []
         self.used_bytes = 0
         self.interval_s = 0.0
-        """Of the series that runs; 0: none."""
+        """Interval of the running series; 0: no series."""
         self._left = 0
         self._next_at_s = math.inf
 
@@ -81,7 +81,7 @@ class Camera:
 
     @property
     def width_rad(self) -> float:
-        """Horizontal field of view, zoom included."""
+        """Horizontal field of view with zoom."""
         return 2.0 * math.atan(0.5 * SENSOR_WIDTH_MM / (FOCAL_LENGTH_MM * self.zoom))
 
     @property
@@ -96,17 +96,17 @@ class Camera:
 
     @property
     def free_bytes(self) -> int:
-        """Left on the card."""
+        """Free space on the card."""
         return max(0, CAPACITY_BYTES - self.used_bytes)
 
     def reset_settings(self) -> None:
-        """As it came."""
+        """Restores the initial settings."""
         self.mode, self.zoom_percent = CameraMode.IMAGE, 0.0
 
     def format_storage(self) -> None:
-        """Delete all pictures, and what is known of them."""
+        """Deletes all pictures and their list."""
         with contextlib.suppress(OSError):
-            self._files.forget(FOLDER)
+            self._files.delete_tree(FOLDER)
         self.captures.clear()
         self.used_bytes = 0
 
@@ -114,21 +114,21 @@ class Camera:
 
     @property
     def series_runs(self) -> bool:
-        """Whether pictures follow by themselves."""
+        """Whether a series is running."""
         return self._next_at_s < math.inf
 
     def start(self, interval_s: float, count: int) -> None:
-        """A series, the first picture now; count 0: until it is stopped."""
+        """Starts a series with a picture now; count 0: until it is stopped."""
         self.interval_s = 0.0 if count == 1 else max(SHORTEST_INTERVAL_S, interval_s)
         self._left = count if count > 0 else MAX_PICTURES
         self._next_at_s = self._view.time_s
 
     def stop(self) -> None:
-        """End the series."""
+        """Ends the series."""
         self._next_at_s, self.interval_s, self._left = math.inf, 0.0, 0
 
     def step(self) -> Capture | None:
-        """The picture that is due, taken."""
+        """Takes the picture that is due; None: none is due."""
         if self._view.time_s < self._next_at_s - 1e-9:
             return None
         self._left -= 1
@@ -139,18 +139,18 @@ class Camera:
         return capture
 
     def orientation(self) -> Quaternion:
-        """Of the camera against north and the horizon, as the vehicle believes it."""
+        """Attitude of the camera relative to NED, from the vehicle's estimate."""
         if not self._gimbal.enabled:
             return self._view.estimate.q_ned_frd
         actual = self._gimbal.actual
         return quaternion_of(actual.roll_rad, actual.pitch_rad, self._gimbal.yaw_ned_rad)
 
-    def place(self) -> Place | None:
-        """Where the vehicle believes to be."""
+    def place(self) -> ExifPosition | None:
+        """The vehicle's estimated position; None: unknown."""
         estimate = self._view.estimate
         if not math.isfinite(estimate.lat_deg):
             return None
-        return Place(estimate.lat_deg, estimate.lon_deg, estimate.alt_amsl_m)
+        return ExifPosition(estimate.lat_deg, estimate.lon_deg, estimate.alt_amsl_m)
 
     def _take(self) -> Capture:
         view, place, index = self._view, self.place(), len(self.captures)
@@ -171,7 +171,8 @@ class Camera:
         return capture
 
     def _true_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Light goes by what is, not by what is believed; the gimbal holds the horizon."""
+        """True position and attitude of the camera, which determine the picture; the gimbal keeps the horizon
+        level."""
         truth, row = self._view.simulation.truth, self._view.row
         q = truth.q_ned_frd[row]
         if self._gimbal.enabled:

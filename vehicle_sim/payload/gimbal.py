@@ -1,9 +1,9 @@
-"""A three-axis gimbal and its manager: who may command it, what is wanted, and how it gets there.
+"""A three-axis gimbal and its manager: control, setpoints, and motion.
 
-The manager follows PX4's (MNT_MODE_IN 4). With MNT_MODE_OUT 0 it drives servos: angles at once, within half
-of MNT_RANGE_* to either side, counted from the body unless MNT_DO_STAB takes the vehicle's attitude out.
-With MNT_MODE_OUT 2 a gimbal device of its own turns: it lags, has a top speed, and holds its yaw against
-north where that is locked.
+The manager follows PX4's (MNT_MODE_IN 4). With MNT_MODE_OUT 0 it drives servos: angles are reached at once,
+within half of MNT_RANGE_* to either side, relative to the body unless MNT_DO_STAB compensates the vehicle's
+attitude. With MNT_MODE_OUT 2 it commands a separate gimbal device, which has a lag and a maximum rate, and
+keeps a locked yaw relative to north.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STABILISE_ALL, STABILISE_YAW = 1, 2
 """MNT_DO_STAB."""
 AXES = ("ROLL", "PITCH", "YAW")
 Place = tuple[float, float, float]
-"""Latitude, longitude [deg], altitude above sea [m]."""
+"""Latitude, longitude [deg], altitude AMSL [m]."""
 
 
 class Flag(IntFlag):
@@ -43,7 +43,7 @@ LOCKS = (Flag.ROLL_LOCK, Flag.PITCH_LOCK, Flag.YAW_LOCK)
 
 @dataclass(slots=True)
 class Angles:
-    """Roll and pitch against the horizon, yaw in the frame the lock flag says; radians."""
+    """Roll and pitch relative to the horizon, yaw in the frame of the lock flag; radians."""
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -54,7 +54,7 @@ class Gimbal:
     """Manager and device of one vehicle.
 
     Args:
-        waypoint: where the vehicle flies to; None: nowhere.
+        waypoint: returns the position that the vehicle flies to; None: no position.
     """
 
     def __init__(self, view: VehicleView, waypoint: Callable[[], Place | None]) -> None:
@@ -65,13 +65,13 @@ class Gimbal:
         self.wanted = Angles()
         self.actual = Angles()
         self.rates_rad_s = Angles()
-        """The device's own rates of its Euler angles."""
+        """Rates of the device's Euler angles."""
         self._wanted_rates: tuple[float, float] | None = None
-        self._servos_stand_for: tuple[float, ...] | None = None
-        """What the servos' angles were worked out from, where the vehicle's attitude is not part of it."""
+        self._servo_inputs: tuple[float, ...] | None = None
+        """Inputs from which the servo angles were computed, if the vehicle's attitude is not one of them."""
         self._roi: Place | None = None
         self._ahead: Angles | None = None
-        """Looks at the waypoint, turned by this."""
+        """Offsets relative to the direction of the next waypoint; None: not pointed at it."""
 
     @property
     def enabled(self) -> bool:
@@ -79,18 +79,18 @@ class Gimbal:
         return self._view.choice("MNT_MODE_IN") == INPUT_MAVLINK_V2
 
     @property
-    def turns_itself(self) -> bool:
-        """A gimbal device of its own stands behind the manager, no servos."""
+    def has_device(self) -> bool:
+        """Whether the manager commands a separate gimbal device instead of servos."""
         return self._view.choice("MNT_MODE_OUT") == OUTPUT_DEVICE
 
     @property
     def device_id(self) -> int:
-        """As the manager names its device: a component of its own, or 1 for servos."""
-        return self._view.choice("MNT_MAV_COMPID") if self.turns_itself else 1
+        """Device id that the manager reports: component id of a separate device, or 1 for servos."""
+        return self._view.choice("MNT_MAV_COMPID") if self.has_device else 1
 
     @property
     def yaw_locked(self) -> bool:
-        """Yaw is held against north, not against the vehicle."""
+        """Whether yaw is relative to north, not to the vehicle."""
         return bool(self.flags & Flag.YAW_LOCK)
 
     # --- control ---------------------------------------------------------------------------------------
@@ -122,7 +122,8 @@ class Gimbal:
         pitch_rate_rad_s: float = math.nan,
         yaw_rate_rad_s: float = math.nan,
     ) -> None:
-        """Angles where both are given, else rates; NaN yaw or nothing at all keeps what was wanted."""
+        """Sets angles if both are given, otherwise rates; NaN yaw, or no values, keeps the previous
+        setpoint."""
         self._take_flags(flags)
         if flags & (Flag.RETRACT | Flag.NEUTRAL):
             return
@@ -140,7 +141,7 @@ class Gimbal:
             self._want_rates(rates_rad_s[1], rates_rad_s[2])
 
     def set_manual(self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float) -> None:
-        """GIMBAL_MANAGER_SET_MANUAL_CONTROL: angles of up to one radian, rates as parts of MNT_RATE_*."""
+        """GIMBAL_MANAGER_SET_MANUAL_CONTROL: angles of up to one radian, rates as fractions of MNT_RATE_*."""
         parameter = self._view.parameter
         self.set_pitch_yaw(
             flags,
@@ -158,12 +159,12 @@ class Gimbal:
             self._want(quaternion_of(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg)))
 
     def centre(self) -> None:
-        """Straight ahead, level."""
+        """Points straight ahead and level."""
         self._forget()
         self.wanted = Angles()
 
     def look_at(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Follow a place on the globe."""
+        """Points at a global position, and follows it."""
         if not (math.isfinite(lat_deg) and math.isfinite(lon_deg) and math.isfinite(alt_amsl_m)):
             return
         self._forget()
@@ -171,11 +172,11 @@ class Gimbal:
         self.flags |= Flag.YAW_LOCK
 
     def look_nowhere(self) -> None:
-        """Leave the region of interest; back to neutral, the lock of the yaw stays as it is."""
+        """Clears the region of interest; returns to neutral, and keeps the yaw lock."""
         self.centre()
 
     def look_ahead(self, roll_deg: float, pitch_deg: float, yaw_deg: float) -> None:
-        """Towards the next waypoint, turned by offsets; with none, neutral and locked."""
+        """Points at the next waypoint with offsets; without a waypoint neutral and locked."""
         self.centre()
         offsets = (
             math.radians(each) if math.isfinite(each) else 0.0 for each in (roll_deg, pitch_deg, yaw_deg)
@@ -184,7 +185,8 @@ class Gimbal:
         self.flags |= Flag.YAW_LOCK
 
     def mount_default(self, *, centred: bool) -> None:
-        """DO_MOUNT_CONTROL that names no angles: horizon locks, and straight ahead where asked."""
+        """DO_MOUNT_CONTROL without angles: locks roll and pitch to the horizon, and points ahead if
+        `centred`."""
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         if centred:
             self.centre()
@@ -197,7 +199,7 @@ class Gimbal:
     # --- motion ----------------------------------------------------------------------------------------
 
     def update(self, dt_s: float) -> None:
-        """Move on by `dt_s`."""
+        """Advances the simulation by `dt_s`."""
         if self._wanted_rates is not None:
             pitch_limit = math.radians(90.0)
             pitch = self.wanted.pitch_rad + self._wanted_rates[0] * dt_s
@@ -207,7 +209,7 @@ class Gimbal:
             self._aim(self._roi)
         elif self._ahead is not None:
             self._aim_ahead(self._ahead)
-        if self.turns_itself:
+        if self.has_device:
             self._turn_device(dt_s)
         else:
             self._set_servos()
@@ -230,9 +232,9 @@ class Gimbal:
         key = None
         if how not in (STABILISE_ALL, STABILISE_YAW) and self._wanted_rates is None:
             key = (wanted.roll_rad, wanted.pitch_rad, wanted.yaw_rad, landed, self._view.parameter_changes)
-            if key == self._servos_stand_for:
+            if key == self._servo_inputs:
                 return
-        self._servos_stand_for = key
+        self._servo_inputs = key
         estimate = self._view.estimate
         vehicle = (estimate.roll_rad, estimate.pitch_rad, estimate.yaw_ned_rad)
         absolute = [
@@ -262,8 +264,8 @@ class Gimbal:
         return (roll, pitch, yaw)
 
     def servo_controls(self) -> tuple[float, float, float] | None:
-        """Roll, pitch and yaw as the servo functions 420 to 422 carry them, -1..1; None: not driven."""
-        if not self.enabled or self.turns_itself:
+        """Roll, pitch and yaw of the servo functions 420 to 422, -1..1; None: not driven."""
+        if not self.enabled or self.has_device:
             return None
         angles = (self.actual.roll_rad, self.actual.pitch_rad, self.actual.yaw_rad)
         offsets = (math.radians(self._view.parameter(f"MNT_OFF_{axis}")) for axis in AXES)
@@ -275,24 +277,24 @@ class Gimbal:
 
     @property
     def yaw_ned_rad(self) -> float:
-        """Where the gimbal points, against north."""
+        """Yaw of the gimbal relative to north."""
         return wrap_angle(self.actual.yaw_rad + self._view.estimate.yaw_ned_rad)
 
     def device_quaternion(self) -> Quaternion:
-        """As GIMBAL_DEVICE_ATTITUDE_STATUS reports it: a device counts a locked yaw from north."""
-        yaw = self.yaw_ned_rad if self.yaw_locked and self.turns_itself else self.actual.yaw_rad
+        """Attitude for GIMBAL_DEVICE_ATTITUDE_STATUS; a locked yaw is relative to north."""
+        yaw = self.yaw_ned_rad if self.yaw_locked and self.has_device else self.actual.yaw_rad
         return quaternion_of(self.actual.roll_rad, self.actual.pitch_rad, yaw)
 
     def _take_flags(self, flags: int) -> None:
         self._forget()
         if flags & (Flag.RETRACT | Flag.NEUTRAL):  # the locks stay, as in PX4; a device knows its own ahead
             self.wanted = Angles()
-            if self.turns_itself:
+            if self.has_device:
                 self.flags &= ~Flag.YAW_LOCK
             return
         locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
         heading = self._view.estimate.yaw_ned_rad
-        if self.turns_itself and lock != locked:
+        if self.has_device and lock != locked:
             self.wanted.yaw_rad = wrap_angle(self.wanted.yaw_rad + (heading if lock else -heading))
         self.flags = Flag(flags & 0x1F)
 

@@ -1,4 +1,5 @@
-"""Draws what the simulated camera sees: sky, ground with lines each metre, boxes; one ray per pixel."""
+"""Draws the pictures of the simulated camera: sky, ground with lines every metre, boxes; one ray per
+pixel."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from vehicle_sim.world.world import World
 FloatArray = NDArray[np.float64]
 
 WIDTH, HEIGHT = 320, 240
-"""Pixels: a picture takes some 30 ms to draw, and the vehicle flies on meanwhile."""
+"""Picture size in pixels; a picture takes about 30 ms of computing time."""
 FLAT_RANGE_M = 3000.0
 TERRAIN_RANGE_M = 600.0
 HAZE_M = 900.0
@@ -34,7 +35,7 @@ _EXIF_MODEL, _EXIF_TIME = 0x0110, 0x0132
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ExifPosition:
     """The position in a picture's EXIF data."""
 
     lat_deg: float
@@ -53,7 +54,7 @@ class Painter:
     def draw(
         self, position_ned_m: FloatArray, q_ned_camera: FloatArray, width_rad: float
     ) -> NDArray[np.uint8]:
-        """(HEIGHT, WIDTH, 3) RGB from a place (3,), an attitude (4,) and a horizontal field of view."""
+        """(HEIGHT, WIDTH, 3) RGB from a position (3,), an attitude (4,) and a horizontal field of view."""
         rays = self._rays(q_ned_camera, width_rad)
         origin = np.broadcast_to(position_ned_m, rays.shape)
         hits = self._caster.cast(origin, rays, self._range_m)
@@ -82,7 +83,8 @@ class Painter:
         return rays @ rotation_matrix(q_ned_camera[None, :])[0].T
 
     def _box(self, number: int, points: FloatArray) -> FloatArray:
-        """Colours of points on a box: a hue per box, a shade per face, a line each metre of height."""
+        """Colours of points on a box: one hue per box, one shade per face, a line at every metre of
+        height."""
         box = self._world.boxes[number]
         c, s = math.cos(box.yaw_ned_rad), math.sin(box.yaw_ned_rad)
         north, east = points[:, 0] - box.north_m, points[:, 1] - box.east_m
@@ -99,8 +101,8 @@ class Painter:
         return light[:, None] * tint
 
 
-def jpeg(pixels: NDArray[np.uint8], place: Place | None, time_unix_s: float) -> bytes:
-    """The file, with the place and time in its EXIF data."""
+def jpeg(pixels: NDArray[np.uint8], place: ExifPosition | None, time_unix_s: float) -> bytes:
+    """The JPEG file, with position and time in its EXIF data."""
     picture = Image.fromarray(pixels)
     exif = Image.Exif()
     exif[_EXIF_MODEL] = "Simulated camera"
@@ -122,7 +124,7 @@ def jpeg(pixels: NDArray[np.uint8], place: Place | None, time_unix_s: float) -> 
 
 
 def _degrees(angle_deg: float) -> tuple[float, float, float]:
-    """Degrees, minutes, seconds, as EXIF wants them."""
+    """Degrees, minutes and seconds for EXIF."""
     minutes, seconds = divmod(abs(angle_deg) * 3600.0, 60.0)
     degrees, minutes = divmod(minutes, 60.0)
     return degrees, minutes, round(seconds, 5)
@@ -134,7 +136,7 @@ def _sky(rays: FloatArray) -> FloatArray:
 
 
 def _ground(points: FloatArray, distance_m: FloatArray) -> FloatArray:
-    """Squares of ten metres in two greens with lines between them; lines each metre where near enough."""
+    """Squares of ten metres in two greens with lines between them; nearby also lines at every metre."""
     north, east = points[:, 0], points[:, 1]
     field = np.mod(np.floor(north / 10.0) + np.floor(east / 10.0), 2.0)[:, None]
     colour = field * _GRASS + (1.0 - field) * _SOIL

@@ -98,7 +98,7 @@ class Bridge:
         return self._view.time_boot_us() >= self._connects_at_us
 
     def step(self) -> None:
-        """After each step of the simulation."""
+        """Called after each simulation step."""
         now_us = self._view.time_boot_us()
         received = self._port.take()
         if now_us < self._connects_at_us:

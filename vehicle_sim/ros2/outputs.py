@@ -110,7 +110,7 @@ class Outputs:
         self._waypoint: object = None
 
     def step(self, now_us: int) -> None:
-        """After each step of the simulation."""
+        """Called after each simulation step."""
         simulation, row = self._view.simulation, self._view.row
         timestamp_us = now_us + self._offset_us
         for due, reader in self._arrays:

@@ -1,6 +1,6 @@
-"""Sensors that are stuck or wrong: what PX4's simulation has no switch for.
+"""Sensor faults that PX4's simulation cannot inject: stuck sensors and offsets.
 
-A stuck sensor repeats its last sample, offsets are added to what it measures.
+A stuck sensor repeats its last sample; offsets are added to the measurements.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Driver(Enum):
 
 
 class SensorFaults:
-    """The faults of N vehicles; write the arrays as you like.
+    """The sensor faults of N vehicles; the arrays may be written directly.
 
     Args:
         count: N.
@@ -31,18 +31,18 @@ class SensorFaults:
 
     def __init__(self, count: int) -> None:
         self.stuck = {driver: np.zeros(count, dtype=np.bool_) for driver in Driver}
-        """(N,) whose sensor repeats its last sample."""
+        """(N,) vehicles whose sensor repeats its last sample."""
         self.gps_offset_ned_m = np.zeros((count, 3))
         self.gps_offset_ned_m_s = np.zeros((count, 3))
         self.imu_offset = np.zeros((count, 6))
         """(N, 6) added to gyroscopes [rad/s] and accelerometers [m/s²], FRD."""
 
     def set_imu_offset(self, i: int, gyro_frd_rad_s: FloatArray, accel_frd_m_s2: FloatArray) -> None:
-        """Shift gyroscopes and accelerometers of vehicle `i` by these (3,)."""
+        """Adds offsets (3,) to gyroscopes and accelerometers of vehicle `i`."""
         self.imu_offset[i, :3], self.imu_offset[i, 3:] = gyro_frd_rad_s, accel_frd_m_s2
 
     def clear(self, i: int) -> None:
-        """Nothing of this is wrong with vehicle `i` any more."""
+        """Removes all sensor faults of vehicle `i`."""
         for mask in self.stuck.values():
             mask[i] = False
         self.gps_offset_ned_m[i] = self.gps_offset_ned_m_s[i] = 0.0

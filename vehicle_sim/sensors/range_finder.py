@@ -1,4 +1,4 @@
-"""The range finder of PX4's simulation: it looks down the body's axis (SIH_DISTSNSR_*)."""
+"""The range finder of PX4's simulation, which points along the body's down axis (SIH_DISTSNSR_*)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class RangeFinder:
         self._highest_m = np.full(count, np.inf)
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read SIH_DISTSNSR_OVR, _MIN and _MAX of vehicle `i`."""
+        """Reads SIH_DISTSNSR_OVR, _MIN and _MAX of vehicle `i`."""
         self._forced_m[i] = parameters.usable("SIH_DISTSNSR_OVR")
         self._lowest_m[i] = parameters.usable("SIH_DISTSNSR_MIN")
         self._highest_m[i] = parameters.usable("SIH_DISTSNSR_MAX")
 
     def measured_m(self, distance_m: FloatArray) -> FloatArray:
-        """What they say (N,) of these distances (N,); NaN out of their range."""
+        """Measured distances (N,) from true distances (N,); NaN out of range."""
         said = np.where(self._forced_m >= 0.0, self._forced_m, distance_m)
         return np.where((said >= self._lowest_m) & (said <= self._highest_m), said, np.nan)

@@ -1,7 +1,7 @@
 """IMU, magnetometer, barometer and GPS of N vehicles; all sensor noise of the simulator.
 
-Rates and noise are those measured on PX4's SIH (baselines of the recordings, disarmed and armed): an IMU
-that shakes ten times as much once motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and
+Rates and noise are those measured on PX4's SIH, disarmed and armed: an IMU with ten times the noise once
+motors run, GPS at 8 Hz with 0.2 m horizontally, 0.5 m vertically and
 0.06 to 0.16 m/s, barometer 0.09 m at 20 Hz, magnetometer 0.012 to 0.018 gauss at 50 Hz. The noise is white
 and each vehicle's own (`noise.py`).
 """
@@ -48,10 +48,10 @@ GPS_HDOP = 0.7
 GPS_VDOP = 1.1
 SATELLITES_FOR_A_FIX = 4
 STALE_SAMPLES = {Driver.BARO: 34, Driver.MAG: 334}
-"""A sensor that repeats one value so often is stale: PX4 allows a barometer a hundred equal numbers (1.7 s,
-as recorded) and a magnetometer a thousand (6.7 s), and counts three a sample."""
+"""Number of equal samples after which a sensor is stale. PX4 allows a barometer 100 equal values (1.7 s, as
+recorded) and a magnetometer 1000 (6.7 s), and counts three values per sample."""
 BARO_TEMPERATURE_DEG_C = 11.82
-"""Temperature in SCALED_PRESSURE at home: 15 degrees at sea level, 6.5 degrees a kilometre less."""
+"""Temperature in SCALED_PRESSURE at home: 15 °C at sea level, minus 6.5 °C per kilometre."""
 
 _SEA_LEVEL_PA = 101325.0
 _SEA_LEVEL_K = 288.15
@@ -69,14 +69,14 @@ def pressure_hpa(alt_amsl_m: FloatArray) -> FloatArray:
 
 
 class SensorSuite:
-    """The sensors of N vehicles; `state` holds each one's newest sample.
+    """The sensors of N vehicles; `state` contains the newest sample of each sensor.
 
     Args:
         dt_s: step.
-        home: where local NED (0, 0, 0) lies.
+        home: global position of the local NED origin.
         seed: seed of the noise.
-        vehicles: the number of each vehicle (`WhiteNoise`).
-        noise: False for perfect sensors at the same rates.
+        vehicles: number of each vehicle (`WhiteNoise`).
+        noise: False: perfect sensors at the same rates.
     """
 
     def __init__(self, dt_s: float, home: Home, *, seed: int, vehicles: Sequence[int], noise: bool) -> None:
@@ -100,7 +100,7 @@ class SensorSuite:
         self._baro_offset_hpa = np.zeros(count)
         self._baro_offset_deg_c = np.zeros(count)
         self._repeats = {driver: np.zeros(count, dtype=np.int64) for driver in STALE_SAMPLES}
-        self._speaks = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
+        self._driver_runs = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
         """Whether each driver runs; a stopped driver keeps its sensor's last sample."""
         self._gyro_offset, self._accel_offset = np.zeros((count, 3)), np.zeros((count, 3))
         self._accel_scale = np.ones((count, 3))
@@ -108,7 +108,7 @@ class SensorSuite:
         self._baro_calibration_hpa = np.zeros(count)
         self._board = np.tile(np.eye(3), (count, 1, 1))
         """(N, 3, 3) from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
-        self._turned = np.zeros(count, dtype=np.bool_)
+        self._board_rotated = np.zeros(count, dtype=np.bool_)
         """(N,) whose board is not level."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
@@ -143,7 +143,7 @@ class SensorSuite:
         )
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read SIM_GPS_USED, SIM_MAG_OFFSET_*, SIM_BARO_OFF_* and what calibrations found, of vehicle `i`."""
+        """Reads SIM_GPS_USED, SIM_MAG_OFFSET_*, SIM_BARO_OFF_* and the calibrations of vehicle `i`."""
         self._satellites[i] = int(parameters.get("SIM_GPS_USED"))
         self._mag_offset[i] = [parameters.usable(f"SIM_MAG_OFFSET_{axis}") for axis in "XYZ"]
         self._baro_offset_hpa[i] = 0.01 * parameters.usable("SIM_BARO_OFF_P")
@@ -156,7 +156,7 @@ class SensorSuite:
         self._baro_calibration_hpa[i] = 0.01 * parameters.usable("CAL_BARO0_OFF")
         roll, pitch = (math.radians(parameters.usable(f"SENS_BOARD_{axis}_OFF")) for axis in "XY")
         self._board[i] = rotation_matrix(np.array([quaternion_of(roll, pitch, 0.0)]))[0]
-        self._turned[i] = bool((self._board[i] != np.eye(3)).any())
+        self._board_rotated[i] = bool((self._board[i] != np.eye(3)).any())
 
     def set_noise(self, i: int, strength: float) -> None:
         """Sets the noise of vehicle `i` as a factor on PX4's SIH; 0: no noise.
@@ -188,35 +188,35 @@ class SensorSuite:
         self.faults.gps_offset_ned_m[i] = offset_ned_m
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
-        """Stop or start a driver of vehicle `i`: without it the sensor is silent."""
-        self._speaks[driver][i] = running
+        """Stops or starts a driver of vehicle `i`; without it the sensor sends nothing."""
+        self._driver_runs[driver][i] = running
 
     def driver_runs(self, i: int, driver: Driver) -> bool:
         """Whether a driver of vehicle `i` runs."""
-        return bool(self._speaks[driver][i])
+        return bool(self._driver_runs[driver][i])
 
     def sample(self, truth: TruthState, matrix: FloatArray, armed: BoolArray) -> None:
-        """Take this step's samples.
+        """Takes the samples of this step.
 
         Args:
-            truth: what is measured.
+            truth: the true state.
             matrix: (N, 3, 3) rotation matrix of its attitude.
-            armed: (N,) motors turn, which shakes the IMU.
+            armed: (N,) whether motors run, which adds vibration to the IMU.
         """
         state = self.state
         _measure_motion(
             truth.acceleration_ned_m_s2, truth.rates_frd_rad_s, matrix, armed, self._strength,
             self._imu_sigma_rest, self._imu_sigma_armed, self._imu_white.sample(), self._gyro_offset,
-            self._accel_offset, self._accel_scale, self._turned, self._board, self.faults.imu_offset,
+            self._accel_offset, self._accel_scale, self._board_rotated, self._board, self.faults.imu_offset,
             state.gyro_frd_rad_s, state.accel_frd_m_s2,
         )  # fmt: skip
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
-            state.mag_fresh[:] = self._speaks[Driver.MAG]
+            state.mag_fresh[:] = self._driver_runs[Driver.MAG]
             _measure_field(
                 state.mag_fresh, self.faults.stuck[Driver.MAG], self._field_ned, matrix, self._mag_offset,
                 self._mag_white.sample(), self._mag_sigma, self._mag_calibration, self._mag_scale,
-                self._turned, self._board, state.mag_frd_gauss,
+                self._board_rotated, self._board, state.mag_frd_gauss,
             )  # fmt: skip
             self._drop_stale(Driver.MAG, state.mag_fresh, state.mag_stale)
             state.mag_count += 1
@@ -228,7 +228,7 @@ class SensorSuite:
 
     def _sample_baro(self, truth: TruthState) -> None:
         state = self.state
-        state.baro_fresh[:] = self._speaks[Driver.BARO]
+        state.baro_fresh[:] = self._driver_runs[Driver.BARO]
         measured = state.baro_fresh & ~self.faults.stuck[Driver.BARO]
         noise_m = (self._baro_white.sample() * self._baro_sigma_m)[:, 0]
         alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
@@ -242,7 +242,7 @@ class SensorSuite:
         state.baro_count += 1
 
     def _drop_stale(self, driver: Driver, fresh: BoolArray, stale: BoolArray) -> None:
-        """Stops using a stuck sensor after too many equal samples; not without noise."""
+        """Stops using a stuck sensor after too many equal samples; disabled without noise."""
         stuck, repeats = self.faults.stuck[driver], self._repeats[driver]
         if not (any_of(stuck) or any_nonzero(repeats)):
             return
@@ -259,7 +259,7 @@ class SensorSuite:
             position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
         )
         fresh = state.gps_fresh
-        fresh[:] = self._speaks[Driver.GPS]
+        fresh[:] = self._driver_runs[Driver.GPS]
         fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
         # With too few satellites PX4's simulated receiver still reports its position, without a fix.
         measured = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]

@@ -49,7 +49,7 @@ class Shell:
     ) -> None:
         autopilot, view, own = context.autopilot, context.view, context.own
         listener, parts = ListenerCommand(view, states), PartsCommands(view)
-        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.hears_gcs)
+        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.gcs_connected)
         self._view = view
         self.commands: dict[str, Command] = {
             "commander": CommanderCommand(autopilot).command,

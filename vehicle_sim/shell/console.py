@@ -1,4 +1,4 @@
-"""PX4's console without transport: lines in, answers out, the prompt after each.
+"""PX4's console, independent of its transport: reads lines, returns output and prompt.
 
 The commands are in `commands.py`; this module handles echo, prompt, unknown and failed commands, and commands
 that take simulated time.
@@ -17,29 +17,29 @@ LONGEST_LINE = 1000
 class CommandFailed(Exception):
     """Raised by a command that ends with an error, after its output."""
 
-    def __init__(self, said: str = "", code: int = 1) -> None:
-        super().__init__(said)
-        self.said = said
+    def __init__(self, output: str = "", code: int = 1) -> None:
+        super().__init__(output)
+        self.output = output
         self.code = code
 
 
 class Usage(Exception):
-    """Words a command does not understand; the sentence says what it does."""
+    """A command has invalid arguments; the text is the reason."""
 
 
 Words = list[str]
 Output = str | Iterator[tuple[str, float]]
-"""What a command prints; or pieces, each with the seconds to wait after it."""
+"""Output of a command; or parts, each with the seconds to wait after it."""
 Run = Callable[[Words], Output]
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One entry of the table."""
+    """One command of the console."""
 
     run: Run
     usage: str
-    """What may follow its name."""
+    """Its arguments."""
 
 
 def info(module: str, text: str) -> str:
@@ -61,9 +61,9 @@ class Console:
     """One session.
 
     Args:
-        commands: the table.
-        builtin: all names of the build; what is not in the table says that it is not simulated.
-        now_s: simulated time.
+        commands: the simulated commands, by name.
+        builtin: names of all modules of the build; those not in `commands` report that they are not
+        simulated. now_s: returns the simulated time.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Console:
         return self._running is not None
 
     def type(self, text: str) -> str:
-        """Characters typed; what the console shows for them."""
+        """Processes typed characters; returns the output."""
         shown = ""
         for character in text:
             if character == "\n":
@@ -124,7 +124,7 @@ class Console:
             text = f"{wrong}\n" if str(wrong) else ""
             return f"{text}Usage: {name} {command.usage}\n" + self._failed(name, 1)
         except CommandFailed as failed:
-            return failed.said + self._failed(name, failed.code)
+            return failed.output + self._failed(name, failed.code)
         if isinstance(output, str):
             return output + PROMPT
         self._running, self._name, self._go_on_at_s = output, name, self._now_s()
@@ -139,7 +139,7 @@ class Console:
             return PROMPT
         except CommandFailed as failed:
             self._running = None
-            return failed.said + self._failed(self._name, failed.code)
+            return failed.output + self._failed(self._name, failed.code)
         self._go_on_at_s = self._now_s() + wait_s
         return text
 

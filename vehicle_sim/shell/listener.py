@@ -1,4 +1,4 @@
-"""The console commands `listener` and `uorb`: the topics that the logger knows."""
+"""The console commands `listener` and `uorb`, for the topics that the logger supports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle_sim.topics.states import States, StateTopic
 from vehicle_sim.vehicle_view import VehicleView
 
 FULL_RATE = 0b11
-"""Logging profiles whose rates the topics are published at: default and replay."""
+"""Logging profiles (default and replay) that define the publication rates of the topics."""
 GPS_PERIOD_US = 125_000
 STEP_US = 4_000
 """Period of topics that no log has."""
@@ -109,7 +109,7 @@ class ListenerCommand:
         return "".join(out)
 
     def run_uorb(self, words: Words) -> str:
-        """`uorb status` or `uorb top`: the topics, how often, how large."""
+        """`uorb status` or `uorb top`: the topics with their rates and sizes."""
         if words[:1] not in (["status"], ["top"]):
             raise Usage
         out = [f"{'TOPIC NAME':<38}INST  RATE SIZE\n"]

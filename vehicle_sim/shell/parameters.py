@@ -1,4 +1,4 @@
-"""`param`: the parameters from the console."""
+"""The console command `param`."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ USAGE = (
     "compare NAME VALUE | greater NAME VALUE | touch NAME... | index N | find NAME | save | status"
 )
 ALL_PARAMETERS = 1800
-"""Of the build, used or not."""
+"""Number of parameters of the build, used or unused."""
 
 
 @cache
-def _places() -> tuple[int, ...]:
-    """Where each parameter stands among all of the build, used or not."""
+def _build_indexes() -> tuple[int, ...]:
+    """Index of each parameter among all parameters of the build."""
     return tuple(json.loads((DATA_FILE.parent / "parameter_places.json").read_text(encoding="utf-8")))
 
 
@@ -75,7 +75,7 @@ class ParamCommand:
             return self._text(self._known(patterns[0])) + "\n"
         changed, unsaved = set(self._parameters.changed()), self._unsaved()
         out = ["Symbols: x = used, + = saved, * = unsaved\n"]
-        for index, (name, place) in enumerate(zip(self._parameters.names, _places(), strict=True)):
+        for index, (name, place) in enumerate(zip(self._parameters.names, _build_indexes(), strict=True)):
             if patterns and not any(fnmatchcase(name, pattern) for pattern in patterns):
                 continue
             if "-c" in options and name not in changed:

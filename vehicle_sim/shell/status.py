@@ -1,4 +1,5 @@
-"""`ver`, `mavlink`, `sensors`, `ekf2`, `logger`, `system_time`, the sensors' drivers: the vehicle's parts."""
+"""The console commands `ver`, `mavlink`, `sensors`, `ekf2`, `logger`, `system_time` and the sensor
+drivers."""
 
 from __future__ import annotations
 
@@ -45,9 +46,9 @@ class MavlinkCommand:
     """`mavlink status [streams]`."""
 
     def __init__(
-        self, links: Sequence[Link], name_of: Callable[[int], str], hears_gcs: Callable[[Link], bool]
+        self, links: Sequence[Link], name_of: Callable[[int], str], gcs_connected: Callable[[Link], bool]
     ) -> None:
-        self._links, self._name_of, self._hears_gcs = links, name_of, hears_gcs
+        self._links, self._name_of, self._hears_gcs = links, name_of, gcs_connected
         self.command = Command(self.run, "status [streams]")
 
     def run(self, words: Words) -> str:

@@ -1,7 +1,7 @@
-"""The events document, by which a ground station decodes EVENT messages.
+"""The events document, which a ground station uses to decode EVENT messages.
 
-Ids, names, arguments and enumerations are facts of PX4 v1.16 (`data/event_facts.json`). The sentences are
-ours: some written below, the others spelt out from the event's name and its arguments.
+Ids, names, arguments and enumerations are those of PX4 v1.16 (`data/event_facts.json`). The texts are not
+PX4's: some are written below, the others are made from the event's name and arguments.
 Format: MAVLink's events metadata schema, version 2.
 """
 
@@ -13,8 +13,8 @@ from typing import Any
 from vehicle_sim.parameters import DATA_FILE
 
 FACTS_FILE = DATA_FILE.parent / "event_facts.json"
-UNSPOKEN_ARGUMENTS = 2
-"""The first two arguments of a check (modes, component) are for the ground station, not for its sentence."""
+HIDDEN_ARGUMENTS = 2
+"""The first two arguments of a check (modes, component) do not appear in its text."""
 
 MESSAGES: dict[str, str] = {
     "commander_armed_by": "Armed ({1})",
@@ -82,7 +82,7 @@ def _message(name: str, group: str, arguments: list[tuple[str, str]]) -> str:
     written = MESSAGES.get(name)
     if written is not None:
         return written
-    spoken = range(0 if group == "default" else UNSPOKEN_ARGUMENTS, len(arguments))
+    spoken = range(0 if group == "default" else HIDDEN_ARGUMENTS, len(arguments))
     values = ", ".join(f"{{{index + 1}}}" for index in spoken)
     return f"{_words(name)}: {values}" if values else _words(name)
 

@@ -1,6 +1,6 @@
-"""The vehicle's files: a folder of its own, and read-only ones that come with the build (`etc/extras`).
+"""The vehicle's files: its own folder, and read-only files of the build (`etc/extras`).
 
-Paths are as a client writes them ("/", "./etc", "log/2026-11-21"); nothing outside the folder can be named.
+Paths are those of an FTP client ("/", "./etc", "log/2026-11-21"); paths outside the folder are refused.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 DIRECTORY_SIZE = 4096
-"""What PX4 on Linux answers when a directory is opened as a file."""
+"""Size that PX4 on Linux reports for a directory opened as a file."""
 
 
 class OutsideError(OSError):
-    """A path that leads out of the vehicle's folder."""
+    """A path outside the vehicle's folder."""
 
 
 class VehicleFiles:
     """One vehicle's files.
 
     Args:
-        folder: kept over restarts; None: a temporary one, made when first written to, gone with the object.
-        built_in: path -> content made when first asked for; can be read, not changed.
+        folder: kept over restarts; None: a temporary folder, created at the first write, deleted with the
+        object. built_in: read-only files by path; their content is created at the first read.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class VehicleFiles:
 
     @cached_property
     def root(self) -> Path:
-        """The folder; made on first use."""
+        """The folder; created on first use."""
         if self._folder is None:
             self._temporary = tempfile.TemporaryDirectory(prefix="vehicle-sim-", ignore_cleanup_errors=True)
             return Path(self._temporary.name).resolve()
@@ -46,7 +46,7 @@ class VehicleFiles:
         return self._folder.resolve()
 
     def listing(self, path: str) -> list[tuple[str, int | None]]:
-        """(name, size) of a directory's entries, size None for a directory; in order of name.
+        """(name, size) of a directory's entries, sorted by name; size None for a directory.
 
         Raises:
             OSError: there is no such directory.
@@ -68,7 +68,7 @@ class VehicleFiles:
         return sorted(entries.items())
 
     def is_link(self, path: str, name: str) -> bool:
-        """Whether a directory's entry leads elsewhere: into the build, as PX4's `etc` does in simulation."""
+        """Whether a directory's entry is a link to a folder of the build, as PX4's `etc` in simulation."""
         folder = _normal(path)
         if not folder and any(p.startswith(f"{name}/") for p in self._built_in):
             return True
@@ -80,10 +80,10 @@ class VehicleFiles:
         return not name or any(p.startswith(f"{name}/") for p in self._built_in) or self._real(name).is_dir()
 
     def size(self, path: str) -> int:
-        """Of a file, or what PX4 says of a directory.
+        """Size of a file, or the size that PX4 reports for a directory.
 
         Raises:
-            FileNotFoundError: there is none.
+            FileNotFoundError: it does not exist.
         """
         name = _normal(path)
         if name in self._built_in:
@@ -106,67 +106,67 @@ class VehicleFiles:
             return file.read(size)
 
     def create(self, path: str) -> None:
-        """An empty file, in place of one that was there.
+        """Creates an empty file; replaces an existing one.
 
         Raises:
-            OSError: the directory is missing, or the path is not ours to write.
+            OSError: the directory is missing, or the path is read-only.
         """
         self._writable(path).write_bytes(b"")
 
     def write(self, path: str, offset: int, data: bytes) -> None:
-        """Put `data` at `offset` of a file that is there.
+        """Writes `data` at `offset` of an existing file.
 
         Raises:
-            OSError: it is not there, or not ours to write.
+            OSError: it does not exist, or read-only.
         """
         with self._writable(path).open("r+b") as file:
             file.seek(offset)
             file.write(data)
 
     def truncate(self, path: str, size: int) -> None:
-        """Cut a file, or lengthen it with zeros.
+        """Truncates a file, or extends it with zeros.
 
         Raises:
-            OSError: it is not there, or not ours to write.
+            OSError: it does not exist, or read-only.
         """
         os.truncate(self._writable(path), size)
 
     def remove(self, path: str) -> None:
-        """Delete a file.
+        """Deletes a file.
 
         Raises:
-            OSError: it is not there, a directory, or not ours to write.
+            OSError: it does not exist, a directory, or read-only.
         """
         self._writable(path).unlink()
 
     def rename(self, old: str, new: str) -> None:
-        """Give a file or directory another path.
+        """Moves a file or directory.
 
         Raises:
-            OSError: it is not there, or either is not ours to write.
+            OSError: it does not exist, or one of the paths is read-only.
         """
         self._writable(old).rename(self._writable(new))
 
     def make_directory(self, path: str) -> None:
-        """Raises OSError where it exists or its parent does not."""
+        """Creates a directory; raises OSError if it exists or its parent does not."""
         self._writable(path).mkdir()
 
     def remove_directory(self, path: str) -> None:
-        """Raises OSError where it is missing or not empty."""
+        """Deletes a directory; raises OSError if it is missing or not empty."""
         self._writable(path).rmdir()
 
     def host_path(self, path: str) -> Path:
-        """Where a file that the vehicle itself writes (its log) lies; its directory is made.
+        """Path on the host of a file that the vehicle writes (its log); creates the directory.
 
         Raises:
-            OSError: not ours to write, or the disk refuses.
+            OSError: read-only, or the disk reports an error.
         """
         real = self._writable(path)
         real.parent.mkdir(parents=True, exist_ok=True)
         return real
 
-    def forget(self, path: str) -> None:
-        """Delete a directory with all in it, if it is there."""
+    def delete_tree(self, path: str) -> None:
+        """Deletes a directory with its content, if it exists."""
         with contextlib.suppress(FileNotFoundError):
             shutil.rmtree(self._writable(path))
 
@@ -189,10 +189,10 @@ class VehicleFiles:
 
 
 def _normal(path: str) -> str:
-    """Without leading slash and dots.
+    """The path without leading slash and dots.
 
     Raises:
-        OutsideError: the path climbs out, or holds a NUL.
+        OutsideError: the path is outside the folder, or contains a NUL.
     """
     parts = [part for part in PurePosixPath(path.lstrip("/")).parts if part != "."]
     if ".." in parts or "\0" in path:

@@ -1,7 +1,7 @@
 """Component metadata that PX4 serves by FTP: descriptions of its parameters, events and outputs.
 
-Names, groups, types, defaults, ranges, units and labels are facts of PX4 v1.16 (`data/parameter_facts.json`);
-descriptions are left out, and an event's message is the text that this simulator sends with it.
+Names, groups, types, defaults, ranges, units and labels are those of PX4 v1.16 (`data/parameter_facts.json`).
+Descriptions are omitted, and the message of an event is the text that this simulator sends with it.
 Formats: MAVLink's component metadata schemas (general, parameter, events, actuators).
 """
 
@@ -82,7 +82,7 @@ def _general_text() -> bytes:
 
 
 def general_crc(file: bytes) -> int:
-    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION: of what the general file holds, unpacked."""
+    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION, of the uncompressed general file."""
     return crc32(lzma.decompress(file))
 
 
@@ -92,4 +92,4 @@ BUILT_IN: dict[str, Callable[[], bytes]] = {
     EVENTS: _events_file,
     ACTUATORS: _actuators_file,
 }
-"""The files by path, made when first asked for."""
+"""The files by path; created at the first read."""

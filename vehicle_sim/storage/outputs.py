@@ -1,6 +1,6 @@
-"""The actuators document, by which a ground station sets up motors and servos.
+"""The actuators document, which a ground station uses to configure motors and servos.
 
-Function numbers and labels are facts of PX4 v1.16; the airframe is this simulator's, a multirotor.
+Function numbers and labels are those of PX4 v1.16; the airframe is this simulator's multirotor.
 Format: MAVLink's actuators metadata schema, version 1.
 """
 

@@ -12,24 +12,24 @@ from vehicle_sim.world.world import World
 FloatArray = NDArray[np.float64]
 
 BODY_RADIUS_M = 0.3
-"""From the centre to the tips of the propellers: the arms of SIH_L_ROLL plus a propeller's radius."""
+"""Distance from the centre to the tips of the propellers: arm length SIH_L_ROLL plus propeller radius."""
 ROOF_TOLERANCE_M = 0.15
 """A vehicle no deeper in a roof than this stands on it."""
 SLOPE_CRASH_M_S = 1.5
-"""Ground rising towards a vehicle faster than this breaks it; PX4's own ground is flat and breaks nothing."""
+"""Speed relative to rising ground above which a vehicle crashes; PX4's own flat ground causes no crash."""
 REBOUND = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """Vehicle `row` has flown into something."""
+    """Vehicle `row` has hit an obstacle or the ground."""
 
     row: int
     what: str
 
 
 class Contact:
-    """The world as N bodies touch it.
+    """Contact of N vehicles with the world.
 
     Args:
         world: with terrain or obstacles.
@@ -43,7 +43,7 @@ class Contact:
         """(N,) vehicles that have collided since their last start."""
 
     def support_ned_m(self, position_ned_m: FloatArray) -> FloatArray:
-        """(N,) down coordinate of what carries each body: ground, or the roof it is above."""
+        """(N,) down coordinate of the surface below each vehicle: ground or roof."""
         north, east, down = position_ned_m[:, 0], position_ned_m[:, 1], position_ned_m[:, 2]
         support = -self._world.terrain.height_m(north, east)
         for number, box in enumerate(self._world.boxes):
@@ -54,17 +54,19 @@ class Contact:
             support = np.where(over, np.minimum(support, roof), support)
         return support
 
-    def before(self, velocity_ned_m_s: FloatArray) -> None:
-        """How fast they were before this step: who has met the ground since is at rest."""
+    def store_velocity(self, velocity_ned_m_s: FloatArray) -> None:
+        """Stores the velocities before this step, because contact with the ground stops a vehicle in the
+        step."""
         self._before_ned_m_s[:] = velocity_ned_m_s
 
     def collide(self, position_ned_m: FloatArray, velocity_ned_m_s: FloatArray) -> list[Collision]:
-        """Stop who has flown into something (position and velocity are changed in place) and say who it was.
+        """Stops vehicles that hit something (changes position and velocity in place); returns the new
+        collisions.
 
-        A broken vehicle is pushed out of what it lies against, silently.
+        A crashed vehicle is moved out of the obstacle, without a new collision.
         """
-        found: list[Collision] = []
-        self._slopes(position_ned_m, velocity_ned_m_s, found)
+        collisions: list[Collision] = []
+        self._slopes(position_ned_m, velocity_ned_m_s, collisions)
         for number, box in enumerate(self._world.boxes):
             x, y = self._inside(number, position_ned_m)
             down = position_ned_m[:, 2]
@@ -75,14 +77,14 @@ class Contact:
             )
             for row in np.flatnonzero(hit):
                 self._push_out(int(row), number, position_ned_m, velocity_ned_m_s)
-                self._break(int(row), box.name, found)
-        return found
+                self._break(int(row), box.name, collisions)
+        return collisions
 
-    def mend(self, row: int) -> None:
-        """A vehicle that starts anew is whole."""
+    def reset(self, row: int) -> None:
+        """Resets the crash of a vehicle that starts again."""
         self.broken[row] = False
 
-    def _slopes(self, position: FloatArray, velocity: FloatArray, found: list[Collision]) -> None:
+    def _slopes(self, position: FloatArray, velocity: FloatArray, collisions: list[Collision]) -> None:
         terrain = self._world.terrain
         if terrain.flat:
             return
@@ -95,15 +97,15 @@ class Contact:
         closing = rise_north * speed[:, 0] + rise_east * speed[:, 1]
         for row in np.flatnonzero(below & (closing > SLOPE_CRASH_M_S)):
             velocity[row] = 0.0
-            self._break(int(row), "the ground", found)
+            self._break(int(row), "the ground", collisions)
 
-    def _break(self, row: int, what: str, found: list[Collision]) -> None:
+    def _break(self, row: int, what: str, collisions: list[Collision]) -> None:
         if not self.broken[row]:
             self.broken[row] = True
-            found.append(Collision(row, what))
+            collisions.append(Collision(row, what))
 
     def _inside(self, number: int, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Horizontal places in the axes of a box."""
+        """Horizontal positions in the axes of a box."""
         box = self._world.boxes[number]
         north, east = position[:, 0] - box.north_m, position[:, 1] - box.east_m
         c, s = np.cos(box.yaw_ned_rad), np.sin(box.yaw_ned_rad)

@@ -1,4 +1,4 @@
-"""The vehicles' lidars: PX4's own one downwards, and those that a world adds."""
+"""The vehicles' lidars: the downward one of PX4's simulation, and those of a world."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ FloatArray = NDArray[np.float64]
 SECTORS = 72
 SECTOR_DEG = 5.0
 SAMPLE_EVERY_STEPS = 5
-"""50 Hz, as the distance sensor of PX4's simulation."""
+"""50 Hz, like the distance sensor of PX4's simulation."""
 
 
 class Lidar:
     """Distances of all N vehicles, measured on request and at most at 50 Hz.
 
     Args:
-        world: what can be seen.
-        truth: where the vehicles are.
+        world: the obstacles and the ground.
+        truth: the true state of the vehicles.
     """
 
     def __init__(self, world: World, truth: TruthState) -> None:
@@ -38,7 +38,7 @@ class Lidar:
         self._kept: dict[str, tuple[int, FloatArray]] = {}
 
     def down_m(self, step: int, matrix: FloatArray) -> FloatArray:
-        """(N,) along the body's down axis; inf where there is nothing."""
+        """(N,) distance along the body's down axis; inf if there is nothing."""
         if self.world.empty:  # asked for all the time: no rays are needed over a plain
             cos_tilt = matrix[:, 2, 2]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -47,17 +47,17 @@ class Lidar:
         return self._measured("down", self._down_frd, math.inf, step, matrix)[:, 0]
 
     def forward_m(self, step: int, matrix: FloatArray) -> FloatArray:
-        """(N,) straight ahead."""
+        """(N,) distance straight ahead."""
         return self._measured("forward", self._forward_frd, self.world.lidars.range_m, step, matrix)[:, 0]
 
     def around_m(self, step: int, matrix: FloatArray) -> FloatArray:
-        """(N, 72) clockwise from the nose."""
+        """(N, 72) distances clockwise from the nose."""
         return self._measured("around", self._around_frd, self.world.lidars.range_m, step, matrix)
 
     def _measured(
         self, name: str, rays_frd: FloatArray, range_m: float, step: int, matrix: FloatArray
     ) -> FloatArray:
-        """Cast `rays_frd` (R, 3) from every vehicle; (N, R)."""
+        """Distances (N, R) along rays (R, 3) in FRD from every vehicle."""
         slot = step // SAMPLE_EVERY_STEPS
         kept = self._kept.get(name)
         if kept is not None and kept[0] == slot:

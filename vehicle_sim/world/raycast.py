@@ -20,16 +20,16 @@ BISECTIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """Where M rays ended."""
+    """Results of M rays."""
 
     distance_m: FloatArray
-    """(M,) inf where nothing was met."""
+    """(M,) inf if nothing was hit."""
     what: IntArray
     """(M,) NOTHING, GROUND or the number of the box."""
 
 
 class RayCaster:
-    """Rays through one world."""
+    """Casts rays through one world."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -40,7 +40,7 @@ class RayCaster:
         self._cos, self._sin = np.cos(yaw), np.sin(yaw)
 
     def cast(self, origin_ned_m: FloatArray, direction_ned: FloatArray, range_m: FloatArray | float) -> Hits:
-        """Follow rays from (M, 3) along unit vectors (M, 3) up to `range_m`."""
+        """Casts rays from (M, 3) along unit vectors (M, 3) up to `range_m`."""
         distance = self._ground(origin_ned_m, direction_ned, np.broadcast_to(range_m, origin_ned_m.shape[:1]))
         what = np.where(np.isfinite(distance), GROUND, NOTHING).astype(np.int64)
         for number in range(len(self.world.boxes)):

@@ -1,4 +1,4 @@
-"""The shape of the ground: flat as in PX4's own simulation, with hills or a grid of heights on it."""
+"""The shape of the ground: flat as in PX4's own simulation, plus hills or a grid of heights."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Hill:
-    """A round hill whose slope begins and ends level (raised cosine)."""
+    """A round hill with a raised cosine profile."""
 
     north_m: float
     east_m: float
@@ -22,36 +22,36 @@ class Hill:
 
 @dataclass(frozen=True, slots=True)
 class HeightGrid:
-    """Heights on a square grid, bilinear between its points; outside it the border's go on."""
+    """Heights on a square grid, with bilinear interpolation; outside the grid the border values continue."""
 
     north_m: float
-    """Of the south-west corner."""
+    """Position of the south-west corner."""
     east_m: float
     spacing_m: float
     heights_m: FloatArray
-    """(rows to the north, columns to the east) above home's level."""
+    """(rows to the north, columns to the east) height above home."""
 
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """Heights above home's level: a grid (else 0) plus all hills."""
+    """Heights above home: the grid (or 0) plus all hills."""
 
     hills: tuple[Hill, ...] = ()
     grid: HeightGrid | None = None
 
     @property
     def flat(self) -> bool:
-        """Whether it is home's level everywhere."""
+        """Whether the height is 0 everywhere."""
         return not self.hills and self.grid is None
 
     @property
     def highest_m(self) -> float:
-        """No ground lies higher."""
+        """Upper bound of the height."""
         grid = 0.0 if self.grid is None else max(0.0, float(self.grid.heights_m.max()))
         return grid + sum(max(0.0, hill.height_m) for hill in self.hills)
 
     def height_m(self, north_m: FloatArray, east_m: FloatArray) -> FloatArray:
-        """Height above home's level at places of any shape."""
+        """Height above home at positions of any array shape."""
         height = np.zeros(np.shape(north_m))
         if self.grid is not None:
             height = height + _bilinear(self.grid, north_m, east_m)

@@ -130,6 +130,6 @@ def test_who_is_not_meant_stays_silent(station):
 def test_a_log_erased_during_its_download_ends_it(station):
     station.send("LOG_REQUEST_DATA", **TARGET, id=0, ofs=0, count=0xFFFFFFFF)
     station.run(0.05)
-    station.sim.files[0].forget("log")
+    station.sim.files[0].delete_tree("log")
     station.run(0.1)
     assert not station.sim.nodes[0]._logs.busy

@@ -1,4 +1,4 @@
-"""What all families of telemetry share: the vehicle, and builders that are named after their messages."""
+"""Base class of the telemetry builders; each builder method is named after its message."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ Builder = Callable[[], bytes | None]
 
 
 class Family:
-    """Messages that belong together: each method `heartbeat` builds the payload of HEARTBEAT.
+    """A group of telemetry messages; for example, the method `heartbeat` builds the payload of HEARTBEAT.
 
-    A builder that returns None has nothing to say yet.
+    A builder returns None if it has no data yet.
     """
 
     def __init__(self, autopilot: Autopilot) -> None:
@@ -24,17 +24,17 @@ class Family:
         self._view = autopilot.view
 
     def builders(self) -> dict[int, Builder]:
-        """By message id."""
+        """The builders by message id."""
         return {
             BY_NAME[name.upper()].id: getattr(self, name) for name in dir(self) if name.upper() in BY_NAME
         }
 
 
 def packer(name: str) -> Callable[..., bytes]:
-    """The packing of a message whose fields are given in the order of the wire."""
+    """A function that packs a message from its fields in wire order."""
     return BY_NAME[name].packer.pack
 
 
 def i16(value: float) -> int:
-    """Rounded into what 16 bits hold."""
+    """Rounds to the range of a signed 16-bit integer."""
     return max(-32768, min(32767, round(value)))

@@ -1,4 +1,4 @@
-"""The gimbal manager and its device; silent while the gimbal module is off."""
+"""Messages of the gimbal manager and its device; none while the gimbal module is off."""
 
 from __future__ import annotations
 

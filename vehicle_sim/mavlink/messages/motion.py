@@ -1,4 +1,4 @@
-"""Where the vehicle is, how it moves, and what its controllers follow."""
+"""Messages with position, motion and setpoints of the vehicle."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SERVO = packer("SERVO_OUTPUT_RAW")
 
 _NOWHERE = (NAN, NAN, NAN)
 _MOTORS_AT_REST = (0.0, 0.0, 100.0)
-"""What PX4 asks for where nothing is to be flown: an acceleration down [m/s2] that no motor is needed for."""
+"""PX4's acceleration setpoint on the ground: downwards [m/s²], so that the motors do not turn."""
 UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
@@ -133,15 +133,15 @@ class MotionMessages(Family):
         )[1]
 
     def position_target_local_ned(self) -> bytes:
-        time_ms, (p, v, a, yaw, rate) = self._view.time_boot_ms(), self._followed()
+        time_ms, (p, v, a, yaw, rate) = self._view.time_boot_ms(), self._setpoint()
         mask = 0
         for bit, value in enumerate((*p, *v, *a)):
             if value != value:
                 mask |= 1 << bit
         return _TARGET_LOCAL(time_ms, *p, *v, *a, yaw, rate, mask, 1)
 
-    def _followed(self) -> tuple[Sequence[float], Sequence[float], Sequence[float], float, float]:
-        """Position, velocity, acceleration, yaw and its rate that the position controller follows (NED)."""
+    def _setpoint(self) -> tuple[Sequence[float], Sequence[float], Sequence[float], float, float]:
+        """The position controller's setpoint (NED): position, velocity, acceleration, yaw and yaw rate."""
         row, i = self._view.simulation.target, self._view.row
         heading = self._view.estimate.yaw_ned_rad
         p, v = row.position_ned_m[i].tolist(), row.velocity_ned_m_s[i].tolist()
@@ -163,7 +163,7 @@ class MotionMessages(Family):
         waypoint = self._autopilot.waypoint
         if waypoint is None:
             return None
-        _, v, a, yaw, rate = self._followed()
+        _, v, a, yaw, rate = self._setpoint()
         return pack(
             "POSITION_TARGET_GLOBAL_INT",
             time_boot_ms=self._view.time_boot_ms(),
@@ -185,7 +185,7 @@ class MotionMessages(Family):
         return _TARGET_ATTITUDE(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)
 
     def hil_state_quaternion(self) -> bytes:
-        """The simulation's own truth, which no autopilot could know: PX4's simulator tells it too."""
+        """The simulated true state, which PX4's simulator sends too."""
         simulation, i = self._view.simulation, self._view.row
         truth, home = simulation.truth, simulation.home
         north, east, down = truth.position_ned_m[i].tolist()
@@ -231,7 +231,7 @@ class MotionMessages(Family):
         return self._functions
 
     def _servos_us(self) -> dict[int, int]:
-        """Pulses of the gimbal's servo functions; none before arming unless COM_PREARM_MODE says always."""
+        """Pulses of the gimbal's servo functions; none before arming unless COM_PREARM_MODE is 2 (always)."""
         controls = self._autopilot.gimbal.servo_controls()
         armed = self._autopilot.commander.armed or self._view.choice("COM_PREARM_MODE") == PREARM_ALWAYS
         if controls is None or not armed:

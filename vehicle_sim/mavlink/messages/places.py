@@ -1,4 +1,4 @@
-"""Home, the local origin, and what remote identification and the way home say about them."""
+"""Messages about home, the local origin, remote identification and the return path."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from vehicle_sim.mavlink.messages.family import Family, i16
 
 GPS_WEEK_ODID_EPOCH_S = 1546300800
 CRITICAL = 5
-"""MAV_STATE: a failsafe has the vehicle."""
+"""MAV_STATE during a failsafe."""
 ON_GROUND, AIRBORNE, EMERGENCY = 1, 2, 3
 """MAV_ODID_STATUS."""
 
 
 class PlaceMessages(Family):
-    """Builders of messages about fixed places."""
+    """Builders of messages about fixed positions."""
 
     def home_position(self) -> bytes | None:
         home = self._autopilot.home
@@ -109,7 +109,7 @@ class PlaceMessages(Family):
         )[1]
 
     def time_estimate_to_target(self) -> bytes:
-        """Only the way home, longer by RTL_TIME_*."""
+        """Only the time to home, increased by RTL_TIME_*."""
         seconds = 0
         if self._autopilot.commander.armed and self._autopilot.home.valid:
             view = self._view
@@ -122,7 +122,7 @@ class PlaceMessages(Family):
 
 
 def _heading(yaw_rad: float) -> tuple[float, float, float, float]:
-    """A quaternion of this heading; all NaN where home was given without one."""
+    """Quaternion of a heading; all NaN if home has no heading."""
     if math.isnan(yaw_rad):
         return (math.nan, math.nan, math.nan, math.nan)
     return (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))

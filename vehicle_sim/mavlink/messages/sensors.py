@@ -1,4 +1,4 @@
-"""What the sensors measured and how well the estimator agrees with them."""
+"""Messages with sensor measurements and the estimator's status."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ DOWN, FORWARD = 25, 0
 BODY_FRD = 12
 """MAV_FRAME."""
 OUT_OF_RANGE_CM = -100
-"""PX4's simulation says -1 m where it measures nothing; the field holds it modulo 2^16."""
+"""PX4's simulation sends -1 m if it measures nothing; the unsigned field contains it modulo 2^16."""
 NEAREST_CM = 10
-STANDING_VIBRATION, FLYING_VIBRATION = (0.0117, 0.107), (0.096, 1.42)
-"""Gyro [rad/s] and accelerometer [m/s2], what PX4's metrics of its noise came to; measured."""
+GROUND_VIBRATION, FLYING_VIBRATION = (0.0117, 0.107), (0.096, 1.42)
+"""PX4's vibration metrics of gyro [rad/s] and accelerometer [m/s²], as measured."""
 
 
 class SensorMessages(Family):
@@ -90,7 +90,7 @@ class SensorMessages(Family):
         )[1]
 
     def distance_sensor(self) -> bytes:
-        """PX4's own simulated one, which points down."""
+        """The sensor that points down, which PX4's simulation also has."""
         view = self._view
         measured = view.simulation.distance_down_m(view.row)
         lowest, highest = (view.parameter(f"SIH_DISTSNSR_{end}") for end in ("MIN", "MAX"))
@@ -101,7 +101,7 @@ class SensorMessages(Family):
         )[1]  # fmt: skip
 
     def distance_forward(self) -> bytes | None:
-        """The second one, of a world that has it."""
+        """The forward sensor, if the world has it."""
         view, lidars = self._view, self._view.simulation.world.lidars
         if not lidars.forward:
             return None
@@ -113,7 +113,7 @@ class SensorMessages(Family):
         )[1]  # fmt: skip
 
     def obstacle_distance(self) -> bytes | None:
-        """72 sectors of 5 degrees from the nose clockwise; nothing met is one more than the range."""
+        """72 sectors of 5 degrees clockwise from the nose; maximum range plus 1 cm means no obstacle."""
         view, lidars = self._view, self._view.simulation.world.lidars
         if not lidars.around:
             return None
@@ -127,7 +127,7 @@ class SensorMessages(Family):
         )[1]  # fmt: skip
 
     def vibration(self) -> bytes:
-        gyro, accel = FLYING_VIBRATION if not self._autopilot.commander.landed else STANDING_VIBRATION
+        gyro, accel = FLYING_VIBRATION if not self._autopilot.commander.landed else GROUND_VIBRATION
         return pack("VIBRATION", time_usec=self._view.time_boot_us(), vibration_y=gyro, vibration_z=accel)[1]
 
     def estimator_status(self) -> bytes:

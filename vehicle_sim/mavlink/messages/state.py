@@ -1,4 +1,4 @@
-"""Mode, arming, health, clock and battery, as the vehicle tells them about itself."""
+"""Messages with mode, arming state, health, clock and battery."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ALWAYS_PRESENT = 0x200400B
 """MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
 GPS_BIT, POSITION_BIT, REMOTE_BIT, BATTERY_BIT, LOGGING_BIT = 0x20, 0x4000, 0x10000, 0x2000000, 0x1000000
 ALL_HEALTHY = 0x321C83F
-"""What says nothing of itself is healthy, also where it is not present."""
+"""Parts without a finding count as healthy, even if they are not present."""
 MAG_BIT, BARO_BIT, PREARM_BIT = 0x04, 0x08, 0x10000000
 """MAV_SYS_STATUS: magnetometer, barometer, pre-arm checks."""
 BIT_OF_COMPONENT = {
@@ -37,7 +37,7 @@ BIT_IF_PRESENT = {
 
 
 class StateMessages(Family):
-    """Builders of HEARTBEAT, SYS_STATUS and their kind."""
+    """Builders of HEARTBEAT, SYS_STATUS and similar messages."""
 
     def heartbeat(self) -> bytes:
         commander = self._autopilot.commander
@@ -68,9 +68,9 @@ class StateMessages(Family):
         )[1]
 
     def _sensors(self, report: Report) -> tuple[int, int, int]:
-        """Present, enabled and healthy ones, as the arming report sees them; nothing before it begins.
+        """Present, enabled and healthy sensors according to the arming report; 0 before the first report.
 
-        What has a finding counts as enabled, present or not.
+        A sensor with a finding counts as enabled, even if it is not present.
         """
         if not self._view.estimate.valid_attitude:
             return 0, 0, ALL_HEALTHY

@@ -1,4 +1,4 @@
-"""The camera protocol (version 2) of the vehicle's camera, a component with a heartbeat of its own."""
+"""The camera protocol (version 2) of the vehicle's camera, a component with its own heartbeat."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CAMERA_COMPONENT = 100
 """MAV_COMP_ID_CAMERA."""
 MAV_TYPE_CAMERA, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE = 30, 8, 4
 CAPTURE_IMAGE, HAS_MODES, HAS_IMAGE_SURVEY_MODE, HAS_BASIC_ZOOM = 2, 4, 32, 64
-"""CAMERA_CAP_FLAGS; no video, no stream."""
+"""CAMERA_CAP_FLAGS; no video and no video stream."""
 ZOOM_STEP, ZOOM_RANGE = 0, 2
 """CAMERA_ZOOM_TYPE."""
 STEP_PERCENT = 10.0
@@ -45,13 +45,13 @@ REQUEST_MESSAGE = 512
 
 
 class CameraService:
-    """Commands to component 100 (or all), answers and captures from it."""
+    """Handles commands to component 100 (or to all), and sends its replies and captures."""
 
     def __init__(self, context: Context, camera: Camera) -> None:
         self._context, self._camera = context, camera
         self._last_sequence = 0
         self._heartbeat_at_us = 0
-        self._commands: dict[int, Callable[[Message | _Given, Link | None], int]] = {
+        self._commands: dict[int, Callable[[Message | _OwnParameters, Link | None], int]] = {
             REQUEST_MESSAGE: lambda m, link: self._request(m, link),
             521: lambda m, link: self._send("CAMERA_INFORMATION", link),
             522: lambda m, link: self._send("CAMERA_SETTINGS", link),
@@ -77,8 +77,8 @@ class CameraService:
 
     # --- arrival ---------------------------------------------------------------------------------------
 
-    def hear(self, link: Link, m: Message) -> None:
-        """A message that may be for the camera."""
+    def receive(self, link: Link, m: Message) -> None:
+        """Handles a message that may be for the camera."""
         if m.name not in ("COMMAND_LONG", "COMMAND_INT"):
             return
         values = m.values
@@ -97,7 +97,7 @@ class CameraService:
         )  # fmt: skip
 
     def owns(self, m: Message) -> bool:
-        """Whether a message ends here and goes to no other link."""
+        """Whether a message is for the camera only, so that it is not forwarded."""
         values = m.values
         return (
             values.get("target_system") == self._context.system_id
@@ -105,29 +105,29 @@ class CameraService:
         )
 
     def step(self) -> None:
-        """Heartbeat and pictures that are due."""
+        """Sends the heartbeat and takes the pictures that are due."""
         now_us = self._context.view.time_boot_us()
         if now_us >= self._heartbeat_at_us:
             self._heartbeat_at_us = now_us + HEARTBEAT_US
-            self._tell(
+            self._broadcast(
                 "HEARTBEAT", type=MAV_TYPE_CAMERA, autopilot=MAV_AUTOPILOT_INVALID,
                 system_status=MAV_STATE_ACTIVE, mavlink_version=3,
             )  # fmt: skip
         if self._camera.series_runs:
             capture = self._camera.step()
             if capture is not None:
-                self._tell("CAMERA_IMAGE_CAPTURED", **self._captured(capture))
-                self._tell("CAMERA_CAPTURE_STATUS", **self._capture_status())
+                self._broadcast("CAMERA_IMAGE_CAPTURED", **self._captured(capture))
+                self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
 
     def _from_autopilot(self, command: OwnCommand) -> None:
-        """Missions photograph too."""
+        """Handles a camera command of the autopilot, for example from a mission."""
         handler = self._commands.get(command.number)
         if handler is not None and command.number != REQUEST_MESSAGE:
-            handler(_Given(*command.parameters), None)
+            handler(_OwnParameters(*command.parameters), None)
 
     # --- commands --------------------------------------------------------------------------------------
 
-    def _request(self, m: Message | _Given, link: Link | None) -> int:
+    def _request(self, m: Message | _OwnParameters, link: Link | None) -> int:
         number = _whole(m.param1)
         if number == BY_NAME["CAMERA_IMAGE_CAPTURED"].id:
             return self._again(m.param2, link)
@@ -148,7 +148,7 @@ class CameraService:
         )
         return ACCEPTED
 
-    def _start(self, m: Message | _Given, link: Link | None) -> int:
+    def _start(self, m: Message | _OwnParameters, link: Link | None) -> int:
         interval, count, sequence = m.param2, _whole(m.param3), _whole(m.param4)
         if count < 0 or (count != 1 and not (math.isfinite(interval) and interval > 0.0)):
             return DENIED
@@ -160,20 +160,20 @@ class CameraService:
         self._camera.start(interval if count != 1 else 0.0, count)
         return ACCEPTED
 
-    def _stop(self, m: Message | _Given, link: Link | None) -> int:
+    def _stop(self, m: Message | _OwnParameters, link: Link | None) -> int:
         self._camera.stop()
-        self._tell("CAMERA_CAPTURE_STATUS", **self._capture_status())
+        self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
         return ACCEPTED
 
-    def _set_mode(self, m: Message | _Given, link: Link | None) -> int:
+    def _set_mode(self, m: Message | _OwnParameters, link: Link | None) -> int:
         try:
             self._camera.mode = CameraMode(_whole(m.param2))
         except ValueError:
             return UNSUPPORTED
-        self._tell("CAMERA_SETTINGS", **self._settings())
+        self._broadcast("CAMERA_SETTINGS", **self._settings())
         return ACCEPTED
 
-    def _set_zoom(self, m: Message | _Given, link: Link | None) -> int:
+    def _set_zoom(self, m: Message | _OwnParameters, link: Link | None) -> int:
         kind, value = _whole(m.param1), m.param2
         if kind not in (ZOOM_STEP, ZOOM_RANGE):
             return UNSUPPORTED
@@ -181,28 +181,28 @@ class CameraService:
             return DENIED
         wanted = value if kind == ZOOM_RANGE else self._camera.zoom_percent + STEP_PERCENT * value
         self._camera.zoom_percent = max(0.0, min(100.0, wanted))
-        self._tell("CAMERA_SETTINGS", **self._settings())
+        self._broadcast("CAMERA_SETTINGS", **self._settings())
         return ACCEPTED
 
-    def _format(self, m: Message | _Given, link: Link | None) -> int:
+    def _format(self, m: Message | _OwnParameters, link: Link | None) -> int:
         if _whole(m.param2) != 1 or _whole(m.param1) not in (0, 1):
             return DENIED
         if self._camera.series_runs:
             return TEMPORARILY_REJECTED
         self._camera.format_storage()
-        self._tell("STORAGE_INFORMATION", **self._storage())
+        self._broadcast("STORAGE_INFORMATION", **self._storage())
         return ACCEPTED
 
-    def _reset(self, m: Message | _Given, link: Link | None) -> int:
+    def _reset(self, m: Message | _OwnParameters, link: Link | None) -> int:
         if _whole(m.param1) != 1:
             return DENIED
         self._camera.reset_settings()
-        self._tell("CAMERA_SETTINGS", **self._settings())
+        self._broadcast("CAMERA_SETTINGS", **self._settings())
         return ACCEPTED
 
     # --- messages --------------------------------------------------------------------------------------
 
-    def _tell(self, name: str, /, **fields: Any) -> None:
+    def _broadcast(self, name: str, /, **fields: Any) -> None:
         for link in self._context.links:
             link.send_from(CAMERA_COMPONENT, name, **fields)
 
@@ -266,8 +266,8 @@ class CameraService:
         }  # fmt: skip
 
 
-class _Given:
-    """Parameters of a command that came from within."""
+class _OwnParameters:
+    """Parameters of a command from the autopilot itself."""
 
     def __init__(self, *parameters: float) -> None:
         self.param1, self.param2, self.param3, self.param4 = parameters[:4]

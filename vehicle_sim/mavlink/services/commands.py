@@ -1,4 +1,4 @@
-"""COMMAND_LONG, COMMAND_INT and SET_MODE: how commands arrive and are answered over MAVLink."""
+"""Receives COMMAND_LONG, COMMAND_INT and SET_MODE, and acknowledges them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ INT32_MAX = 0x7FFFFFFF
 
 
 class CommandService:
-    """Hands each command to who carries it out.
+    """Passes each command to its handler.
 
     Args:
-        context: the vehicle on MAVLink.
-        commands: who carries out which number.
+        context: context of the vehicle's MAVLink services.
+        commands: handlers by command number.
     """
 
     def __init__(self, context: Context, commands: Mapping[int, Handler]) -> None:
         self._context = context
         self._commands = commands
         self._queue: list[Callable[[], None]] = []
-        """Changes of mode that are put off, and what came after them: nothing overtakes."""
+        """Deferred mode changes, and all later commands, so that the order is kept."""
         self.handlers = {
             "COMMAND_LONG": self.command_long,
             "COMMAND_INT": self.command_int,
@@ -35,7 +35,7 @@ class CommandService:
         }
 
     def command_long(self, link: Link, m: Message) -> None:
-        """COMMAND_LONG; wrong targets get no reply."""
+        """Handles COMMAND_LONG; a command for another target gets no reply."""
         if self._context.is_for_me(m):
             self._run(
                 Command(m.command, m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7,
@@ -43,7 +43,8 @@ class CommandService:
             )  # fmt: skip
 
     def command_int(self, link: Link, m: Message) -> None:
-        """COMMAND_INT; 1e7 degrees become degrees. Altitudes are AMSL whatever the frame says, as in PX4."""
+        """Handles COMMAND_INT; converts 1e-7 degrees to degrees. As in PX4, altitudes are AMSL in every
+        frame."""
         if not self._context.is_for_me(m):
             return
         scale = 1.0 if m.frame in LOCAL_FRAMES else 1e-7
@@ -52,24 +53,24 @@ class CommandService:
         self._run(Command(m.command, m.param1, m.param2, m.param3, m.param4, x, y, m.z, m.sender, link.name))
 
     def set_mode_message(self, link: Link, m: Message) -> None:
-        """The old SET_MODE: one acknowledgement that says nothing."""
+        """Handles the deprecated SET_MODE; it is acknowledged independently of the result."""
         if m.target_system != self._context.system_id:
             return
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
         command = Command(SET_MODE, float(m.base_mode), float(main), float(sub), 0, 0, 0, 0, m.sender,
                           link.name)  # fmt: skip
         self._context.send_ack(command, ACCEPTED)
-        self._put_off(lambda: self._quietly(command))
+        self._defer(lambda: self._run_unacknowledged(command))
 
-    def _quietly(self, command: Command) -> None:
+    def _run_unacknowledged(self, command: Command) -> None:
         self._commands[SET_MODE](command)
 
-    def _put_off(self, work: Callable[[], None]) -> None:
+    def _defer(self, work: Callable[[], None]) -> None:
         if not self._queue:
-            self._context.later(self._work_off)
+            self._context.later(self._run_deferred)
         self._queue.append(work)
 
-    def _work_off(self) -> None:
+    def _run_deferred(self) -> None:
         queue, self._queue = self._queue, []
         for work in queue:
             work()
@@ -78,9 +79,9 @@ class CommandService:
         if command.number == SET_MODE:
             # The receiver acknowledges at once, the commander a moment later: the second one counts.
             self._context.send_ack(command, ACCEPTED)
-            self._put_off(lambda: self._execute(command))
+            self._defer(lambda: self._execute(command))
         elif self._queue:
-            self._put_off(lambda: self._execute(command))
+            self._defer(lambda: self._execute(command))
         else:
             self._execute(command)
 

@@ -1,4 +1,4 @@
-"""FOLLOW_TARGET to the flight task; the message names nobody, so every vehicle takes it."""
+"""Passes FOLLOW_TARGET to the flight task; the message has no target, so every vehicle uses it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from vehicle_sim.mavlink.link import Link
 
 
 class FollowService:
-    """Who is followed may be any station or beacon."""
+    """Receives the position of a target, from any ground station or beacon."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self.handlers = {"FOLLOW_TARGET": self.target}
 
     def target(self, link: Link, m: Message) -> None:
-        """Take the target's place and velocity over."""
+        """Stores the target's position and velocity."""
         velocity = (m.vel[0], m.vel[1], m.vel[2])
         self._context.autopilot.navigator.follow.hear(m.lat / 1e7, m.lon / 1e7, m.alt, velocity)

@@ -1,9 +1,10 @@
-"""MAVLink FTP as PX4's server speaks it: one session a link, resent answers, bursts spread over time.
+"""MAVLink FTP as in PX4's server: one session per link, repeated replies, bursts spread over time.
 
-Opcodes, errors and header are MAVLink's ("File Transfer Protocol"); what surprises was recorded on a PX4:
-a directory can be opened (and holds the session), a burst ends after 40 kB, an error keeps the errno of the
-last system call that failed. The one session is number 0, whatever number the client asked with: whoever
-opens a file is told so, and reads and closes it by that number; bursts and writes go to the open file by any.
+Opcodes, errors and header are MAVLink's ("File Transfer Protocol"). Some behaviour was recorded on PX4: a
+directory can be opened and occupies the session, a burst ends after 40 kB, and an error contains the errno of
+the last failed system call. The only session has number 0, whatever number the client sends. The reply to
+opening a file contains it, and reading and closing require it; bursts and writes use the open file with any
+number.
 """
 
 from __future__ import annotations
@@ -24,20 +25,20 @@ HEADER = struct.Struct("<HBBBBBBI")
 DATA_BYTES = 239
 ACK, NAK = 128, 129
 SESSION = 0
-"""The only one: what opening a file answers, and what a burst carries."""
+"""Number of the only session, in replies to opening a file and in bursts."""
 NONE, TERMINATE, RESET, LIST, OPEN_RO, READ, CREATE, WRITE, REMOVE = range(9)
 MAKE_DIRECTORY, REMOVE_DIRECTORY, OPEN_WO, TRUNCATE, RENAME, CRC32, BURST = range(9, 16)
 OPENING = frozenset({OPEN_RO, CREATE, OPEN_WO})
 FAIL_ERRNO, INVALID_DATA_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_OPCODE = 2, 3, 4, 5, 6, 7
 FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 8, 9, 10
 BURST_BYTES = 40_000
-"""A burst is over when so much was sent; the client asks for the next."""
-BURST_MESSAGES_A_STEP = 5
-"""1,100 messages a second were measured."""
+"""A burst ends after this many bytes; the client requests the next one."""
+BURST_MESSAGES_PER_STEP = 5
+"""1,100 messages per second were measured."""
 
 
 class Refusal(Exception):
-    """An error code for the NAK."""
+    """An error with the code of the NAK."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -46,7 +47,7 @@ class Refusal(Exception):
 
 @dataclass(slots=True)
 class _Burst:
-    """One that runs."""
+    """A running burst."""
 
     message: Message
     sequence: int
@@ -56,15 +57,15 @@ class _Burst:
 
 @dataclass(slots=True)
 class _Session:
-    """What one link has open."""
+    """The session of one link."""
 
     path: str | None = None
     size: int = 0
     writable: bool = False
     burst: _Burst | None = None
     last_errno: int = 0
-    answered: tuple[int, int, bytes] | None = field(default=None)
-    """(system, component, payload) of the last answer, for a client that asks again."""
+    last_reply: tuple[int, int, bytes] | None = field(default=None)
+    """(system, component, payload) of the last reply, for a repeated request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,7 @@ class _Request:
 
     @property
     def text(self) -> str:
-        """A path."""
+        """The data as a path."""
         return self.data.split(b"\0")[0].decode("utf-8", "replace")
 
 
@@ -106,14 +107,14 @@ class FtpService:
 
     @property
     def busy(self) -> bool:
-        """Whether a burst runs."""
+        """Whether a burst is running."""
         return bool(self._sessions) and any(each.burst is not None for each in self._sessions.values())
 
     def request(self, link: Link, message: Message) -> None:
-        """One request; the same one again (sequence number, opcode) gets the same answer again.
+        """Handles one request; a repeated one (same sequence number and opcode) gets the same reply.
 
-        The opcode counts as well: a client that ends a burst before it heard the burst's end uses the number
-        that the end had.
+        The opcode is compared too: a client that stops a burst before it received its last message uses the
+        sequence number of that message.
         """
         if message.target_system not in (0, self._context.system_id) or (
             message.target_component not in (0, AUTOPILOT_COMPONENT)
@@ -124,8 +125,8 @@ class FtpService:
         session = self._sessions.setdefault(link.name, _Session())
         to = (message.system_id, message.component_id)
         answer_sequence = (sequence + 1) & 0xFFFF
-        if session.answered is not None:
-            *who, payload = session.answered
+        if session.last_reply is not None:
+            *who, payload = session.last_reply
             last_sequence, _, _, _, last_opcode, *_ = HEADER.unpack_from(payload)
             if tuple(who) == to and (last_sequence, last_opcode) == (answer_sequence, opcode):
                 self._send(link, to, payload)
@@ -152,10 +153,10 @@ class FtpService:
         self._answer(link, session, to, (answer_sequence, number, kind, opcode, 0, offset), data)
 
     def step(self) -> None:
-        """Goes on with bursts."""
+        """Continues running bursts."""
         for link in self._context.links:
             session = self._sessions.get(link.name)
-            for _ in range(BURST_MESSAGES_A_STEP):
+            for _ in range(BURST_MESSAGES_PER_STEP):
                 if session is None or session.burst is None:
                     break
                 self._burst(link, session, session.burst)
@@ -172,7 +173,7 @@ class FtpService:
     ) -> None:
         sequence, number, kind, opcode, complete, offset = head
         payload = HEADER.pack(sequence, number, kind, len(data), opcode, complete, 0, offset) + data
-        session.answered = (*to, payload)
+        session.last_reply = (*to, payload)
         self._send(link, to, payload)
 
     @staticmethod
@@ -239,7 +240,7 @@ class FtpService:
     # --- files and directories -------------------------------------------------------------------------
 
     def _list(self, session: _Session, request: _Request) -> bytes:
-        """`F name TAB size`, `D name`; S for what is neither: dot entries, links to the build's folders."""
+        """`F name TAB size`, `D name`; S for other entries: dot entries, links to folders of the build."""
         path = request.text or "/"
         entries = [b"S\0", b"S\0"]
         for name, size in self._files.listing(path):

@@ -10,7 +10,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class GimbalService:
-    """Messages 282 and 288."""
+    """Handles GIMBAL_MANAGER_SET_ATTITUDE and GIMBAL_MANAGER_SET_MANUAL_CONTROL."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -20,7 +20,7 @@ class GimbalService:
             "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self.set_manual,
         }
 
-    def _mine(self, message: Message) -> bool:
+    def _is_for_me(self, message: Message) -> bool:
         gimbal = self._gimbal
         return (
             gimbal.enabled
@@ -30,13 +30,13 @@ class GimbalService:
         )
 
     def set_attitude(self, link: Link, m: Message) -> None:
-        """282: ignored without control."""
-        if self._mine(m):
+        """GIMBAL_MANAGER_SET_ATTITUDE; ignored unless the sender has control."""
+        if self._is_for_me(m):
             q = tuple(m.q)
             rates = (m.angular_velocity_x, m.angular_velocity_y, m.angular_velocity_z)
             self._gimbal.set_attitude(m.flags, (q[0], q[1], q[2], q[3]), rates)
 
     def set_manual(self, link: Link, m: Message) -> None:
-        """288: ignored without control."""
-        if self._mine(m):
+        """GIMBAL_MANAGER_SET_MANUAL_CONTROL; ignored unless the sender has control."""
+        if self._is_for_me(m):
             self._gimbal.set_manual(m.flags, m.pitch, m.yaw, m.pitch_rate, m.yaw_rate)

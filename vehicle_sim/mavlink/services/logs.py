@@ -1,7 +1,7 @@
-"""Onboard logs by messages: what there is, its bytes in parts of 90, and away with all of it.
+"""Download of onboard logs by messages: listing, data in parts of 90 bytes, and deletion.
 
-As PX4's handler does: numbers count from the oldest, an answer to nonsense is silence, and a request takes
-the place of the one before. The numbers stay those of the last list until the next one is asked for.
+As in PX4, log numbers start at the oldest log, an invalid request gets no reply, and a new request replaces
+the previous one. The numbers are those of the last listing until a new listing is requested.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from vehicle_sim.storage.files import VehicleFiles
 
 PART_BYTES = 90
 ENTRIES_A_STEP = 2
-PARTS_A_STEP = 20
-"""5,000 parts a second, 450 kB/s."""
+PARTS_PER_STEP = 20
+"""5,000 parts per second, 450 kB/s."""
 ALL = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """One file."""
+    """One log file."""
 
     path: str
     time_utc_s: int
@@ -32,7 +32,7 @@ class Log:
 
 @dataclass(slots=True)
 class _Listing:
-    """Entries still to be told."""
+    """Log entries still to be sent."""
 
     next: int
     last: int
@@ -41,7 +41,7 @@ class _Listing:
 
 @dataclass(slots=True)
 class _Transfer:
-    """Bytes still to be sent."""
+    """Log data still to be sent."""
 
     log: int
     path: str
@@ -70,7 +70,7 @@ class LogService:
         return bool(self._listings or self._transfers)
 
     def request_list(self, link: Link, message: Message) -> None:
-        """Tell of the logs from `start` to `end`."""
+        """Sends the entries of the logs from `start` to `end`."""
         if not self._context.is_for_me(message):
             return
         self._logs = self._find()
@@ -81,7 +81,7 @@ class LogService:
             self._listings[link.name] = _Listing(message.start, last, number)
 
     def request_data(self, link: Link, message: Message) -> None:
-        """Send part of a log."""
+        """Sends part of a log."""
         if not self._context.is_for_me(message):
             return
         if self._logs is None:
@@ -97,21 +97,21 @@ class LogService:
             self._transfers[link.name] = _Transfer(number, path, message.ofs, end)
 
     def erase(self, link: Link, message: Message) -> None:
-        """Delete every log; one that is being written goes on, and is gone when it ends."""
+        """Deletes every log; a log that is being written continues, and is deleted when it ends."""
         if self._context.is_for_me(message):
             self._listings.clear()
             self._transfers.clear()
-            self._files.forget(FOLDER)
+            self._files.delete_tree(FOLDER)
             self._logs = None
 
     def end(self, link: Link, message: Message) -> None:
-        """No more, please."""
+        """Stops the transfer."""
         if self._context.is_for_me(message):
             self._listings.pop(link.name, None)
             self._transfers.pop(link.name, None)
 
     def step(self) -> None:
-        """Go on with what was asked for."""
+        """Continues the current transfer."""
         for link in self._context.links:
             self._list(link)
             self._send(link)
@@ -161,7 +161,7 @@ class LogService:
         transfer = self._transfers.get(link.name)
         if transfer is None:
             return
-        wanted = min(PARTS_A_STEP * PART_BYTES, transfer.end - transfer.offset)
+        wanted = min(PARTS_PER_STEP * PART_BYTES, transfer.end - transfer.offset)
         try:
             data = self._files.read(transfer.path, transfer.offset, wanted)
         except OSError:
@@ -175,7 +175,7 @@ class LogService:
 
 
 def _time_of(day: str, name: str) -> int:
-    """When a log began, as its path says; 0 where it does not."""
+    """Start time of a log, from its path; 0 if the path has none."""
     try:
         when = datetime.strptime(f"{day}/{name[:8]}", "%Y-%m-%d/%H_%M_%S")
     except ValueError:

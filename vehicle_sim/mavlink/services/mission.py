@@ -1,6 +1,6 @@
-"""The mission protocol, so that stations can upload, download and clear missions, fences and rally points.
+"""The mission protocol: upload, download and clearing of missions, fences and rally points.
 
-Each link has its own exchange, as PX4's mission manager has one a link; what is stored is one for all.
+As in PX4, each link has its own transfer, and all links share the stored plans.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from vehicle_sim.mavlink.services import mission_items as items
 from vehicle_sim.mavlink.services.mission_items import ACCEPTED, ALL, CAPACITY, ERROR, MISSION, NO_SPACE
 
 RETRY_S = 0.26
-"""As measured between repeated requests; configured are 0.25 s."""
+"""Measured interval of repeated requests; 0.25 s is configured."""
 TIMEOUT_S = 5.0
 REACHED_EVERY_S, REACHED_FOR_S = 1.0, 10.0
-LOUD = 2
+CRITICAL_SEVERITY = 2
 """MAV_SEVERITY_CRITICAL."""
 ITEM_FIELDS = ("frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x",
                "y", "z")  # fmt: skip
 _INT_FRAMES, _FLOAT_FRAMES = {0: 5, 3: 6}, {5: 0, 6: 3}
-"""Items are given back in the frame of the form they are asked for in."""
+"""Items are sent with the frame of the requested message (MISSION_ITEM or MISSION_ITEM_INT)."""
 UNEXPECTED = "WPM: REJ. CMD: Req. WP was unexpected"
 BUSY = "WPM: REJ. CMD: Busy"
 
@@ -37,8 +37,8 @@ class _State(Enum):
 
 
 @dataclass(slots=True)
-class _Exchange:
-    """What goes on over one link."""
+class _Transfer:
+    """The current transfer of one link."""
 
     link: Link
     state: _State = _State.IDLE
@@ -46,12 +46,12 @@ class _Exchange:
     kind: int = MISSION
     count: int = 0
     seq: int = 0
-    """The next item: expected, or to be asked for."""
+    """The next item, which is expected or requested."""
     items: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
     as_int: bool = False
-    """Ask in the form that was used last; PX4 begins with floats."""
-    heard_s: float = 0.0
-    asked_s: float = 0.0
+    """Request MISSION_ITEM_INT; the form used last, initially floats as in PX4."""
+    received_s: float = 0.0
+    requested_s: float = 0.0
 
     def end(self) -> None:
         self.state = _State.IDLE
@@ -68,7 +68,7 @@ class MissionService:
         self._flight = context.autopilot.navigator.mission
         self._told_reached = 0
         self._reached_again_s = self._reached_until_s = 0.0
-        self._exchanges: dict[str, _Exchange] = {}
+        self._exchanges: dict[str, _Transfer] = {}
         self.handlers = {
             "MISSION_REQUEST_LIST": self.request_list,
             "MISSION_REQUEST_INT": self.request_item,
@@ -81,17 +81,17 @@ class MissionService:
             "MISSION_ACK": self.acknowledged,
         }
 
-    def _exchange(self, link: Link) -> _Exchange:
-        exchange = self._exchanges.get(link.name)
-        if exchange is None or exchange.link is not link:
-            exchange = self._exchanges[link.name] = _Exchange(link)
-        return exchange
+    def _transfer(self, link: Link) -> _Transfer:
+        transfer = self._exchanges.get(link.name)
+        if transfer is None or transfer.link is not link:
+            transfer = self._exchanges[link.name] = _Transfer(link)
+        return transfer
 
-    def _say(self, text: str, event: str) -> None:
-        self._context.autopilot.announcer.both(LOUD, text, event)
+    def _report(self, text: str, event: str) -> None:
+        self._context.autopilot.announcer.both(CRITICAL_SEVERITY, text, event)
 
     def send_current(self, link: Link) -> None:
-        """MISSION_CURRENT, 1 Hz."""
+        """Sends MISSION_CURRENT, at 1 Hz."""
         count = len(self._plans[MISSION])
         link.send(
             "MISSION_CURRENT", seq=self._flight.current if count else 0, total=count or 65535,
@@ -100,7 +100,7 @@ class MissionService:
         )  # fmt: skip
 
     def _send_reached(self) -> None:
-        """MISSION_ITEM_REACHED, at once and then every second for a while."""
+        """Sends MISSION_ITEM_REACHED at once, then once per second for a while."""
         flight, now_s = self._flight, self._context.view.time_s
         if self._told_reached != flight.reached_count:
             self._told_reached = flight.reached_count
@@ -113,69 +113,69 @@ class MissionService:
     # --- download --------------------------------------------------------------------------------------
 
     def request_list(self, link: Link, message: Message) -> None:
-        """How many items there are, and the plan's id."""
+        """Sends the number of items and the plan's id."""
         if not self._context.is_for_me(message):
             return
-        exchange, kind = self._exchange(link), message.mission_type
-        if exchange.state is _State.RECEIVING or (exchange.state is _State.SENDING and exchange.seq):
-            self._say("Mission download request ignored, already active", "mavlink_mission_req_ignored")
+        transfer, kind = self._transfer(link), message.mission_type
+        if transfer.state is _State.RECEIVING or (transfer.state is _State.SENDING and transfer.seq):
+            self._report("Mission download request ignored, already active", "mavlink_mission_req_ignored")
             return
         plan = self._plans.get(kind, [])
-        exchange.heard_s = self._context.view.time_s
+        transfer.received_s = self._context.view.time_s
         if plan:
-            exchange.state, exchange.partner = _State.SENDING, message.sender
-            exchange.kind, exchange.count, exchange.seq = kind, len(plan), 0
+            transfer.state, transfer.partner = _State.SENDING, message.sender
+            transfer.kind, transfer.count, transfer.seq = kind, len(plan), 0
         link.send(
             "MISSION_COUNT", target_system=message.system_id, target_component=message.component_id,
             count=len(plan), mission_type=kind, opaque_id=self._ids.get(kind, 0),
         )  # fmt: skip
 
     def request_item(self, link: Link, message: Message) -> None:
-        """One stored item, in the form it was asked for."""
+        """Sends one stored item, in the requested form."""
         if not self._context.is_for_me(message):
             return
-        exchange = self._exchange(link)
-        exchange.as_int = message.name == "MISSION_REQUEST_INT"
-        if message.sender != exchange.partner:
-            if exchange.state is not _State.IDLE:
-                self._say("WPM: REJ. CMD: Partner id mismatch", "mavlink_mission_partner_id_mismatch2")
+        transfer = self._transfer(link)
+        transfer.as_int = message.name == "MISSION_REQUEST_INT"
+        if message.sender != transfer.partner:
+            if transfer.state is not _State.IDLE:
+                self._report("WPM: REJ. CMD: Partner id mismatch", "mavlink_mission_partner_id_mismatch2")
             return
-        if exchange.state is _State.RECEIVING:
-            self._say(BUSY, "mavlink_mission_mis_req_ignored_busy")
-        if exchange.state is not _State.SENDING or message.mission_type != exchange.kind:
+        if transfer.state is _State.RECEIVING:
+            self._report(BUSY, "mavlink_mission_mis_req_ignored_busy")
+        if transfer.state is not _State.SENDING or message.mission_type != transfer.kind:
             return
-        exchange.heard_s = self._context.view.time_s
-        plan, seq = self._plans[exchange.kind], message.seq
-        if seq not in (exchange.seq, exchange.seq - 1) or seq >= min(exchange.count, len(plan)):
-            exchange.end()
-            self._ack(link, message.sender, ERROR, exchange.kind)
-            self._say(UNEXPECTED, "mavlink_mission_wp_unexpected")
+        transfer.received_s = self._context.view.time_s
+        plan, seq = self._plans[transfer.kind], message.seq
+        if seq not in (transfer.seq, transfer.seq - 1) or seq >= min(transfer.count, len(plan)):
+            transfer.end()
+            self._ack(link, message.sender, ERROR, transfer.kind)
+            self._report(UNEXPECTED, "mavlink_mission_wp_unexpected")
             return
-        exchange.seq = seq + 1
+        transfer.seq = seq + 1
         fields = dict(plan[seq])
-        frames = _INT_FRAMES if exchange.as_int else _FLOAT_FRAMES
+        frames = _INT_FRAMES if transfer.as_int else _FLOAT_FRAMES
         fields["frame"] = frames.get(fields["frame"], fields["frame"])
-        if not exchange.as_int:
+        if not transfer.as_int:
             fields["x"], fields["y"] = fields["x"] / 1e7, fields["y"] / 1e7
         link.send(
-            "MISSION_ITEM_INT" if exchange.as_int else "MISSION_ITEM", target_system=message.system_id,
-            target_component=message.component_id, seq=seq, mission_type=exchange.kind, **fields,
+            "MISSION_ITEM_INT" if transfer.as_int else "MISSION_ITEM", target_system=message.system_id,
+            target_component=message.component_id, seq=seq, mission_type=transfer.kind, **fields,
         )  # fmt: skip
 
     # --- upload ----------------------------------------------------------------------------------------
 
     def count(self, link: Link, message: Message) -> None:
-        """Somebody wants to upload."""
+        """Starts an upload."""
         if not self._context.is_for_me(message):
             return
-        exchange, kind = self._exchange(link), message.mission_type
-        exchange.heard_s = self._context.view.time_s
-        if exchange.state is _State.SENDING or (exchange.state is _State.RECEIVING and exchange.seq):
+        transfer, kind = self._transfer(link), message.mission_type
+        transfer.received_s = self._context.view.time_s
+        if transfer.state is _State.SENDING or (transfer.state is _State.RECEIVING and transfer.seq):
             self._ack(link, message.sender, ERROR, kind)
-            if message.sender == exchange.partner:
-                self._say(BUSY, "mavlink_mission_ignore_mis_count")
+            if message.sender == transfer.partner:
+                self._report(BUSY, "mavlink_mission_ignore_mis_count")
             return
-        others = [each for each in self._exchanges.values() if each is not exchange]
+        others = [each for each in self._exchanges.values() if each is not transfer]
         if any(other.state is _State.RECEIVING for other in others):
             self._ack(link, message.sender, ERROR, kind)
             return
@@ -187,88 +187,90 @@ class MissionService:
                 self._store(kind, [])
             self._ack(link, message.sender, ACCEPTED, kind)
             return
-        exchange.state, exchange.partner, exchange.kind = _State.RECEIVING, message.sender, kind
-        exchange.count, exchange.seq, exchange.items = message.count, 0, []
-        self._ask(exchange)
+        transfer.state, transfer.partner, transfer.kind = _State.RECEIVING, message.sender, kind
+        transfer.count, transfer.seq, transfer.items = message.count, 0, []
+        self._ask(transfer)
 
     def item(self, link: Link, message: Message) -> None:
-        """The next item of an upload; others are ignored and asked for again."""
+        """Stores the next item of an upload; any other item is ignored, and the expected one is requested
+        again."""
         if not self._context.is_for_me(message):
             return
-        exchange = self._exchange(link)
-        exchange.as_int = message.name == "MISSION_ITEM_INT"
-        if exchange.state is not _State.RECEIVING:
+        transfer = self._transfer(link)
+        transfer.as_int = message.name == "MISSION_ITEM_INT"
+        if transfer.state is not _State.RECEIVING:
             self._ack(link, message.sender, ERROR, message.mission_type)
-            if exchange.state is _State.SENDING:
-                self._say("IGN MISSION_ITEM: Busy", "mavlink_mission_mis_item_busy")
+            if transfer.state is _State.SENDING:
+                self._report("IGN MISSION_ITEM: Busy", "mavlink_mission_mis_item_busy")
             else:
-                self._say("IGN MISSION_ITEM: No transfer", "mavlink_mission_no_transfer")
+                self._report("IGN MISSION_ITEM: No transfer", "mavlink_mission_no_transfer")
             return
-        if message.mission_type != exchange.kind:
+        if message.mission_type != transfer.kind:
             return
-        exchange.heard_s = self._context.view.time_s
-        if message.seq != exchange.seq:
+        transfer.received_s = self._context.view.time_s
+        if message.seq != transfer.seq:
             return
         fields = {name: getattr(message, name) for name in ITEM_FIELDS}
-        result = items.result_of(exchange.kind, fields, as_int=exchange.as_int)
+        result = items.result_of(transfer.kind, fields, as_int=transfer.as_int)
         if result != ACCEPTED:
-            exchange.end()
-            self._ack(link, message.sender, result, exchange.kind)
+            transfer.end()
+            self._ack(link, message.sender, result, transfer.kind)
             if result != ERROR:
-                self._say("IGN MISSION_ITEM: Invalid item", "mavlink_mission_mis_item_invalid")
+                self._report("IGN MISSION_ITEM: Invalid item", "mavlink_mission_mis_item_invalid")
             return
-        exchange.items.append(fields)
-        exchange.seq += 1
-        if exchange.seq < exchange.count:
-            self._ask(exchange)
+        transfer.items.append(fields)
+        transfer.seq += 1
+        if transfer.seq < transfer.count:
+            self._ask(transfer)
             return
-        self._store(exchange.kind, exchange.items)
-        exchange.end()
-        self._ack(link, message.sender, ACCEPTED, exchange.kind)
+        self._store(transfer.kind, transfer.items)
+        transfer.end()
+        self._ack(link, message.sender, ACCEPTED, transfer.kind)
 
     def clear(self, link: Link, message: Message) -> None:
-        """Forget plans; a type that does not exist is cleared at once."""
+        """Clears plans; clearing an unknown type succeeds at once."""
         if not self._context.is_for_me(message):
             return
-        exchange, kind = self._exchange(link), message.mission_type
-        if exchange.state is not _State.IDLE:
-            self._say("WPM: IGN WP CLEAR CMD: Busy", "mavlink_mission_ignore_clear")
+        transfer, kind = self._transfer(link), message.mission_type
+        if transfer.state is not _State.IDLE:
+            self._report("WPM: IGN WP CLEAR CMD: Busy", "mavlink_mission_ignore_clear")
             return
-        exchange.heard_s = self._context.view.time_s
+        transfer.received_s = self._context.view.time_s
         for each in CAPACITY if kind == ALL else (kind,):
             if each in CAPACITY:
                 self._store(each, [])
         self._ack(link, message.sender, ACCEPTED, kind)
 
     def set_current(self, link: Link, message: Message) -> None:
-        """Which item counts as current."""
+        """Sets the current item."""
         if not self._context.is_for_me(message):
             return
-        exchange = self._exchange(link)
-        if exchange.state is not _State.IDLE:
-            self._say("WPM: IGN WP CURR CMD: Busy", "mavlink_mission_state_busy")
+        transfer = self._transfer(link)
+        if transfer.state is not _State.IDLE:
+            self._report("WPM: IGN WP CURR CMD: Busy", "mavlink_mission_state_busy")
         elif message.seq < len(self._plans[MISSION]):
             self._flight.set_current(message.seq)
         else:
-            self._say("WPM: WP CURR CMD: Not in list", "mavlink_mission_seq_out_of_bounds")
+            self._report("WPM: WP CURR CMD: Not in list", "mavlink_mission_seq_out_of_bounds")
 
     def acknowledged(self, link: Link, message: Message) -> None:
-        """The other side ends a download, cancels an upload, or does not know the form it is asked in."""
-        exchange = self._exchange(link)
-        if not self._context.is_for_me(message) or message.sender != exchange.partner:
+        """Handles MISSION_ACK: a download ends, an upload is cancelled, or the requested form is not
+        supported."""
+        transfer = self._transfer(link)
+        if not self._context.is_for_me(message) or message.sender != transfer.partner:
             return
-        if exchange.state is _State.RECEIVING and message.type == items.UNSUPPORTED:
-            exchange.as_int = not exchange.as_int
-            self._ask(exchange)
+        if transfer.state is _State.RECEIVING and message.type == items.UNSUPPORTED:
+            transfer.as_int = not transfer.as_int
+            self._ask(transfer)
             return
-        if exchange.state is _State.SENDING or message.type == items.CANCELLED:
-            exchange.end()
+        if transfer.state is _State.SENDING or message.type == items.CANCELLED:
+            transfer.end()
 
     # --- time ------------------------------------------------------------------------------------------
 
     @property
     def waits(self) -> bool:
-        """Whether the flight has anything to tell."""
+        """Whether a reached item must be reported."""
         flight = self._flight
         if self._told_reached != flight.reached_count:
             return True
@@ -277,33 +279,33 @@ class MissionService:
 
     @property
     def busy(self) -> bool:
-        """Whether anything is to be asked for or told."""
-        return self.waits or any(exchange.state is not _State.IDLE for exchange in self._exchanges.values())
+        """Whether a request or report is pending."""
+        return self.waits or any(transfer.state is not _State.IDLE for transfer in self._exchanges.values())
 
     def step(self) -> None:
-        """Ask again, or give up."""
-        for exchange in self._exchanges.values():
-            if exchange.state is not _State.IDLE:
-                self._tend(exchange)
+        """Repeats requests, or gives up."""
+        for transfer in self._exchanges.values():
+            if transfer.state is not _State.IDLE:
+                self._update(transfer)
         if self.waits:
             self._send_reached()
 
-    def _tend(self, exchange: _Exchange) -> None:
+    def _update(self, transfer: _Transfer) -> None:
         now_s = self._context.view.time_s
-        if exchange.link not in self._context.links:
-            exchange.end()
-        elif now_s - exchange.heard_s > TIMEOUT_S:
-            exchange.end()
-            self._say("Operation timeout", "mavlink_mission_op_timeout")
-        elif exchange.state is _State.RECEIVING and now_s - exchange.asked_s >= RETRY_S:
-            self._ask(exchange)
+        if transfer.link not in self._context.links:
+            transfer.end()
+        elif now_s - transfer.received_s > TIMEOUT_S:
+            transfer.end()
+            self._report("Operation timeout", "mavlink_mission_op_timeout")
+        elif transfer.state is _State.RECEIVING and now_s - transfer.requested_s >= RETRY_S:
+            self._ask(transfer)
 
-    def _ask(self, exchange: _Exchange) -> None:
-        exchange.asked_s = self._context.view.time_s
-        exchange.link.send(
-            "MISSION_REQUEST_INT" if exchange.as_int else "MISSION_REQUEST",
-            target_system=exchange.partner[0], target_component=exchange.partner[1], seq=exchange.seq,
-            mission_type=exchange.kind,
+    def _ask(self, transfer: _Transfer) -> None:
+        transfer.requested_s = self._context.view.time_s
+        transfer.link.send(
+            "MISSION_REQUEST_INT" if transfer.as_int else "MISSION_REQUEST",
+            target_system=transfer.partner[0], target_component=transfer.partner[1], seq=transfer.seq,
+            mission_type=transfer.kind,
         )  # fmt: skip
 
     def _store(self, kind: int, plan: list[dict[str, Any]]) -> None:
@@ -322,6 +324,6 @@ class MissionService:
 
 
 def _scaled(degrees: float) -> int:
-    """Degrees in single precision as 1e7 degrees; what is no place is 0."""
+    """Converts degrees in single precision to 1e-7 degrees; 0 for an invalid position."""
     value = struct.unpack("<f", struct.pack("<f", degrees))[0] * 1e7
     return round(value) if abs(value) < 2**31 else 0

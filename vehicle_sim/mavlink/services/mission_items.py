@@ -1,4 +1,4 @@
-"""Which items PX4's mission protocol stores, how it refuses the others, and the id of a stored plan."""
+"""Items that PX4's mission protocol accepts, its result codes for others, and the id of a stored plan."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CANCELLED = 15
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255
 """MAV_MISSION_TYPE."""
 CAPACITY: Final[dict[int, int]] = {MISSION: 10_000, FENCE: 64, RALLY: 32}
-"""Items PX4 has room for in SITL."""
+"""Number of items that PX4 can store in SITL."""
 
 FRAME_MISSION = 2
 _GLOBAL_FRAMES = frozenset({0, 3})
@@ -21,9 +21,9 @@ _GLOBAL_INT_FRAMES = frozenset({5, 6})
 _POLYGON_VERTICES = frozenset({5001, 5002})
 _FENCE_ITEMS = frozenset({5000, 5001, 5002, 5003, 5004})
 _RALLY_POINT = 5100
-_PLACES = _FENCE_ITEMS | {16, 17, 19, 21, 22, 31, 84, 85, 195, 201, 4501, _RALLY_POINT}
+_WITH_POSITION = _FENCE_ITEMS | {16, 17, 19, 21, 22, 31, 84, 85, 195, 201, 4501, _RALLY_POINT}
 """Commands stored with a global frame."""
-_DOES = frozenset(
+_WITHOUT_POSITION = frozenset(
     {20, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 203, 204, 205, 206, 211, 214, 260, 530,
      532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
 )  # fmt: skip
@@ -47,12 +47,12 @@ _TABLE = _crc_table()
 
 
 def result_of(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
-    """Whether PX4 stores the item (fields of MISSION_ITEM or _INT): MAV_MISSION_RESULT."""
+    """MAV_MISSION_RESULT of PX4 for an item (fields of MISSION_ITEM or _INT)."""
     frame, command = item["frame"], item["command"]
     if frame in _GLOBAL_FRAMES or (as_int and frame in _GLOBAL_INT_FRAMES):
-        known = command in _PLACES
+        known = command in _WITH_POSITION
     elif frame == FRAME_MISSION:
-        known = command in _DOES
+        known = command in _WITHOUT_POSITION
     else:
         return UNSUPPORTED_FRAME
     if not known:
@@ -61,7 +61,8 @@ def result_of(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
 
 
 def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
-    """Fence and rally items in a mission, or polygons of too few vertices: refused without a text."""
+    """Whether it is a fence or rally item in a mission, or a polygon with too few vertices; refused without a
+    text."""
     command = item["command"]
     if kind == MISSION:
         return command in _FENCE_ITEMS or command == _RALLY_POINT
@@ -72,9 +73,9 @@ def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
 
 
 def opaque_id(items: Sequence[Mapping[str, Any]]) -> int:
-    """PX4's id of a plan: a CRC32 over the items, neither started nor ended with ones; 0 for no items.
+    """PX4's id of a plan: a CRC32 over the items, start value and final XOR zero; 0 for no items.
 
-    Over the items as they came: places in 1e7 degrees, or in degrees where they came as floats.
+    It covers the items as received: positions in 1e-7 degrees, or in degrees if they were sent as floats.
     """
     crc = 0
     for i in items:

@@ -1,4 +1,4 @@
-"""Where on the globe the local frame lies: told once it is known, and set by SET_GPS_GLOBAL_ORIGIN."""
+"""The origin of the local frame: sent when it becomes known, and set by SET_GPS_GLOBAL_ORIGIN."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ LOWEST_M, HIGHEST_M = -12_000.0, 100_000.0
 
 
 class OriginService:
-    """Takes the origin and tells the one in force, changed or not, as MAVLink asks for.
+    """Sets the origin, and replies with the current one whether it changed or not, as MAVLink requires.
 
-    The vehicle stays where it is on the globe: its local position moves. Once armed the origin stays, since
-    whatever is flown to was counted from it.
+    The global position of the vehicle stays the same, so its local position changes. While armed the origin
+    cannot be changed, because setpoints are relative to it.
     """
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._asked = False
         self.handlers = {"SET_GPS_GLOBAL_ORIGIN": self.set}
-        context.after(LOOK_EVERY_S, self._look)
+        context.after(LOOK_EVERY_S, self._check_changed)
 
     def set(self, link: Link, m: Message) -> None:
-        """Degrees and metres from 1e-7 degrees and millimetres."""
+        """Handles SET_GPS_GLOBAL_ORIGIN (1e-7 degrees and millimetres)."""
         if m.target_system != self._context.system_id:
             return
         lat_deg, lon_deg, alt_amsl_m = m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3
@@ -34,23 +34,23 @@ class OriginService:
         if possible and not self._context.autopilot.commander.armed:
             self._move(lat_deg, lon_deg, alt_amsl_m)
         self._asked = True
-        self._context.later(lambda: self._tell(link))
+        self._context.later(lambda: self._send(link))
 
     def _move(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         view, keeper = self._context.view, self._context.autopilot.commander.home
         view.simulation.set_origin(view.row, lat_deg, lon_deg, alt_amsl_m)
         keeper.origin_moved()
 
-    def _look(self) -> None:
+    def _check_changed(self) -> None:
         if self._asked:
             return
         if not math.isfinite(self._context.view.origin[0]):
-            self._context.after(LOOK_EVERY_S, self._look)
+            self._context.after(LOOK_EVERY_S, self._check_changed)
             return
         for link in self._context.links:
-            self._tell(link)
+            self._send(link)
 
-    def _tell(self, link: Link) -> None:
+    def _send(self, link: Link) -> None:
         built = self._context.telemetry.payload(BY_NAME["GPS_GLOBAL_ORIGIN"].id)
         if built is not None:
             link.send_payload(*built)

@@ -1,4 +1,4 @@
-"""Sends the commands the autopilot gives itself and its payload, and carries out those for the gimbal."""
+"""Sends the autopilot's commands to its own components, and executes those for the gimbal."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from vehicle_sim.mavlink.context import Context
 REPEATS = 3
 FIRST_REPEAT_S = 1.0
 REPEAT_S = 0.51
-"""As measured: nobody acknowledges, so each goes out four times."""
+"""Measured interval of repetitions; a command without acknowledgement is sent four times."""
 SELF = -2.0
 PARACHUTE_COMPONENT = 161
 
 
 class OwnCommandService:
-    """COMMAND_LONG from the autopilot to component 0 of its own system."""
+    """Sends COMMAND_LONG from the autopilot to component 0 of its own system."""
 
     def __init__(self, context: Context, commands: Mapping[int, Handler]) -> None:
         self._context = context

@@ -1,4 +1,5 @@
-"""The parameter protocol as PX4 speaks it: values as bytes in a float, a hash first, no reply to nonsense."""
+"""The parameter protocol as in PX4: integers as bytes of a float, a hash first, no reply to invalid
+requests."""
 
 from __future__ import annotations
 
@@ -18,13 +19,13 @@ HASH_INDEX = 65535
 UINT32, INT32, REAL32 = 5, 6, 9
 """MAV_PARAM_TYPE."""
 BURST_PER_STEP = 5
-"""With 250 steps a second this sends 930 values in 0.8 s."""
+"""With 250 steps per second, 930 values take 0.8 s."""
 TELL_AFTER_S = 0.01
 TELL_AT_BOOT_S = 1.0
 SAVE_AFTER_S, SAVE_EVERY_S = 0.3, 2.0
-"""PX4 saves so long after a change, and no more often; until then a value counts as unsaved."""
+"""Delay of PX4's saving after a change, and minimum interval of saving; until then a value is unsaved."""
 SAME = 1.19e-7
-"""A float that differs by no more counts as unchanged, and so does whatever is compared with NaN."""
+"""A smaller difference of a float counts as unchanged; so does any comparison with NaN."""
 
 
 class ParamService:
@@ -51,12 +52,12 @@ class ParamService:
         }
 
     def request_list(self, link: Link, message: Message) -> None:
-        """Send everything, paced by `step`."""
+        """Starts sending all values; `step` limits the rate."""
         if message.target_system == self._context.system_id and message.target_component in (0, 1):
             self._lists[link.name] = deque((HASH_NAME, *self._parameters.names))
 
     def request_read(self, link: Link, message: Message) -> None:
-        """One value by name or index."""
+        """Sends one value, by name or index."""
         if not self._context.is_for_me(message):
             return
         name = (
@@ -66,7 +67,7 @@ class ParamService:
             self._send(link, name)
 
     def set(self, link: Link, message: Message) -> None:
-        """Store a value of the right type; the answer is what is now stored."""
+        """Stores a value of the correct type; the reply contains the stored value."""
         name = message.param_id
         if not self._context.is_for_me(message):
             return
@@ -109,23 +110,23 @@ class ParamService:
             self._save_at_s = max(now_s + SAVE_AFTER_S, self._saved_at_s + SAVE_EVERY_S)
 
     def tell(self, names: Iterable[str]) -> None:
-        """Send values to every link as after a change, though they are what they were."""
+        """Sends values on every link as after a change, even if they did not change."""
         for name in names:
             self._mark(name)
         self._tell_at_s = min(self._tell_at_s, self._context.view.time_s + TELL_AFTER_S)
 
     @property
     def unsaved(self) -> frozenset[str]:
-        """Names whose value is not saved yet."""
+        """Names of parameters that are not saved yet."""
         return frozenset(self._unsaved)
 
     @property
     def busy(self) -> bool:
-        """Whether anything is left to send or to save."""
+        """Whether values must still be sent or saved."""
         return bool(self._unsaved or any(self._lists.values()))
 
     def step(self) -> None:
-        """Send what is due: after a change all unsaved values to every link; parts of running lists."""
+        """Sends due values: after a change all unsaved values on every link, and parts of requested lists."""
         now_s = self._context.view.time_s
         if now_s >= self._tell_at_s:
             self._tell_at_s = math.inf

@@ -1,4 +1,4 @@
-"""What the lidars of a world add to the streams: a second DISTANCE_SENSOR and OBSTACLE_DISTANCE."""
+"""Streams of the additional lidars of a world: a second DISTANCE_SENSOR, and OBSTACLE_DISTANCE."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ OBSTACLE_HZ: Final = {"gcs": 1.0, "api": 10.0}
 
 
 class RangingService:
-    """The lidars of one vehicle."""
+    """Sends the distance sensor messages of one vehicle."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._messages = SensorMessages(context.autopilot)
 
     def begin(self, link: Link, now_us: int) -> None:
-        """Stream OBSTACLE_DISTANCE where the world has such a lidar."""
+        """Streams OBSTACLE_DISTANCE if the world has such a lidar."""
         if self._context.view.simulation.world.lidars.around:
             link.set_interval(OBSTACLE_DISTANCE.id, round(1e6 / OBSTACLE_HZ[link.profile]), now_us)
 
     def send(self, link: Link) -> None:
-        """All distance sensors: the one downwards, then the one ahead."""
+        """Sends all distance sensors: downward, then forward."""
         for payload in (self._messages.distance_sensor(), self._messages.distance_forward()):
             if payload is not None:
                 link.send_payload(DISTANCE_SENSOR, payload)

@@ -1,4 +1,4 @@
-"""REQUEST_MESSAGE, message intervals, and the messages that are only sent when asked for."""
+"""REQUEST_MESSAGE, message intervals, and the messages that are sent only on request."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ REQUEST_CAPABILITIES, REQUEST_PROTOCOL_VERSION, REQUEST_FLIGHT_INFORMATION = 520
 REQUEST_CAMERA_INFORMATION, REQUEST_STORAGE_INFORMATION = 521, 525
 LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
 STORAGE_READY, STORAGE_MIB = 2, 32_768.0
-"""The card the simulated vehicle carries; nothing is stored on it."""
+"""Status and size of the simulated SD card; nothing is stored on it."""
 MAG_CAL_SUCCESS = 4
 ODID_SERIAL_NUMBER, ODID_MULTIROTOR = 1, 2
 CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
 UID = 0x4954_414C_4449_4E4F
-"""What every PX4 built for Linux reports, on every instance: it tells no two vehicles apart."""
+"""Uid that every PX4 build for Linux reports; it is the same for all vehicles."""
 SILENT_US = {BY_NAME["DEBUG_VECT"].id: 100_000}
-"""Configured, though nothing on board ever gives them a value to send."""
+"""Configured streams that never have a value to send."""
 SILENT_STREAMS = frozenset(
     BY_NAME[name].id
     for name in (
@@ -40,15 +40,15 @@ SILENT_STREAMS = frozenset(
         "SMART_BATTERY_INFO", "ATT_POS_MOCAP",
     )
 )  # fmt: skip
-"""PX4 takes intervals for them; nothing on board, as on its own simulation, has anything to say there."""
+"""Streams for which PX4 accepts an interval but has no data in simulation."""
 NOT_ON_REQUEST = frozenset(
     {"GPS_RAW_INT", "LOCAL_POSITION_NED", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"}
 )
-"""PX4 denies these although it streams them: no newer sample at the moment of the request."""
+"""Messages that PX4 streams but refuses on request, because there is no newer sample at that time."""
 
 
 class RequestService:
-    """Commands 510, 511, 512 and the old single requests."""
+    """Handles MAV_CMD 510, 511, 512 and the deprecated request commands."""
 
     def __init__(self, context: Context, send_ping: Callable[[Link], None], files: VehicleFiles) -> None:
         self._context = context
@@ -87,7 +87,7 @@ class RequestService:
         return ACCEPTED
 
     def request(self, command: Command) -> int:
-        """Send the message, then accept; deny what is unknown or has nothing new."""
+        """Sends the message, then accepts; denies unknown messages and messages without new data."""
         msg_id = int(command.p1) if math.isfinite(command.p1) else -1
         link = self._link(command)
         sender = self._senders.get(msg_id)
@@ -103,7 +103,7 @@ class RequestService:
         return ACCEPTED
 
     def set_interval(self, command: Command) -> int:
-        """-1 off, 0 (or NaN) default, else microseconds; any other way of saying off is off too."""
+        """Sets an interval: negative means off, 0 (or NaN) default, otherwise microseconds."""
         if command.p7 != 0.0 and math.isfinite(command.p7):
             return FAILED
         msg_id = int(command.p1) & 0xFFFF if math.isfinite(command.p1) else 0
@@ -129,7 +129,7 @@ class RequestService:
         return ACCEPTED
 
     def get_interval(self, command: Command) -> int:
-        """MESSAGE_INTERVAL, 0 for what is not streamed, before the acknowledgement."""
+        """Sends MESSAGE_INTERVAL (0: not streamed), before the acknowledgement."""
         msg_id = int(command.p1) if math.isfinite(command.p1) else 0
         link = self._link(command)
         interval_us = link.interval_us(msg_id) or SILENT_US.get(msg_id, 0)
@@ -181,7 +181,7 @@ class RequestService:
         return True
 
     def _drone_id(self, link: Link, command: Command) -> bool:
-        """Its serial number, which on a simulated PX4 is the uid of the build."""
+        """Sends the serial number, which on a simulated PX4 is the uid of the build."""
         link.send(
             "OPEN_DRONE_ID_BASIC_ID", id_type=ODID_SERIAL_NUMBER, ua_type=ODID_MULTIROTOR,
             uas_id=UID.to_bytes(20, "big"),
@@ -224,7 +224,7 @@ class RequestService:
         return True
 
     def send_link_node_status(self, link: Link) -> None:
-        """How the link does, 1 Hz."""
+        """Sends the link statistics, at 1 Hz."""
         counts = link.parser.counts
         link.send(
             "LINK_NODE_STATUS",

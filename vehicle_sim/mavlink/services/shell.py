@@ -1,7 +1,7 @@
-"""The console over MAVLink: SERIAL_CONTROL with device SHELL, 70 bytes a message, one message a step.
+"""The console over MAVLink: SERIAL_CONTROL with device SHELL, 70 bytes per message, one message per step.
 
-As PX4's receiver does: only the flag RESPOND keeps the console open; time-out, baud rate and exclusiveness
-mean nothing to it.
+As in PX4, only the flag RESPOND keeps the console open; timeout, baud rate and the flag EXCLUSIVE are
+ignored.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ REPLY, RESPOND = 1, 2
 """SERIAL_CONTROL_FLAG."""
 PART_BYTES = 70
 MAX_WAITING_BYTES = 200_000
-"""Nobody needs more of it than that; the rest is cut off."""
+"""Most bytes of output that wait to be sent; more is discarded."""
 
 
 class Terminal(Protocol):
-    """A console without its wires."""
+    """A console, independent of its transport."""
 
     @property
     def busy(self) -> bool:
-        """Whether a command takes its time."""
+        """Whether a command is still running."""
         ...
 
     def type(self, text: str) -> str:
-        """Characters typed; what the console shows for them."""
+        """Processes typed characters; returns the output."""
         ...
 
     def step(self) -> str:
-        """What a command that runs shows now."""
+        """New output of the running command."""
         ...
 
 
 @dataclass(slots=True)
 class _Session:
-    """A console of one link."""
+    """The console session of one link."""
 
     console: Terminal
     to: tuple[int, int]
@@ -50,22 +50,22 @@ class _Session:
 
 
 class ShellService:
-    """One console a link, opened by its first bytes."""
+    """One console for each link, opened by its first bytes."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self.console: Callable[[], Terminal] | None = None
-        """Makes one; None: the vehicle has none."""
+        """Creates a console; None: the vehicle has none."""
         self._sessions: dict[str, _Session] = {}
         self.handlers = {"SERIAL_CONTROL": self.receive}
 
     @property
     def busy(self) -> bool:
-        """Whether a console has anything to show."""
+        """Whether a console has output to send."""
         return bool(self._sessions)
 
     def receive(self, link: Link, message: Message) -> None:
-        """Characters for the console."""
+        """Passes received characters to the console."""
         values = message.values
         if values["target_system"] not in (0, self._context.system_id) or values["target_component"] > 1:
             return
@@ -83,7 +83,7 @@ class ShellService:
             self._sessions.pop(link.name, None)
 
     def step(self) -> None:
-        """Show what is to be shown."""
+        """Sends pending console output."""
         open_links = {link.name for link in self._context.links}
         for gone in self._sessions.keys() - open_links:
             del self._sessions[gone]

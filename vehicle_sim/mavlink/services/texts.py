@@ -1,4 +1,4 @@
-"""Status texts and events to the links; REQUEST_EVENT for what a receiver missed."""
+"""Sends status texts and events; REQUEST_EVENT repeats missed events."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class TextService:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        context.autopilot.announcer.add_listener(self._tell)
+        context.autopilot.announcer.add_listener(self._send)
         self.handlers = {"REQUEST_EVENT": self.request}
 
-    def _tell(self, item: StatusText | Event) -> None:
+    def _send(self, item: StatusText | Event) -> None:
         if isinstance(item, Event):
             self._context.broadcast("EVENT", **_event_fields(item))
             return
         chunks = [item.text[at : at + CHUNK] for at in range(0, len(item.text), CHUNK)] or [""]
         for link in self._context.links:
-            if not self._context.hears_gcs(link):
+            if not self._context.gcs_connected(link):
                 continue
             for number, chunk in enumerate(chunks):
                 link.send(
@@ -37,7 +37,7 @@ class TextService:
                 )  # fmt: skip
 
     def request(self, link: Link, message: Message) -> None:
-        """Send stored events again, or say which are gone."""
+        """Repeats stored events, or reports which are no longer stored."""
         if not self._context.is_for_me(message):
             return
         recent = self._context.autopilot.announcer.recent
@@ -56,12 +56,12 @@ class TextService:
                 )  # fmt: skip
 
     def current_sequence(self, link: Link, flags: int = 0) -> None:
-        """CURRENT_EVENT_SEQUENCE: lets a receiver notice a gap."""
+        """Sends CURRENT_EVENT_SEQUENCE, so that a receiver can detect a gap."""
         sequence = self._context.autopilot.announcer.sequence
         link.send("CURRENT_EVENT_SEQUENCE", sequence=sequence, flags=flags)
 
     def greet(self, link: Link) -> None:
-        """The first ground station on a link: events are counted anew."""
+        """Called when the first ground station connects on a link; resets the event sequence."""
         self.current_sequence(link, RESET)
 
 

@@ -1,4 +1,4 @@
-"""TIMESYNC and PING: the clocks of both ends, and the way between them."""
+"""TIMESYNC and PING: offset of both clocks, and round-trip time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class TimeService:
         self.handlers = {"TIMESYNC": self.timesync, "PING": self.ping}
 
     def timesync(self, link: Link, message: Message) -> None:
-        """Give our time (nanoseconds) to who asks with tc1 = 0."""
+        """Replies to a request (tc1 = 0) with the vehicle's time [ns]."""
         if message.tc1 == 0:
             link.send(
                 "TIMESYNC", tc1=self._context.view.time_boot_us() * 1000, ts1=message.ts1,
@@ -23,7 +23,7 @@ class TimeService:
             )  # fmt: skip
 
     def ping(self, link: Link, message: Message) -> None:
-        """Echo a ping request back to its sender."""
+        """Replies to a ping request."""
         if message.target_system == 0 and message.target_component == 0:
             link.send(
                 "PING", time_usec=message.time_usec, seq=message.seq, target_system=message.system_id,
@@ -31,10 +31,10 @@ class TimeService:
             )  # fmt: skip
 
     def send_timesync(self, link: Link) -> None:
-        """Ask for the other end's time."""
+        """Requests the other side's time."""
         link.send("TIMESYNC", ts1=self._context.view.time_boot_us() * 1000)
 
     def send_ping(self, link: Link) -> None:
-        """Ask for an echo."""
+        """Sends a ping request."""
         link.send("PING", time_usec=self._context.view.time_boot_us(), seq=link.ping_sequence)
         link.ping_sequence += 1

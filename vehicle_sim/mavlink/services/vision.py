@@ -1,4 +1,4 @@
-"""VISION_POSITION_ESTIMATE and ODOMETRY to the estimator."""
+"""Passes VISION_POSITION_ESTIMATE and ODOMETRY to the estimator."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
 
 LOCAL_NED, BODY_FRD, LOCAL_FRD = 1, 12, 20
-"""MAV_FRAME. LOCAL_FRD is level, its forward is wherever the measuring system began."""
+"""MAV_FRAME. LOCAL_FRD is level; its forward axis is the initial heading of the external system."""
 MAX_COORDINATE_M, FASTEST_M_S = 1e6, 1e3
-"""Nobody measures beyond; such numbers are broken messages."""
+"""Larger values are treated as invalid messages."""
 
 
 class VisionService:
-    """What was measured from outside."""
+    """Receives external position estimates."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self.handlers = {"VISION_POSITION_ESTIMATE": self.position, "ODOMETRY": self.odometry}
 
     def position(self, link: Link, m: Message) -> None:
-        """Position and heading, north, east, down."""
+        """Handles VISION_POSITION_ESTIMATE: position and heading in NED."""
         covariance = m.covariance
         self._take(
             VisionSample(
@@ -37,7 +37,8 @@ class VisionService:
         )
 
     def odometry(self, link: Link, m: Message) -> None:
-        """Pose in LOCAL_NED or LOCAL_FRD, velocity there or in the body; other frames are not taken."""
+        """Handles ODOMETRY: pose in LOCAL_NED or LOCAL_FRD, velocity in that or the body frame; ignores
+        others."""
         if m.frame_id not in (LOCAL_NED, LOCAL_FRD):
             return
         q = np.array([m.q], dtype=float)
