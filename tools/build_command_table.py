@@ -11,7 +11,7 @@ BEGIN, END = "<!-- table -->\n", "<!-- end of the table -->"
 
 
 def main() -> None:
-    """Replaces the old table."""
+    """Replaces the table in the document."""
     text = DOCUMENT.read_text(encoding="utf-8")
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)

@@ -2,7 +2,8 @@
 
 The message definitions of PyPI's pymavlink are older than those of PX4 v1.16: some messages and extension
 fields are missing. A package's `px4.xml` has the missing and different messages. It is merged with the
-definitions in the pymavlink wheel (ours replace theirs), and pymavlink's generator writes the module.
+definitions in the pymavlink wheel (messages of `px4.xml` replace those of the wheel), and pymavlink's
+generator writes the module.
 
 Run by the build hook (`hatch_build.py`) and by `make`; nothing imports it at run time.
 """

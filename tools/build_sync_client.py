@@ -32,7 +32,7 @@ CLASSES = tuple(name for names in FILES.values() for name in names)
 ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""
 STEERING = ("Offboard", "LiveOffboard")
-"""Whose calls, one for each kind of setpoint, are inherited: they go through `send`."""
+"""Classes whose methods for the kinds of setpoints are inherited; these methods call `send`."""
 LEFT_OUT = ("socket",)
 """Methods that return a WebSocket, which belongs to the event loop."""
 
@@ -134,7 +134,7 @@ def _init(twin: Twin) -> str:
 
 
 def _attributes(made: ast.FunctionDef) -> list[str]:
-    """What the asynchronous one shows: values as they are, parts of it as their own twins."""
+    """The public attributes: values unchanged, parts as their blocking classes."""
     found: list[str] = []
     for node in made.body:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
@@ -159,7 +159,7 @@ def _called(node: ast.expr | None) -> str:
 
 
 def _method(method: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
-    """One method: a plain value, something awaited, a block, or values that come one after the other."""
+    """One method: a plain value, an awaited value, a context manager, or an iterator."""
     decorators = [d.id for d in method.decorator_list if isinstance(d, ast.Name)]
     assert method.returns is not None, method.name
     returned = ast.unparse(method.returns)
@@ -198,7 +198,7 @@ def _wrapped(value: str, kind: str) -> str:
 
 
 def _passed(arguments: ast.arguments) -> str:
-    """The arguments of a call that passes all on."""
+    """The arguments of a call that forwards all arguments."""
     parts = [argument.arg for argument in arguments.args if argument.arg != "self"]
     parts += [f"*{arguments.vararg.arg}"] if arguments.vararg else []
     parts += [f"{argument.arg}={argument.arg}" for argument in arguments.kwonlyargs]

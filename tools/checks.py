@@ -1,8 +1,8 @@
 """Runs all checks except the tests, two at a time: style, imports, types, and the page's checks.
 
-`python -m tools.checks` runs all of them, `python -m tools.checks lint` the checks of that group. For a check
-that passes the time is printed, for one that fails its whole output. They run at a low priority, so that they
-do not slow down tests that run beside them.
+`python -m tools.checks` runs all of them, `python -m tools.checks lint` the checks of that group. A check
+that passes prints its time, a check that fails prints its whole output. Checks run at a low priority, so that
+they do not slow down tests that run at the same time.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ LINT = (
     _python("format", "ruff", "format", "--check", "."),
     _python("style", "ruff", "check", "."),
 )
-"""The longest first, so that the rest fills the other processor."""
+"""The longest check first, so that the others run on the other processor meanwhile."""
 PAGE = (_page("check:svelte"), _page("check:types"), _page("test"))
 GROUPS = {"lint": LINT, "page": PAGE}
 
@@ -97,7 +97,7 @@ def run_all(checks: Iterable[Check]) -> bool:
 
 
 def main(names: Sequence[str]) -> int:
-    """Runs the groups of these names, all of them where none is named."""
+    """Runs the named groups, or all groups without a name."""
     unknown = set(names) - GROUPS.keys()
     if unknown:
         print(

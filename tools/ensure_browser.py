@@ -1,7 +1,7 @@
-"""Finds the Chromium that the browser tests drive, or says how to get one.
+"""Finds the Chromium for the browser tests, or prints how to install it.
 
-Debian's chromium is taken where it is installed (as root it is installed without asking, which is what a CI
-machine wants); else Playwright's own build is fetched.
+Debian's chromium is used if it is installed; as root it is installed without asking, for CI machines.
+Otherwise Playwright's own build is downloaded.
 """
 
 from __future__ import annotations

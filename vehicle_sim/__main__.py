@@ -11,7 +11,7 @@ from vehicle_sim.run import fly_share
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run until told to stop; 1 if no port at all could be had."""
+    """Runs until the process is asked to end; returns 1 if no port could be opened."""
     argv = sys.argv[1:] if argv is None else argv
     arguments = parse(argv)
     parts = shares(arguments.instances, arguments.processes or processes_for(arguments.instances))

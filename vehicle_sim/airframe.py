@@ -49,7 +49,7 @@ class Airframe:
 
     @classmethod
     def from_parameters(cls, parameters: Parameters) -> Airframe:
-        """Read SIH_*.
+        """Reads SIH_*.
 
         Raises:
             ValueError: mass, a moment of inertia or the thrust is not positive.
@@ -77,7 +77,8 @@ class Airframe:
         )
 
     def wrench_table(self) -> FloatArray:
-        """(4, 4): rotor thrust parts (0..1) times this are thrust [N] and roll, pitch, yaw moments [N m]."""
+        """(4, 4) matrix from rotor thrust fractions (0..1) to thrust [N] and roll, pitch, yaw moments [N
+        m]."""
         thrust = self.rotor_thrust_max_n
         return np.stack(
             [

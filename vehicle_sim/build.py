@@ -6,20 +6,20 @@ from typing import Final
 
 GIT_HASH: Final = "6ea3539157ca358c70a515878b77077af7d4611d"
 VERSION: Final = 0x011000FF
-"""1.16.0, a release (the last byte says so)."""
+"""1.16.0; the last byte marks a release."""
 VENDOR_VERSION: Final = 0xFF
-"""None of a vendor's, a release."""
+"""No vendor version; the last byte marks a release."""
 BOARD: Final = "PX4_SITL"
 OS_NAME: Final = "Linux"
 OS_VERSION: Final = 0x06122CFF
-"""6.18.44, a release."""
+"""6.18.44; the last byte marks a release."""
 TOOLCHAIN: Final = "GNU GCC"
 TOOLCHAIN_VERSION: Final = "12.2.0"
 DATA_FORMAT: Final = 2
-"""Of the log's contents: what PX4 counts up when it renames what is in its topics."""
+"""Format version of the log's contents; PX4 increments it when it renames topic fields."""
 
 
 def version_text(version: int) -> str:
-    """Release 1.16.0 (17826047)."""
+    """A version as text: Release 1.16.0 (17826047)."""
     major, minor, patch = version >> 24 & 0xFF, version >> 16 & 0xFF, version >> 8 & 0xFF
     return f"Release {major}.{minor}.{patch} ({version})"

@@ -1,7 +1,7 @@
-"""Runs many vehicles in several processes, since one Python process uses one core.
+"""Runs many vehicles in several processes, because one Python process uses one core.
 
-The first process flies no vehicle: it starts the others, passes on signals to end, and ends all when one
-of them fails. They end when it is gone, however that came (`SimServer.end_with`).
+The first process simulates no vehicle: it starts the others, forwards signals to end, and ends all when one
+of them fails. The others also end when the first process ends for any reason (`SimServer.end_with`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import wait
 
-VEHICLES_A_PROCESS = 40
+VEHICLES_PER_PROCESS = 40
 """This many vehicles in flight, with the ground station's streams, use half a core
 (tests/bench/simulator.py)."""
 
@@ -38,18 +38,18 @@ def shares(vehicles: int, processes: int) -> list[Share]:
 
 def processes_for(vehicles: int) -> int:
     """Number of processes for this many vehicles on this machine."""
-    return max(1, min(math.ceil(vehicles / VEHICLES_A_PROCESS), len(os.sched_getaffinity(0))))
+    return max(1, min(math.ceil(vehicles / VEHICLES_PER_PROCESS), len(os.sched_getaffinity(0))))
 
 
 def fly_together(
     target: Callable[[Sequence[str], Share], int], argv: Sequence[str], parts: Sequence[Share]
 ) -> int:
-    """Let `target(argv, share)` run in a process for each share, until all have ended or one has failed.
+    """Runs `target(argv, share)` in a process for each share, until all have ended or one has failed.
 
     Args:
-        target: what a process does; it returns its exit code.
-        argv: passed on.
-        parts: at least two.
+        target: function to run in each process; returns its exit code.
+        argv: command line arguments, passed to `target`.
+        parts: at least two shares.
 
     Returns:
         The exit code: 0, or that of the first that failed.

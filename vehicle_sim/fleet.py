@@ -1,4 +1,4 @@
-"""N simulated PX4 vehicles: bytes in, steps, bytes out; no sockets, no wall clock."""
+"""N simulated PX4 vehicles, without sockets and wall clock."""
 
 from __future__ import annotations
 
@@ -29,31 +29,31 @@ STEP_US = round(STEP_S * 1e6)
 AUTOPILOT_EVERY_STEPS = 5
 """50 Hz at the simulation's 250 Hz."""
 DEFAULT_BOOT_TIME_UNIX_S = 1_790_000_000.0
-"""UTC at boot where nobody says otherwise: a fixed one keeps runs alike."""
+"""Default UTC at boot; constant, so that runs are reproducible."""
 
 
 class VehicleSim:
-    """A fleet on a clock that only `step` moves.
+    """A fleet of vehicles; only `step` advances its time.
 
     Args:
-        count: how many vehicles.
+        count: number of vehicles.
         first_instance: PX4's instance number of the first; system id is instance + 1.
-        parameters: overrides for all vehicles, as if set before boot.
-        stores: ready parameter stores instead (one each).
-        files: ready folders (one each); default: temporary ones.
+        parameters: parameter values of all vehicles, as if set before boot.
+        stores: parameter stores to use instead, one for each vehicle.
+        files: folders, one for each vehicle; default: temporary folders.
         links: (name, profile) of the links each vehicle has from the start.
-        seed: of sensor noise and gusts.
+        seed: seed of sensor noise and gusts.
         first_noise: number of the first vehicle's noise and gusts (`Simulation.first_vehicle`); default: its
             instance, so that a vehicle flies the same in any share of a fleet.
-        home: where the first vehicle stands.
+        home: global position of the first vehicle.
         boot_time_unix_s: UTC at boot.
-        sensor_noise: False for perfect sensors (the shape of a flight without its wander).
-        start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
+        sensor_noise: False: perfect sensors.
+        start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
         start_yaw_ned_rad: (N,) their headings; default: north.
         world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
-        script: what goes wrong, and when.
-        camera: whether each carries one; the recorded PX4 did not.
-        log: whether the vehicles write onboard logs, when SDLOG_MODE says so; without it they cost nothing.
+        script: fault script.
+        camera: whether each vehicle has a camera; the recorded PX4 had none.
+        log: whether the vehicles write onboard logs as SDLOG_MODE requires.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class VehicleSim:
             for name, profile in links:
                 self.add_link(row, name, profile)
         self._down: set[tuple[int, str]] = set()
-        """(row, link) of the links that are cut now."""
+        """(row, link) of the links that are interrupted."""
         self._script = ScriptRunner(script, self) if script is not None else None
         self._debt_s = 0.0
         self._deciding, self._speaking = list(self.autopilots), list(self.nodes)
@@ -126,7 +126,7 @@ class VehicleSim:
         return self.simulation.time_s
 
     def add_link(self, instance: int, name: str, profile: str) -> Link:
-        """Open a link (replacing one of that name), which starts to stream."""
+        """Opens a link and starts its streams; replaces a link of the same name."""
         self.remove_link(instance, name)
         link = Link(name, profile, self.nodes[instance].system_id)
         self._links[instance][name] = link
@@ -134,12 +134,12 @@ class VehicleSim:
         return link
 
     def open_ros2(self, instance: int, port: Port, report: Callable[[str], None]) -> None:
-        """Put a vehicle on ROS 2, as its onboard client does.
+        """Connects a vehicle to ROS 2, as PX4's onboard client does.
 
         Args:
             instance: row of the vehicle, from 0.
             port: carries its messages.
-            report: told once for each topic on which something malformed arrives.
+            report: called once for each topic with an invalid message.
         """
         node = self.nodes[instance]
         self._bridges[instance] = Bridge(
@@ -147,27 +147,27 @@ class VehicleSim:
         )
 
     def remove_link(self, instance: int, name: str) -> None:
-        """Close a link."""
+        """Closes a link."""
         link = self._links[instance].pop(name, None)
         if link is not None:
             self.nodes[instance].remove_link(link)
 
     def feed(self, instance: int, link: str, data: bytes) -> None:
-        """Bytes that arrived for vehicle `instance` (row, from 0) on one of its links."""
+        """Passes received bytes to vehicle `instance` (row, from 0) on one of its links."""
         if (instance, link) not in self._down:
             self.nodes[instance].receive(self._links[instance][link], data)
 
     def drain(self, instance: int, link: str) -> bytes:
-        """Bytes the vehicle has sent on this link since the last call."""
+        """Bytes that the vehicle has sent on a link since the last call."""
         return b"".join(self.frames(instance, link))
 
     def frames(self, instance: int, link: str) -> list[bytes]:
-        """The same as whole frames."""
+        """The same as `drain`, as separate frames."""
         frames = self._links[instance][link].drain()
         return [] if (instance, link) in self._down else frames
 
     def set_link_up(self, instance: int, link: str, up: bool) -> None:
-        """Cut a link (or "all"), in both directions, or let it carry again."""
+        """Interrupts a link (or "all") in both directions, or restores it."""
         names = ("gcs", "api", "tcp", *self._links[instance]) if link == "all" else (link,)
         for name in names:
             if up:
@@ -176,12 +176,12 @@ class VehicleSim:
                 self._down.add((instance, name))
 
     def set_parameter(self, instance: int, name: str, value: ParameterValue) -> None:
-        """A parameter changed from outside, as by a hand in the vehicle."""
+        """Changes a parameter from outside, without MAVLink."""
         self.simulation.parameters[instance].set(name, value)
         self.simulation.reload_parameters(instance)
 
-    def tell_time(self, instance: int, link: str) -> None:
-        """Say SYSTEM_TIME on a link now, as lockstep promises."""
+    def send_time(self, instance: int, link: str) -> None:
+        """Sends SYSTEM_TIME on a link now, as lockstep requires."""
         view = self.autopilots[instance].view
         if link in self._links[instance]:
             self._links[instance][link].send(
@@ -189,7 +189,7 @@ class VehicleSim:
             )
 
     def step(self, dt_s: float) -> None:
-        """Let `dt_s` pass; what does not fill a simulation step is kept for the next call."""
+        """Advances the simulation by `dt_s`; the remainder of a simulation step is kept for the next call."""
         self._debt_s += dt_s
         step_s = self.simulation.dt_s
         while self._debt_s >= step_s * 0.999:
@@ -215,7 +215,7 @@ class VehicleSim:
             self._logbook.step(self.simulation.steps * STEP_US)
 
     def retire(self, instance: int) -> None:
-        """Stop the motors and the autopilot of a vehicle that nobody watches any more, for good."""
+        """Permanently stops simulating a vehicle whose flight has ended."""
         self._deciding = [each for each in self._deciding if each is not self.autopilots[instance]]
         self._speaking = [each for each in self._speaking if each is not self.nodes[instance]]
         self._bridges.pop(instance, None)
@@ -224,7 +224,7 @@ class VehicleSim:
         setpoints.level[instance], setpoints.armed[instance] = ControlLevel.DISARMED, False
 
     def _end_flight(self, collision: Collision) -> None:
-        """A vehicle that hit an obstacle has no propellers left; no PX4 message would report it."""
+        """Stops the motors of a vehicle that hit an obstacle, and reports it; PX4 has no message for this."""
         autopilot = self.autopilots[collision.row]
         autopilot.announcer.text(2, f"Collision with {collision.what}: motors stopped")
         autopilot.commander.disarm(force=True)

@@ -1,7 +1,6 @@
-"""The only frame maths of the simulator: products and rotations of (N, …) arrays in two NumPy calls each.
+"""Frame maths of the simulator: products and rotations of (N, …) arrays, each in two NumPy calls.
 
-One vehicle's own numbers are plain floats (`quaternion_of`, `angles_of`, `wrap_angle`): an array of one
-costs ten times as much.
+For a single vehicle plain floats are ten times as fast (`quaternion_of`, `angles_of`, `wrap_angle`).
 
 Every product used here is bilinear, so it is an outer product times a constant table. That costs two
 array operations for any N, where component formulas cost twenty. Quaternions are (w, x, y, z); `q_ned_frd`
@@ -71,7 +70,7 @@ def _rotation_table() -> FloatArray:
 
 _ROTATION = _rotation_table()
 _YAW_PARTNERS = np.array([3, 2, 2, 3])
-"""Each component of a quaternion times this one: the products that a heading is made of."""
+"""For each component of a quaternion, the other factor of the products in the heading formula."""
 _CROSS = _table(9, 3, [(5, 0, 1.0), (7, 0, -1.0), (6, 1, 1.0), (2, 1, -1.0), (1, 2, 1.0), (3, 2, -1.0)])
 
 
@@ -86,11 +85,11 @@ def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _times(rows: FloatArray, table: FloatArray) -> FloatArray:
-    """rows · table, each row by itself.
+    """rows · table, computed separately for each row.
 
-    In one product BLAS adds up in an order that depends on how many rows there are: a vehicle's last bit
-    would depend on the size of its fleet. A table with two entries a column needs none of this: the sum of
-    two products and of zeros is the same in any order.
+    BLAS adds in an order that depends on the number of rows, so the last bit of a vehicle's state would
+    depend on the size of the fleet. A table with two entries per column does not need this, because the order
+    does not matter there.
     """
     return rows @ table if len(rows) == 1 else (rows[:, None, :] @ table)[:, 0, :]
 
@@ -136,7 +135,7 @@ def row_norm(vector: FloatArray) -> FloatArray:
 
 
 def normalized(q: FloatArray) -> FloatArray:
-    """Rows scaled to length one."""
+    """Rows scaled to unit length."""
     return q / row_norm(q)
 
 
@@ -158,7 +157,7 @@ def quaternion_from_yaw(yaw_ned_rad: FloatArray) -> FloatArray:
 def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
     """Unit quaternion (N, 4), w ≥ 0, of rotation matrices (N, 3, 3).
 
-    Not for half turns about a slanted axis, where the signs are lost; the controllers never ask for one.
+    Not valid for half turns about a tilted axis, where the signs are lost; the controllers do not use them.
     """
     flat = matrix.reshape(-1, 9)
     magnitude = np.sqrt(np.maximum(_times(flat, _SQUARES) + 0.25, 0.0))
@@ -180,7 +179,7 @@ def quaternion_of(roll_rad: float, pitch_rad: float, yaw_ned_rad: float) -> Quat
 
 
 def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_ned_rad: float) -> FloatArray:
-    """As `quaternion_of`, as an array (4,)."""
+    """Same as `quaternion_of`, as an array (4,)."""
     return np.array(quaternion_of(roll_rad, pitch_rad, yaw_ned_rad))
 
 
@@ -208,7 +207,7 @@ def wrap_pi(angle_rad: FloatArray) -> FloatArray:
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """As `wrap_pi`, of one plain number."""
+    """Same as `wrap_pi`, for one number."""
     return math.remainder(angle_rad, math.tau)
 
 

@@ -1,6 +1,6 @@
-"""Local metres to latitude and longitude and back, so that GPS and navigator agree on one projection.
+"""Conversion between local metres and latitude and longitude, the same for GPS and navigator.
 
-Azimuthal equidistant about a reference point on PX4's sphere of 6,371,000 m.
+Azimuthal equidistant projection around a reference point on PX4's sphere of 6,371,000 m.
 """
 
 from __future__ import annotations
@@ -47,6 +47,6 @@ def to_global(
     return np.degrees(lat), np.asarray(origin_lon_deg) + np.degrees(d_lon)
 
 
-def is_place(lat_deg: float, lon_deg: float) -> bool:
-    """Whether a command names a place (PX4 ignores NaN and impossible latitudes)."""
+def is_position(lat_deg: float, lon_deg: float) -> bool:
+    """Whether a command contains a valid position (PX4 ignores NaN and impossible latitudes)."""
     return math.isfinite(lat_deg) and abs(lat_deg) <= 90.0 and math.isfinite(lon_deg)

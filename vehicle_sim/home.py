@@ -14,7 +14,7 @@ GPS_HOME_EVERY_US = 2_000_000
 
 @dataclass(slots=True)
 class Home:
-    """Where the vehicle returns to, in its local frame and on the globe."""
+    """The home position, local and global."""
 
     lat_deg: float = math.nan
     lon_deg: float = math.nan
@@ -26,12 +26,12 @@ class Home:
 
     @property
     def valid(self) -> bool:
-        """Whether it was ever set."""
+        """Whether home has been set."""
         return math.isfinite(self.lat_deg)
 
 
 class HomeKeeper:
-    """Moves home: by command, with the vehicle while it is disarmed, and to where it arms and lifts."""
+    """Sets home: by command, with the vehicle while it is disarmed, and at arming and take-off."""
 
     def __init__(self, view: VehicleView, home: Home) -> None:
         self._view = view
@@ -48,7 +48,7 @@ class HomeKeeper:
         home.set_at_us, home.manual = self._view.time_boot_us(), True
 
     def origin_moved(self) -> None:
-        """The local frame's origin has moved: home keeps its global position."""
+        """Called when the local origin has moved; home keeps its global position."""
         home = self.home
         if home.valid:
             lat, lon, alt = self._view.origin
@@ -56,7 +56,7 @@ class HomeKeeper:
             home.position_ned_m = (float(n), float(e), alt - home.alt_amsl_m)
 
     def set_here(self) -> bool:
-        """Sets home to the present position, if it is known."""
+        """Sets home to the current position, if it is known."""
         estimate, home = self._view.estimate, self.home
         if not estimate.valid_position:
             return False
@@ -83,16 +83,16 @@ class HomeKeeper:
 
     @property
     def _moves(self) -> bool:
-        """Whether home is set automatically: COM_HOME_EN, unless a position was given."""
+        """Whether home is set automatically: COM_HOME_EN is set, and no position was commanded."""
         return not self.home.manual and self._view.choice("COM_HOME_EN") != 0
 
     def armed_or_lifted(self) -> None:
-        """The vehicle was armed or took off: sets home to that position."""
+        """Sets home to the position where the vehicle was armed or took off."""
         if self._moves:
             self.set_here()
 
     def follow(self) -> None:
-        """While disarmed, home follows a vehicle that is carried more than a metre."""
+        """Updates home while disarmed, if the vehicle has been moved by more than a metre."""
         estimate = self._view.estimate
         if not self._moves:
             return

@@ -1,6 +1,6 @@
-"""Compiled loops: what runs for every vehicle at every step, written as one vehicle's formulas.
+"""Compiled loops over all vehicles, written as formulas of one vehicle.
 
-A call of NumPy costs a microsecond however few vehicles there are, and a step needs hundreds. The idioms:
+A NumPy call costs a microsecond even for few vehicles, and a step would need hundreds of calls. The rules:
 
 - A `@kernel` takes arrays of all vehicles and fills arrays that it is given: it loops over the rows and
   allocates nothing for each. The vehicles share nothing, so the bits of one do not depend on the others.
@@ -39,11 +39,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Column = NDArray[np.float64]
-"""(N,) a number of each vehicle."""
+"""(N,) one number for each vehicle."""
 Rows = NDArray[np.float64]
-"""(N, m) a vector of each vehicle."""
+"""(N, m) one vector for each vehicle."""
 Blocks = NDArray[np.float64]
-"""(N, m, k) a matrix of each vehicle."""
+"""(N, m, k) one matrix for each vehicle."""
 Flags = NDArray[np.bool_]
 """(N,)."""
 Integers = NDArray[np.int64]
@@ -52,7 +52,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).resolve().parent
 UNUSED_AFTER_S = 7 * 86400.0
-"""Compiled code of other sources is removed when nothing has loaded it for so long."""
+"""Compiled code of other sources is deleted if it was not loaded for this long."""
 _TYPES: dict[str, Any] = {
     "Column": numba.float64[::1],
     "Rows": numba.float64[:, ::1],
@@ -66,7 +66,7 @@ _TYPES: dict[str, Any] = {
 
 
 def _sources_digest() -> str:
-    """A name for the present state of all files that have kernels or formulas."""
+    """Digest of all files that contain kernels or formulas."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for path in sorted(PACKAGE.rglob("*.py")):
         if path.name != "generated_dialect.py":
@@ -77,7 +77,8 @@ def _sources_digest() -> str:
 
 
 def _cache_folder() -> Path | None:
-    """Where compiled code is kept: beside the sources, else in the user's cache; None: nowhere."""
+    """Folder of compiled code: next to the sources, otherwise the user's cache; None: no folder is
+    writable."""
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     own = os.environ.get("NUMBA_CACHE_DIR")
     folders = [Path(own)] if own else [PACKAGE / "__pycache__", home / "offboard-gcs"]
@@ -111,7 +112,7 @@ if not _config.CPU_NAME:
 
 @contextlib.contextmanager
 def _one_at_a_time() -> Generator[None]:
-    """Of processes that start at once the first compiles a kernel, the others wait and load it."""
+    """Lock: of processes that start at the same time, one compiles a kernel, the others wait and load it."""
     if _folder is None:
         yield
         return

@@ -1,7 +1,7 @@
-"""Lockstep: a client sets how far time may advance, so that the same client gets the same flight bit for bit.
+"""Lockstep: a client controls how far time advances, so that flights are reproducible bit for bit.
 
-The client sends SYSTEM_TIME with the `time_boot_ms` to go on to; what it sent before on that link has been
-heard when time moves. The vehicle answers SYSTEM_TIME when it is there.
+The client sends SYSTEM_TIME with the `time_boot_ms` to advance to. Messages that it sent earlier on that link
+are handled before time advances. The vehicle replies with SYSTEM_TIME when it has reached that time.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ class Wanted:
 
 
 class Lockstep:
-    """Listens to what arrives for the newest time asked for."""
+    """Reads the newest requested time from received messages."""
 
     def __init__(self) -> None:
         self._parsers: dict[tuple[int, str], FrameParser] = {}
         self._wanted: Wanted | None = None
 
     def hear(self, row: int, link: str, data: bytes) -> None:
-        """Bytes of one link."""
+        """Parses bytes received on one link."""
         for message in self._parsers.setdefault((row, link), FrameParser()).feed(data):
             if message.name == "SYSTEM_TIME":
                 self._wanted = Wanted(message.time_boot_ms / 1000.0, row, link)
 
     def take(self) -> Wanted | None:
-        """What was asked for since the last call."""
+        """The request since the last call; None: none."""
         wanted, self._wanted = self._wanted, None
         return wanted

@@ -1,4 +1,4 @@
-"""The earth's magnetic field where PX4's simulation stands, as PX4's world magnetic model has it."""
+"""The earth's magnetic field at the start position of PX4's simulation, from PX4's world magnetic model."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 STRENGTH_GAUSS = 0.4826
 INCLINATION_RAD = math.radians(63.15)
 DECLINATION_RAD = math.radians(2.96)
-"""Where the simulated field points; the recordings' mean at rest with the nose to north."""
+"""Declination of the simulated field; mean of recordings at rest with heading north."""
 
 
 def field_ned_gauss(declination_rad: float = DECLINATION_RAD) -> tuple[float, float, float]:

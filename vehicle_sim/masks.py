@@ -1,6 +1,6 @@
 """Tests whether any or all elements of a mask are true, ten times faster than NumPy for a few vehicles.
 
-Thirteen such questions are asked each step; `ndarray.any` spends microseconds on each before it looks.
+Each step makes thirteen such tests; `ndarray.any` has an overhead of microseconds for each.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 def any_of(mask: NDArray[np.bool_]) -> bool:
-    """Whether any holds; for masks only, whose bytes are 0 and 1."""
+    """Whether any element is true; for boolean masks only, whose bytes are 0 and 1."""
     return b"\x01" in mask.tobytes()
 
 
@@ -21,5 +21,5 @@ def any_nonzero(values: NDArray[np.generic]) -> bool:
 
 
 def all_of(mask: NDArray[np.bool_]) -> bool:
-    """Whether all hold."""
+    """Whether all elements are true."""
     return b"\x00" not in mask.tobytes()

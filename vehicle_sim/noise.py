@@ -1,8 +1,7 @@
-"""White noise for N vehicles, each with a generator of its own, so that no flight depends on the others.
+"""White noise for N vehicles, each with its own generator, so that no flight depends on the others.
 
-A vehicle's noise follows from the seed, its number and what the noise is for; how many vehicles there are,
-and in how many processes, changes nothing. Numbers are drawn in blocks, because a call for each vehicle and
-step would cost more than the flight.
+A vehicle's noise depends on the seed, its number and the purpose of the noise, not on the number of vehicles
+or processes. Numbers are drawn in blocks, because one call for each vehicle and step would be too slow.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ BLOCK = 64
 
 
 class NoiseOf(IntEnum):
-    """What a stream of noise is for; part of its seed."""
+    """Purpose of a noise stream; part of its seed."""
 
     IMU = 0
     MAG = 1
@@ -33,10 +32,10 @@ class WhiteNoise:
     """Standard normal samples for N vehicles.
 
     Args:
-        seed: of the whole fleet, 0 or more.
-        vehicles: the number of each vehicle, 0 or more.
-        purpose: what it is for.
-        width: numbers in a sample.
+        seed: seed of the fleet, 0 or more.
+        vehicles: number of each vehicle, 0 or more.
+        purpose: purpose of the noise.
+        width: length of a sample.
     """
 
     def __init__(self, seed: int, vehicles: Sequence[int], purpose: NoiseOf, width: int) -> None:

@@ -18,7 +18,7 @@ from vehicle_sim.world.world import World
 from vehicle_sim.yaml_fields import FileProblem
 
 LAST_DOMAIN = 101
-"""The ports of higher domains are the ones that systems give to anyone."""
+"""Higher domains would use the ephemeral ports of the operating system."""
 EPILOG = """\
 Each vehicle N (from 0) has MAVLink system id N+1 and talks MAVLink 2 on
   UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
@@ -169,7 +169,7 @@ def _namespace(text: str) -> str:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """The parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m vehicle_sim",
         description="Simulated PX4 v1.16 quadrotors with gimbal that behave on MAVLink as the real one does.",
@@ -230,7 +230,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """The arguments of a command line, if they fit together; else the program ends and says what is wrong."""
+    """The arguments of a command line; if they are invalid, the program ends with an error message."""
     parser = build_parser()
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.first_instance <= 254 - arguments.instances:

@@ -1,7 +1,7 @@
 """One vehicle's parameters under PX4's names, types and order.
 
-The values at boot were measured on a real PX4 v1.16 (SIH quadrotor, gimbal on) and lie in
-`data/parameters.json`. As PX4 does, the store takes any value without a range check.
+The values at boot were read from PX4 v1.16 (SIH quadrotor, gimbal on) and are in `data/parameters.json`. As
+in PX4, the store accepts any value without a range check.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _VOLATILE_NAMES = frozenset(
     }
 )
 NO_PRIORITY = -1
-"""CAL_*_PRIO of a sensor that nobody gave one."""
+"""CAL_*_PRIO of a sensor without a priority."""
 _NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
 
 
@@ -48,13 +48,13 @@ _SET_AT_BOOT = frozenset(
         "UXRCE_DDS_KEY", "UXRCE_DDS_PTCFG",
     }
 )  # fmt: skip
-"""Told at each first boot of the recorded vehicles; what was found, and what the start script sets."""
+"""Parameters that PX4 sets at its first boot: detected sensors, and values of the start script."""
 _DEFAULTS = {"SENS_BOARD_X_OFF": 0.0, "SENS_DPRES_OFF": 0.0, "UXRCE_DDS_KEY": 1, "UXRCE_DDS_PTCFG": 0}
-"""Of these; ids are 0 and priorities -1, the rest as at boot."""
+"""Defaults of these; ids are 0, priorities -1, the others as at boot."""
 
 
 class Change(Enum):
-    """How a parameter changed: PX4 tells what is set, and neither what is reset nor what it counts."""
+    """How a parameter changed: PX4 reports only values that are set, not resets and its own statistics."""
 
     SET = "set"
     RESET = "reset"
@@ -62,7 +62,7 @@ class Change(Enum):
 
 
 class UnknownParameterError(KeyError):
-    """The vehicle has no parameter of that name."""
+    """The vehicle has no parameter with this name."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -74,7 +74,7 @@ class UnknownParameterError(KeyError):
 
 @dataclass(frozen=True, slots=True)
 class Default:
-    """A parameter as the vehicle boots with it."""
+    """A parameter with its value at boot."""
 
     name: str
     type: ParameterType
@@ -84,7 +84,7 @@ class Default:
 
 @lru_cache(maxsize=4)
 def load_defaults(path: Path = DATA_FILE) -> tuple[Default, ...]:
-    """The boot values in the order of PX4's list."""
+    """The values at boot, in the order of PX4's list."""
     entries: dict[str, tuple[str, ParameterValue]] = json.loads(path.read_text(encoding="utf-8"))
     defaults: list[Default] = []
     for index, (name, (kind, value)) in enumerate(entries.items()):
@@ -94,7 +94,7 @@ def load_defaults(path: Path = DATA_FILE) -> tuple[Default, ...]:
 
 
 def coerce(name: str, kind: ParameterType, value: ParameterValue) -> ParameterValue:
-    """The value as PX4 would hold it: a 32-bit integer (wrapping) or a single-precision float.
+    """The value as PX4 stores it: a 32-bit integer (wrapping) or a single-precision float.
 
     Raises:
         ValueError: NaN or infinity for an integer parameter.
@@ -110,7 +110,7 @@ def coerce(name: str, kind: ParameterType, value: ParameterValue) -> ParameterVa
 
 
 def is_volatile(name: str) -> bool:
-    """Whether PX4 changes it by itself; such values are left out of the hash."""
+    """Whether PX4 changes the parameter by itself; such values are not part of the hash."""
     if name.startswith("CAL_"):
         return not name.endswith(_NOT_VOLATILE_CALIBRATION)
     return name in _VOLATILE_NAMES
@@ -133,7 +133,7 @@ class Parameters:
         self._values: dict[str, ParameterValue] = {default.name: default.value for default in defaults}
         self._listeners: list[Listener] = []
         self.change = Change.SET
-        """While listeners hear of a change: of which kind it is."""
+        """Kind of the current change, while listeners are called."""
         self._storage: Path | None = None
         if storage is not None and storage.exists():
             self._load(storage)
@@ -143,7 +143,7 @@ class Parameters:
         for name, value in (overrides or {}).items():
             self.set(name, value)
         self.set_at_boot = tuple(name for name in self._names if name in stored)
-        """What was stored at this boot: by PX4 and its start script, unless before, and by `overrides`."""
+        """Parameters stored at this boot, by PX4, its start script or `overrides`."""
         self._storage = storage
 
     def __len__(self) -> int:
@@ -176,9 +176,9 @@ class Parameters:
             raise UnknownParameterError(name) from None
 
     def usable(self, name: str) -> float:
-        """The value to fly with: as stored, but the boot value in place of NaN or infinity.
+        """The value to fly with: the stored one, or the boot value instead of NaN or infinity.
 
-        PX4 stores those too; a NaN gain would stay in every integrator even after it was corrected.
+        PX4 stores NaN too; a NaN gain would remain in every integrator even after it was corrected.
         """
         value = float(self.get(name))
         return value if math.isfinite(value) else float(self._default(name).value)
@@ -200,7 +200,7 @@ class Parameters:
         return self._default(name).value
 
     def set(self, name: str, value: ParameterValue) -> ParameterValue:
-        """Store a value and tell the listeners if it changed; returns what is now stored.
+        """Stores a value and notifies the listeners if it changed; returns the stored value.
 
         Raises:
             UnknownParameterError: no such name.
@@ -215,17 +215,17 @@ class Parameters:
         return stored
 
     def reset(self, name: str) -> None:
-        """Back to its default, which is the boot value unless PX4 or its start script stored that one."""
+        """Resets a parameter to its default: the boot value, unless PX4 or its start script stored that."""
         self._change(name, _reset_value(name, self._default(name).value), Change.RESET)
 
     def reset_all(self, *, only: Sequence[str] = ("*",), keep: Sequence[str] = ()) -> None:
-        """All whose names fit one of the patterns `only` and none of `keep`."""
+        """Resets all parameters that match a pattern of `only` and none of `keep`."""
         for name in self._names:
             if _fits(name, only) and not _fits(name, keep):
                 self.reset(name)
 
     def count(self, name: str, value: ParameterValue) -> None:
-        """Store a statistic of PX4's own: who wants to know it asks."""
+        """Stores a statistic of PX4; it is not reported, only sent on request."""
         self._change(name, value, Change.COUNT)
 
     def _change(self, name: str, value: ParameterValue, change: Change) -> None:
@@ -240,12 +240,12 @@ class Parameters:
         return tuple(name for name in self._names if not _same(self._values[name], self._by_name[name].value))
 
     def add_listener(self, listener: Listener) -> Callable[[], None]:
-        """Call `listener(name, value)` after each change; the returned function removes it."""
+        """Calls `listener(name, value)` after each change; the returned function removes it."""
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
 
     def hash(self) -> int:
-        """PX4's `_HASH_CHECK`: a raw CRC32 over names and values, volatile ones left out."""
+        """PX4's `_HASH_CHECK`: a raw CRC32 over names and values, without volatile ones."""
         content = bytearray()
         for name, value in self._values.items():
             if not is_volatile(name):
@@ -292,7 +292,7 @@ def _fits(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _reset_value(name: str, boot_value: ParameterValue) -> ParameterValue:
-    """The boot value, but for what is stored at boot: which sensors were found, and the airframe."""
+    """The boot value, except for values that PX4 stores at boot: detected sensors, and the airframe."""
     if name.startswith("CAL_") and name.endswith("_PRIO"):
         return NO_PRIORITY
     return 0 if _is_found_at_boot(name) else _DEFAULTS.get(name, boot_value)

@@ -1,6 +1,6 @@
 """The frame maths of the compiled loops, for one vehicle (`frames.py` has that of whole fleets).
 
-Quaternions are (w, x, y, z) and take FRD vectors to NED, as everywhere; rows of (N, 4) and (N, 3, 3) arrays
+Quaternions are (w, x, y, z) and rotate FRD vectors to NED; rows of (N, 4) and (N, 3, 3) arrays
 are read and written in place.
 """
 
@@ -85,7 +85,7 @@ def heading(q: FloatArray) -> float:
 
 @formula
 def length(x: float, y: float, z: float) -> float:
-    """Of a vector."""
+    """Length of a vector."""
     return math.sqrt(x * x + y * y + z * z)
 
 

@@ -1,4 +1,4 @@
-"""The vehicles of one process: made as the command line says, put on their ports and flown."""
+"""Runs the vehicles of one process: creates them from the command line and opens their ports."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _weather(fleet: VehicleSim, wind: WindOption | None, battery_percent: float 
 
 
 def _open_ros2(fleet: VehicleSim, first_instance: int, arguments: argparse.Namespace) -> bool:
-    """Put each vehicle on DDS; False where that cannot be, after saying why."""
+    """Connects each vehicle to DDS; False if that fails, after printing the reason."""
     try:
         from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable
     except ImportError:
@@ -98,14 +98,14 @@ def _announce(server: SimServer, first_instance: int) -> bool:
 
 
 def fly_share(argv: Sequence[str], share: Share) -> int:
-    """Fly these of the vehicles until told to end.
+    """Runs the vehicles of one share until the process is asked to end.
 
     Args:
         argv: the command line of the whole fleet.
-        share: which of its vehicles.
+        share: the vehicles of this process.
 
     Returns:
-        The exit code; 1 if no port at all could be had.
+        The exit code; 1 if no port could be opened.
     """
     arguments = parse(argv)
     try:

@@ -143,7 +143,7 @@ class SimServer:
                     if self._over:
                         break
                     self.fleet.step(self.fleet.simulation.dt_s)
-                self.fleet.tell_time(wanted.row, wanted.link)
+                self.fleet.send_time(wanted.row, wanted.link)
             self._send()
             wait_s = LOCKSTEP_WAIT_S if wanted is None else 0.0
 

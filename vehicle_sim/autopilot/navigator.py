@@ -17,7 +17,7 @@ from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.autopilot.tasks.follow import Follow
 from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
 from vehicle_sim.autopilot.tasks.return_home import ReturnHome
-from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
@@ -85,13 +85,13 @@ class Navigator:
 
         Without any value the vehicle stops.
         """
-        if not (is_place(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
+        if not (is_position(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
             self.stop_at(math.nan)
             return
         north, east, down = self._view.estimate.position_ned_m
         target_n, target_e, _ = self.path.target_ned_m
         origin_lat, origin_lon, origin_alt = self._view.origin
-        if is_place(lat_deg, lon_deg):
+        if is_position(lat_deg, lon_deg):
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             target_n, target_e = float(n), float(e)
         elif target_n is None or target_e is None:

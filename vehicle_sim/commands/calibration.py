@@ -1,7 +1,7 @@
-"""PREFLIGHT_CALIBRATION as PX4 goes through it: what it says and answers, and what it learns.
+"""PREFLIGHT_CALIBRATION as in PX4: its texts, replies and results.
 
-All learn from what the simulated sensors read (`readings.py`); one that needs the vehicle turned asks for the
-sides and fails where nobody turns it.
+All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides asks for
+the sides, and fails if the vehicle is not turned.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ REST = "[cal] detected rest position, hold still..."
 MOTION = "[cal] detected motion, hold still..."
 PROGRESS_S = 0.1
 LIST_S = 0.05
-"""From one text to the next."""
+"""Delay between two texts."""
 AFTER_A_SIDE_S = 0.136
 ACCEL_STILL_S, MAG_STILL_S, MAG_TOLERANCE = 1.3, 0.5, 3.0
-"""How long, and how still, the vehicle is to be held."""
+"""Required duration of rest, and tolerance of motion."""
 ACCEL_SAMPLES, GYRO_SAMPLES, QUICK_SAMPLES = 750, 250, 7
 NOBODY_HOLDS_STILL_S = 90.0
 FAILURES_ALLOWED = 4
-"""So often a side may be offered that is done, or none, before it is given up."""
-LASTS_ON_S = 0.6
-"""A calibration counts as running so long after its last word."""
+"""Number of failed attempts (side already done, or none detected) before the calibration fails."""
+RUNNING_AFTER_S = 0.6
+"""A calibration counts as running for this long after its last text."""
 Action = Callable[[], None]
 FloatArray = NDArray[np.float64]
 Steps = Generator[float, None, None]
-"""A calibration's course: what it yields is how long it waits [s], 0 for the next sample."""
-Judgement = Generator[float, None, bool]
-"""A part of it, and whether that went well."""
+"""Steps of a calibration: each yielded value is the time to wait [s]; 0: until the next sample."""
+Check = Generator[float, None, bool]
+"""A part of a calibration; returns whether it succeeded."""
 
 
 class CalibrationCommands:
@@ -58,7 +58,7 @@ class CalibrationCommands:
 
     Args:
         host: the vehicle.
-        tell_parameters: sends these to every ground station, though they are what they were.
+        tell_parameters: sends parameters to every ground station, even if they did not change.
     """
 
     def __init__(self, host: CommandHost, tell_parameters: Tell) -> None:
@@ -69,18 +69,18 @@ class CalibrationCommands:
         self._measuring = False
         self._cancelled_by: Command | None = None
         self._token = 0
-        """Rises with each calibration: what an ended one still had planned is dropped."""
+        """Counter of calibrations; delayed actions of an earlier calibration are dropped."""
         self._sums: dict[Side, FloatArray] = {}
-        """What was measured of each side, the mean [m/s²]."""
+        """Mean reading of each side [m/s²]."""
         self._fields: list[FloatArray] = []
-        """What the compass read while the vehicle was turned [gauss]."""
+        """Compass readings while the vehicle was turned [gauss]."""
         self.commands: dict[int, Handler] = {
             CALIBRATION: self.calibrate,
             FIXED_MAG: self.fixed_mag,
         }
 
     def calibrate(self, c: Command) -> int | None:
-        """What the first parameter that is set asks for; all zero cancels."""
+        """Starts the calibration of the first parameter that is set; all zero cancels."""
         if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
         wanted = [int(p) if math.isfinite(p) else 0 for p in (c.p1, c.p2, c.p3, c.p4, c.p5, c.p6, c.p7)]
@@ -108,7 +108,7 @@ class CalibrationCommands:
         return None if wanted[0] or wanted[2] else UNSUPPORTED
 
     def fixed_mag(self, c: Command) -> int:
-        """FIXED_MAG_CAL_YAW: the heading is given, the field is known."""
+        """FIXED_MAG_CAL_YAW: calibrates the compass from a given heading and the known field."""
         if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
         heading_deg = c.p1 if math.isfinite(c.p1) else 0.0
@@ -126,7 +126,7 @@ class CalibrationCommands:
         readings.store("CAL_MAG0_", "OFF", readings.mag() - readings.known_field(yaw_ned_rad))
         yield 0.05
         self._say("Mag quick calibration finished")
-        yield LASTS_ON_S
+        yield RUNNING_AFTER_S
         self._running = ""
 
     @property
@@ -151,7 +151,7 @@ class CalibrationCommands:
 
     def _done(self, name: str) -> None:
         self._say(f"[cal] calibration done: {name}")
-        self._at(LASTS_ON_S, lambda: setattr(self, "_running", ""))
+        self._at(RUNNING_AFTER_S, lambda: setattr(self, "_running", ""))
 
     def _failed(self, name: str, why: str = "") -> None:
         if why:
@@ -178,8 +178,8 @@ class CalibrationCommands:
         self._fields.clear()
         self._run(self._course("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate, self._learn_mag))
 
-    def _rotate(self, _side: Side) -> Judgement:
-        """Sample the field while somebody turns the vehicle on its side, round and round."""
+    def _rotate(self, _side: Side) -> Check:
+        """Samples the field while the vehicle is turned on one side."""
         self._say("[cal] Rotate vehicle")
         taken = yield from self._readings.turned_fields()
         self._fields += taken
@@ -200,7 +200,7 @@ class CalibrationCommands:
         self._sums.clear()
         self._run(self._course("accel", ACCEL_STILL_S, 1.0, self._measure_side, self._learn_accelerometer))
 
-    def _measure_side(self, side: Side) -> Judgement:
+    def _measure_side(self, side: Side) -> Check:
         self._measuring = True
         self._say(f"[cal] Hold still, measuring {side.value} side")
         mean = yield from self._readings.mean(self._readings.accel, ACCEL_SAMPLES)
@@ -230,10 +230,10 @@ class CalibrationCommands:
         name: str,
         still_s: float,
         tolerance: float,
-        measure: Callable[[Side], Judgement],
+        measure: Callable[[Side], Check],
         learn: Callable[[], bool] = lambda: True,
     ) -> Steps:
-        """A calibration by sides from its beginning to its end."""
+        """A complete calibration by sides."""
         went_well = yield from self._each_side(still_s, tolerance, measure)
         self._measuring = False
         command, self._cancelled_by = self._cancelled_by, None
@@ -248,7 +248,7 @@ class CalibrationCommands:
             return
         self._failed(name)
 
-    def _each_side(self, still_s: float, tolerance: float, measure: Callable[[Side], Judgement]) -> Judgement:
+    def _each_side(self, still_s: float, tolerance: float, measure: Callable[[Side], Check]) -> Check:
         done: list[Side] = []
         failures = 0
         while len(done) < len(Side) and self._cancelled_by is None:
@@ -279,7 +279,7 @@ class CalibrationCommands:
         return self._cancelled_by is None
 
     def _wait_for_rest(self, detector: RestDetector) -> Generator[float, None, Side | None]:
-        """The side that points down once the vehicle is held still; None: at an angle, or never still."""
+        """The side that points down once the vehicle is at rest; None: at an angle, or never at rest."""
         simulation = self._host.view.simulation
         begun_s = simulation.time_s
         while simulation.time_s - begun_s < NOBODY_HOLDS_STILL_S:
@@ -336,7 +336,7 @@ class CalibrationCommands:
         self._run(self._learn_quickly())
 
     def _learn_quickly(self) -> Steps:
-        """The vehicle is taken to stand level."""
+        """Calibrates on the assumption that the vehicle is level."""
         mean = yield from self._readings.mean(self._readings.accel, QUICK_SAMPLES)
         self._readings.store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))
 

@@ -1,4 +1,4 @@
-"""A command and its results as the vehicle sees them, whatever carried it (MAVLink, the console)."""
+"""A command and its results, independent of what carried it (MAVLink, ROS 2, the console)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCEL
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Number and parameters; p5 and p6 are degrees also where COMMAND_INT carried 1e7 degrees."""
+    """Number and parameters; p5 and p6 are in degrees, also of a COMMAND_INT."""
 
     number: int
     p1: float
@@ -33,11 +33,11 @@ class Command:
 
 
 Handler = Callable[[Command], int | None]
-"""Carries a command out; answers a MAV_RESULT, or None where PX4 stays silent."""
+"""Executes a command; returns a MAV_RESULT, or None if PX4 sends no reply."""
 
 
 class CommandHost(Protocol):
-    """What those who carry commands out are given: the vehicle, its time, and a way to answer once more."""
+    """Interface for command handlers: the vehicle, delayed actions, and later acknowledgements."""
 
     autopilot: Autopilot
     view: VehicleView
@@ -48,20 +48,20 @@ class CommandHost(Protocol):
         ...
 
     def later(self, action: Callable[[], None]) -> None:
-        """Run before the next tick."""
+        """Runs an action before the next tick."""
         ...
 
     def after(self, seconds: float, action: Callable[[], None]) -> None:
-        """Run once, this much simulated time from now."""
+        """Runs an action once after a simulated time."""
         ...
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Answer a command; `progress` in percent, 255 where it is not known."""
+        """Acknowledges a command; `progress` in percent, 255: unknown."""
         ...
 
 
 def execute(host: CommandHost, handlers: Mapping[int, Handler], command: Command) -> None:
-    """Carry a command out and answer it; texts about it go out after the answer."""
+    """Executes a command and acknowledges it; its texts are sent after the acknowledgement."""
     handler = handlers.get(command.number)
     announcer = host.autopilot.announcer
     announcer.hold()

@@ -1,7 +1,7 @@
-"""INJECT_FAILURE as PX4's simulated vehicle answers it.
+"""INJECT_FAILURE as in PX4's simulation.
 
-The battery can be emptied. Motor failures are acknowledged without an effect on the flight: in PX4 they only
-mask the reports of the speed controllers, and this vehicle has none. Sensors and all other units get no
+The battery can be discharged. Motor failures are acknowledged without an effect on the flight: in PX4 they
+only mask the reports of the speed controllers, and this vehicle has none. Sensors and all other units get no
 answer, as in PX4. Use a fault script for other failures.
 """
 

@@ -17,7 +17,7 @@ from vehicle_sim.commands.command import (
     CommandHost,
     Handler,
 )
-from vehicle_sim.geodesy import is_place
+from vehicle_sim.geodesy import is_position
 
 NO_ANSWER = frozenset(
     {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
@@ -25,7 +25,7 @@ NO_ANSWER = frozenset(
 )  # fmt: skip
 """PX4 sends no acknowledgement for these: no module handles them, or the one that does sends none."""
 ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
-"""Of these without an effect here: no actuator sets, no fixed-wing landing to break off, no log stream."""
+"""Commands without effect here: actuator sets, aborted fixed-wing landing, log stream."""
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
 TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
 REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
@@ -34,10 +34,10 @@ RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
 GRIPPER, AUTOTUNE, EXTERNAL_POSITION, EXTERNAL_WIND = 211, 212, 43003, 43004
 VTOL_TAKEOFF = 84
 SET_NAV_STATE = 100_001
-"""Inside PX4 and over ROS 2 only: the number is too large for MAVLink."""
+"""Command inside PX4 and over ROS 2 only, because its number is too large for MAVLink."""
 FORCE = 21196
 AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
-"""Of MAV_MODE_FLAG."""
+"""MAV_MODE_FLAG."""
 FIRST_MOTOR, FIRST_SERVO, MOTORS, SERVOS, OWN_FUNCTIONS = 1, 33, 12, 8, 1000
 """ACTUATOR_OUTPUT_FUNCTION; from 1000 on PX4's own numbers follow."""
 LOAD, SAVE = 0, 1
@@ -46,20 +46,20 @@ STORAGE_RESETS = {
     3: (("CAL_ACC*", "CAL_GYRO*", "CAL_MAG*"), ()),
     4: (("*",), ()),
 }
-"""param1 of PREFLIGHT_STORAGE: which parameters become their defaults, and which of them do not."""
+"""param1 of PREFLIGHT_STORAGE: parameters to reset, and exceptions from them."""
 GRIPPER_S = 1.0
-"""PD_GRIPPER_TO: a gripper that tells nothing is taken to be done after it."""
+"""PD_GRIPPER_TO: a gripper without feedback counts as done after this time."""
 ALTITUDE_LIMIT_M = 100_000.0
-"""Beyond it no message could carry the altitude."""
+"""Largest altitude that messages can contain."""
 INT32_MAX = 0x7FFFFFFF
 REPOSITION_CHANGE_MODE = 1
-"""The only flag of DO_REPOSITION that PX4 knows, and it has to be set."""
-TOLD_OF_REFUSALS = 190
-"""PX4 tells refused DO_SET_MODE to the component of ground stations only."""
+"""The only flag of DO_REPOSITION that PX4 supports; it must be set."""
+REFUSAL_COMPONENT = 190
+"""PX4 reports a refused DO_SET_MODE only to this component, which ground stations have."""
 
 
 class FlightCommands:
-    """The commands that the commander and the navigator carry out."""
+    """The commands that the commander and the navigator execute."""
 
     def __init__(self, host: CommandHost) -> None:
         self._host = host
@@ -123,7 +123,7 @@ class FlightCommands:
         base = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
         if not base & CUSTOM_FLAG:
             mode = _mode_of_flags(base)
-            return ACCEPTED if mode is None else self._switch(mode, told=c.sender[1] == TOLD_OF_REFUSALS)
+            return ACCEPTED if mode is None else self._switch(mode, told=c.sender[1] == REFUSAL_COMPONENT)
         main = int(c.p2) if math.isfinite(c.p2) else 0
         sub = int(c.p3) if math.isfinite(c.p3) else 0
         try:
@@ -133,7 +133,7 @@ class FlightCommands:
             return TEMPORARILY_REJECTED
         if mode is None:
             return ACCEPTED
-        return self._switch(mode, told=c.sender[1] == TOLD_OF_REFUSALS)
+        return self._switch(mode, told=c.sender[1] == REFUSAL_COMPONENT)
 
     def _switch(self, mode: NavState, *, told: bool = True) -> int:
         if self._commander.set_mode(mode):
@@ -147,7 +147,8 @@ class FlightCommands:
         return FAILED if mode is None else self._switch(mode, told=False)
 
     def _set_nav_state(self, c: Command) -> int:
-        """PX4 takes any number while disarmed and then has no such mode; here the mode stays as it is."""
+        """Handles SET_NAV_STATE; an unknown number, which PX4 accepts while disarmed, does not change the
+        mode."""
         try:
             mode = NavState(int(c.p1) if math.isfinite(c.p1) else 0)
         except ValueError:
@@ -207,7 +208,7 @@ class FlightCommands:
         return result
 
     def _change_altitude(self, c: Command) -> int:
-        """Hold, at another altitude above sea level [m], over where the vehicle comes to rest."""
+        """Holds at another altitude AMSL [m], above the position where the vehicle stops."""
         outside = self._leaves_fence(math.nan, math.nan, c.p1)
         result = self._switch(NavState.HOLD)
         if result != ACCEPTED or not self._commander.armed:
@@ -223,7 +224,7 @@ class FlightCommands:
     def _leaves_fence(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
         estimate = self._host.view.estimate
         here = estimate.lat_deg, estimate.lon_deg
-        lat, lon = (lat_deg, lon_deg) if is_place(lat_deg, lon_deg) else here
+        lat, lon = (lat_deg, lon_deg) if is_position(lat_deg, lon_deg) else here
         alt = alt_amsl_m if math.isfinite(alt_amsl_m) else estimate.alt_amsl_m
         return math.isfinite(lat) and not self._navigator.fence.allows(lat, lon, alt)
 
@@ -255,7 +256,7 @@ class FlightCommands:
         return ACCEPTED if started else TEMPORARILY_REJECTED
 
     def _go_to_landing(self, c: Command) -> int:
-        """DO_LAND_START: on with the mission where its landing begins."""
+        """DO_LAND_START: continues the mission at the start of its landing."""
         start = self._navigator.mission.landing_start
         if start is None:
             return CANCELLED
@@ -303,7 +304,7 @@ class FlightCommands:
         return None
 
     def _autotune(self, c: Command) -> int:
-        """PX4 only notes the wish while it stands on the ground; the tuning itself is not simulated."""
+        """PX4 accepts it on the ground; the tuning itself is not simulated."""
         if self._commander.armed:
             self._announcer.text(4, "Autotuning is not simulated")
             return UNSUPPORTED
@@ -316,14 +317,14 @@ class FlightCommands:
 
 
 def _rounded(value: float) -> int:
-    """To the nearest whole number, halves away from zero; 0 for NaN, as recorded."""
+    """The nearest whole number, halves away from zero; 0 for NaN, as recorded on PX4."""
     if math.isnan(value):
         return 0
     return int(math.copysign(math.floor(min(abs(value), INT32_MAX) + 0.5), value))
 
 
 def _mode_of_flags(base: int) -> NavState | None:
-    """What the old base modes ask for, without a mode of PX4's own."""
+    """The mode of the deprecated base mode flags, without a PX4 custom mode."""
     if base & AUTO_FLAG:
         return NavState.MISSION
     if not base & MANUAL_FLAG:

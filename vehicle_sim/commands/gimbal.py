@@ -1,4 +1,4 @@
-"""The gimbal manager's commands (protocol version 2), and what PX4 still takes of the old mount commands."""
+"""The gimbal manager's commands (protocol version 2), and the deprecated mount commands that PX4 accepts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class GimbalCommands:
         }
 
     def configure(self, command: Command) -> int | None:
-        """Take, give or release control; the secondary is never kept."""
+        """Takes, passes on or releases control; the secondary controller is not stored."""
         if not self._gimbal.enabled:
             return None
         system = _whole(command.p1)
@@ -39,7 +39,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def pitch_yaw(self, command: Command) -> int | None:
-        """Angles and rates in degrees."""
+        """Sets angles or rates, in degrees."""
         if not self._gimbal.enabled:
             return None
         if not self._gimbal.controls(command.sender):
@@ -64,7 +64,8 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
-        """The old region-of-interest command: PX4 keeps its mode only, and points at 0 N 0 E at sea level."""
+        """The deprecated region-of-interest command: PX4 uses only its mode, and points at 0 N 0 E at sea
+        level."""
         if _whole(command.p1) == 3:
             self._gimbal.look_at(0.0, 0.0, 0.0)
         if _whole(command.p1) == 0:
@@ -72,7 +73,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def mount(self, command: Command) -> int | None:
-        """The old mount command; needs no control."""
+        """The deprecated mount command; needs no control."""
         if not self._gimbal.enabled:
             return None
         mode = _whole(command.p7)

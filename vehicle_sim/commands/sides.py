@@ -1,7 +1,7 @@
-"""Detects which side of a vehicle points down and whether it is held still, for calibrations by sides.
+"""Detects which side of a vehicle points down and whether it is at rest, for calibrations by sides.
 
-From the accelerometer alone, as PX4's calibration routines find out: a moving average, the largest
-deviation from it that slowly fades, and a time for which that must stay small.
+As in PX4 it uses only the accelerometer: a moving average, a decaying maximum of the deviation from it, and a
+time for which the deviation must be small.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from vehicle_sim.frames import GRAVITY_M_S2
 
 AVERAGE_S = 0.5
-"""Time constant of the average and of the fading."""
+"""Time constant of the average and of the decay."""
 STILL_M_S2 = 0.25
-"""A smaller deviation counts as rest, twice as much as motion."""
+"""A smaller deviation counts as rest, twice this value as motion."""
 ORIENTED_WITHIN_M_S2 = 5.0
 SMOOTHING_S = 1.0 / (2.0 * math.pi * 30.0)
-"""The readings pass IMU_ACCEL_CUTOFF (30 Hz) first."""
+"""Time constant of the low-pass filter IMU_ACCEL_CUTOFF (30 Hz)."""
 
 FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -67,7 +67,7 @@ class Rest(Enum):
     BEGAN = auto()
     BROKEN = auto()
     STILL = auto()
-    """For long enough."""
+    """At rest for long enough."""
 
 
 class RestDetector:
@@ -83,7 +83,7 @@ class RestDetector:
         self._limit = (tolerance * STILL_M_S2) ** 2
         self._smooth = self._average = (0.0, 0.0, 0.0)
         self._deviation = (0.0, 0.0, 0.0)
-        """Squared [m²/s⁴]."""
+        """Squared deviation [m²/s⁴]."""
         self._resting_s: float | None = None
 
     def feed(self, accel_frd_m_s2: Vector, dt_s: float) -> Rest:
@@ -111,7 +111,7 @@ class RestDetector:
 
     @property
     def side(self) -> Side | None:
-        """Which points down; None: held at an angle."""
+        """The side that points down; None: held at an angle."""
         for side in Side:
             rest = [0.0, 0.0, 0.0]
             rest[side.axis] = side.sign * GRAVITY_M_S2
@@ -121,10 +121,10 @@ class RestDetector:
 
 
 def offset_and_scale(sides: Mapping[Side, FloatArray]) -> tuple[FloatArray, FloatArray] | None:
-    """Of an accelerometer measured on all sides; None: the readings fit no accelerometer.
+    """Offset and scale of an accelerometer measured on all sides; None: the readings are implausible.
 
-    The offset of an axis is what remains of its two opposite readings; the scales are the diagonal of the
-    matrix that turns the three positive readings into gravity.
+    The offset of an axis is the mean of its two opposite readings. The scales are the diagonal of the matrix
+    that maps the three positive readings to gravity.
     """
     up = [side for side in Side if side.sign > 0.0]
     down = [side for side in Side if side.sign < 0.0]

@@ -3,7 +3,7 @@
 import pytest
 
 from vehicle_sim import options
-from vehicle_sim.crew import VEHICLES_A_PROCESS, Share, processes_for, shares
+from vehicle_sim.crew import VEHICLES_PER_PROCESS, Share, processes_for, shares
 from vehicle_sim.simulation import row_east
 
 
@@ -25,7 +25,7 @@ def test_they_stand_where_one_process_would_put_them() -> None:
 
 
 def test_few_vehicles_stay_in_one_process() -> None:
-    assert processes_for(1) == processes_for(VEHICLES_A_PROCESS) == 1
+    assert processes_for(1) == processes_for(VEHICLES_PER_PROCESS) == 1
     assert shares(3, 1) == [Share(0, 3)]
 
 

@@ -6,7 +6,7 @@ import math
 
 from vehicle_sim.autopilot.mission.items import ROI, ROI_LOCATION, ROI_NEXT_WAYPOINT, ROI_NONE, Item
 from vehicle_sim.autopilot.path import Path
-from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
@@ -38,7 +38,7 @@ class Heading:
 
     def look_at(self, lat_deg: float, lon_deg: float) -> None:
         """Turn the nose to a place."""
-        if is_place(lat_deg, lon_deg):
+        if is_position(lat_deg, lon_deg):
             origin_lat, origin_lon, _ = self._view.origin
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             self._place = (float(n), float(e))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from vehicle_sim.autopilot.path import TICK_S, Path
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.frames import wrap_angle
-from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -75,7 +75,7 @@ class Follow:
         self, lat_deg: float, lon_deg: float, alt_amsl_m: float, velocity_ned_m_s: tuple[float, float, float]
     ) -> None:
         """Stores a message; a message without a position is ignored."""
-        if is_place(lat_deg, lon_deg) and math.isfinite(alt_amsl_m):
+        if is_position(lat_deg, lon_deg) and math.isfinite(alt_amsl_m):
             vn, ve, vd = (each if math.isfinite(each) else 0.0 for each in velocity_ned_m_s)
             self._heard = TargetMessage(self._view.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
 

@@ -9,7 +9,7 @@ from enum import IntEnum
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.path import TICK_S, Path
 from vehicle_sim.autopilot.row import SetpointRow
-from vehicle_sim.geodesy import is_place, to_local
+from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.vehicle_view import VehicleView
 
 ON_CIRCLE_M = 2.0
@@ -79,7 +79,7 @@ class Orbit:
         north, east, down = self._path.position_ned_m
         lat_deg, lon_deg, alt_amsl_m = lat_lon_alt
         origin_lat, origin_lon, origin_alt = self._view.origin
-        if is_place(lat_deg, lon_deg):
+        if is_position(lat_deg, lon_deg):
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             north, east = float(n), float(e)
         if math.isfinite(alt_amsl_m) and math.isfinite(origin_alt):
