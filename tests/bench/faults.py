@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from . import fault_recordings, fault_replay
 from .fault_recordings import Course, Scenario
@@ -48,6 +49,9 @@ ALIKE_FOR_S = {
 }  # fmt: skip
 """So long PX4's own runs are alike; then it is chance whether a loop runs away north or south, whether the
 barometer is believed, or whether the fix comes back before the ground does."""
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "simulator.md"
+HEADER = "| fault | moments | outside | errors and accuracies | outside | the first outside | why |"
+"""Of the table there that gives each fault outside its limits a reason."""
 SIDE_BY_SIDE = 24
 """So many faults fly together."""
 
@@ -145,24 +149,56 @@ def compare_all(scenarios: list[Scenario], seed: int = 0, times: int = 1) -> lis
     return sorted(found, key=lambda each: each.name)
 
 
-def rows(comparisons: list[Comparison]) -> Iterator[str]:
-    """The table: a line a fault, what is outside named."""
-    yield "| fault | moments | outside | errors and accuracies | outside | the first outside |"
-    yield "|---|---|---|---|---|---|"
+def reasons(document: str) -> dict[str, str]:
+    """Why a fault is outside its limits, by its name, as the documentation's table says.
+
+    Raises:
+        ValueError: a row without a reason, or two for one fault.
+    """
+    found: dict[str, str] = {}
+    lines = itertools.takewhile(
+        lambda line: line.startswith("|"), document.split(HEADER, 1)[1].splitlines()[2:]
+    )
+    for line in lines:
+        name, *_, why = (cell.strip() for cell in line.strip()[1:-1].split("|"))
+        if name in found or not why:
+            raise ValueError(f"docs/simulator.md: give {name} one row, with a reason in its last column")
+        found[name] = why
+    return found
+
+
+def rows(comparisons: list[Comparison], why: dict[str, str]) -> Iterator[str]:
+    """The table: a line for each fault that is outside its limits, and what is wrong with its reasons.
+
+    Args:
+        comparisons: of all flights, sorted by name.
+        why: `reasons` of the documentation.
+    """
+    yield HEADER
+    yield "|---" * 7 + "|"
     flights = {
         name: list(group) for name, group in itertools.groupby(comparisons, key=lambda each: each.name)
     }
+    outside: set[str] = set()
     for name, group in flights.items():
+        first = next((each for flight in group for each in (*flight.late, *flight.off)), None)
+        if first is None:
+            continue
+        outside.add(name)
         late, off = (
             " and ".join(str(len(each)) for each in kind)
             for kind in ([flight.late for flight in group], [flight.off for flight in group])
         )
-        outside = next((each for flight in group for each in (*flight.late, *flight.off)), None)
-        told = "" if outside is None else _words(outside)
-        yield f"| {name} | {group[0].moments} | {late} | {group[0].numbers} | {off} | {told} |"
+        reason = why.get(name, "NO REASON: give it a row in docs/simulator.md")
+        compared = group[0].moments, late, group[0].numbers, off
+        yield f"| {name} | {' | '.join(map(str, compared))} | {_words(first)} | {reason} |"
     moments, late = sum(each.moments for each in comparisons), sum(len(each.late) for each in comparisons)
     numbers, off = sum(each.numbers for each in comparisons), sum(len(each.off) for each in comparisons)
-    yield f"| all {len(flights)}, {len(comparisons)} flights | {moments} | {late} | {numbers} | {off} | |"
+    yield ""
+    yield f"{len(flights)} faults, {len(comparisons)} flights: of {moments} moments {late} are outside,"
+    yield f"of {numbers} errors and accuracies {off}."
+    for name in sorted(set(why) & set(flights) - outside):
+        yield f"STALE: {name} is within its limits; take its row out of docs/simulator.md."
 
 
 def _words(outside: Outside) -> str:
@@ -178,4 +214,4 @@ def table() -> Iterator[str]:
     if not fault_recordings.FAULTS.is_dir():
         yield "not measured: the recordings are not beside this repository"
         return
-    yield from rows(measure())
+    yield from rows(measure(), reasons(DOCUMENT.read_text(encoding="utf-8")))

@@ -1,0 +1,41 @@
+"""A recorded fault that the simulator does not repeat within its limits has a documented reason."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.bench import fault_recordings
+from tests.bench.faults import DOCUMENT, HEADER, Comparison, Outside, reasons, rows
+
+ROW = "| gps_lost_hold | 24 | 0 and 1 | 72 | 0 and 0 | text | chance |"
+LATE = Outside("xy_valid=0", 7.0, (5.0, 5.1))
+
+
+def document(*lines: str) -> str:
+    return "\n".join(("text", "", HEADER, "|---" * 7 + "|", *lines, "", "| another | table |"))
+
+
+def test_the_documentation_gives_every_row_a_reason_and_names_recorded_faults():
+    found = reasons(DOCUMENT.read_text(encoding="utf-8"))
+    assert found
+    if fault_recordings.FAULTS.is_dir():
+        assert set(found) <= set(fault_recordings.names())
+
+
+@pytest.mark.parametrize("lines", [(ROW, ROW), (ROW.replace("chance", " "),)])
+def test_a_row_without_a_reason_or_a_second_row_is_an_error(lines):
+    with pytest.raises(ValueError, match="gps_lost_hold"):
+        reasons(document(*lines))
+
+
+def test_the_table_says_which_fault_has_no_reason_and_which_reason_is_stale():
+    why = reasons(document(ROW))
+    outside = Comparison("baro_stuck_hold", 3, 9, (LATE,), ())
+    within = Comparison("gps_lost_hold", 24, 72, (), ())
+    text = "\n".join(rows([outside, within], why))
+    assert "| baro_stuck_hold | 3 | 1 | 9 | 0 | xy_valid=0: 7.00, PX4 5.00 and 5.10 | NO REASON" in text
+    assert "STALE: gps_lost_hold" in text
+    late = Comparison("gps_lost_hold", 24, 72, (LATE,), ())
+    text = "\n".join(rows([late], why))
+    assert "chance |" in text
+    assert "STALE" not in text
