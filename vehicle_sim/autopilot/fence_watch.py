@@ -49,10 +49,10 @@ class FenceWatch:
             self._revision = self._plans.revision(FENCE)
             self.zones = read_zones(self._plans.items(FENCE))
             self._check_against_home()
-        now_s, estimate = self._view.time_s, self._view.estimate
+        now_s = self._view.time_s
         if now_s - self._checked_at_s < INTERVAL_S:
             return
-        self._checked_at_s = now_s
+        self._checked_at_s, estimate = now_s, self._view.estimate
         if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return
         lat, lon, alt = self._point()

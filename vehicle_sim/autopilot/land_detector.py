@@ -12,6 +12,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
+import numpy as np
+
+from vehicle_sim.kernels import Column, formula, kernel
+
 
 class LandedState(IntEnum):
     """MAV_LANDED_STATE."""
@@ -71,83 +75,103 @@ class Limits:
     thrust_min_by_hand: float
 
 
+_CONTACT, _MAYBE, _LANDED, _LEAST_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
+"""Where a detector's conditions stand: each whether it has held for long enough, and since when it holds [s];
+and whether the range finder has seen the ground once, so that its silence means something."""
+_CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _THRUST_MIN_BY_HAND = range(6)
+
+
 class LandDetector:
     """State of one vehicle."""
 
     def __init__(self) -> None:
-        self._contact, self._maybe, self._landed = _Held(), _Held(), _Held()
-        self._least_thrust = _Held()
-        self._sees_ground = False
-        """The range finder has seen the ground once: its silence means something."""
+        self._state = np.array([1.0, -math.inf] * 4 + [0.0])
+        self._numbers = self._state.data.cast("B").cast("d")
+        self._limits: Limits | None = None
+        self._limit_numbers = np.zeros(6)
 
     @property
     def ground_contact(self) -> bool:
         """Something carries it."""
-        return self._contact.state
+        return self._numbers[_CONTACT] != 0.0
 
     @property
     def maybe_landed(self) -> bool:
         """And it stands still without thrust."""
-        return self._maybe.state
+        return self._numbers[_MAYBE] != 0.0
 
     @property
     def landed(self) -> bool:
         """For long enough."""
-        return self._landed.state
+        return self._numbers[_LANDED] != 0.0
 
     def update(self, now_s: float, motion: Motion, limits: Limits) -> None:
         """Look again; call at 50 Hz."""
-        unseen = math.isnan(motion.height_above_ground_m)
-        self._sees_ground |= not unseen
-        factor = UNSEEN_GROUND_FACTOR if self._sees_ground and unseen else 1.0
-        stage_s = limits.trigger_s / 3.0 * factor
-        disarmed = not motion.armed
-        self._contact.update(now_s, disarmed or self._touches(motion, limits), stage_s)
-        self._maybe.update(now_s, disarmed or self._rests(now_s, motion, limits), stage_s)
-        self._landed.update(now_s, disarmed or self.maybe_landed, stage_s)
-
-    def _touches(self, motion: Motion, limits: Limits) -> bool:
-        slack = LANDED_SLACK if self.landed else 1.0
+        if limits is not self._limits:
+            self._limits = limits
+            self._limit_numbers[:] = (
+                limits.climb_max_m_s, limits.horizontal_max_m_s, limits.rotation_max_rad_s, limits.trigger_s,
+                limits.thrust_min, limits.thrust_min_by_hand,
+            )  # fmt: skip
         vn, ve, vd = motion.velocity_ned_m_s
-        slowest = min(abs(vd), abs(motion.down_by_position_m_s))
-        moves = (
-            not motion.vertical_known
-            or slowest >= limits.climb_max_m_s * slack
-            or math.hypot(vn, ve) > limits.horizontal_max_m_s
-        )
-        part = LOW_THRUST_KNOWN_HOVER if motion.hover_thrust_known else LOW_THRUST
-        low_thrust = motion.thrust <= _above_least(limits.thrust_min, motion.hover_thrust, part)
-        down = motion.asked_down_m_s >= DESCENT_MARGIN * limits.climb_max_m_s
-        meant = not motion.climb_rate_controlled or down or self.maybe_landed or self.landed
-        near = not motion.height_above_ground_m >= NEAR_GROUND_M
-        return near and low_thrust and meant and not moves
-
-    def _rests(self, now_s: float, motion: Motion, limits: Limits) -> bool:
-        least = limits.thrust_min_by_hand + 0.01
-        if motion.climb_rate_controlled:
-            least = _above_least(limits.thrust_min, motion.hover_thrust, MINIMUM_THRUST)
-        idle = motion.thrust <= least
-        self._least_thrust.update(now_s, idle, NO_HEIGHT_S)
-        p, q, _ = motion.rates_frd_rad_s
-        rotates = math.hypot(p, q) > limits.rotation_max_rad_s * (LANDED_SLACK if self.landed else 1.0)
-        carried = self.ground_contact if motion.vertical_known else self._least_thrust.state
-        return idle and not rotates and carried
+        roll_rate, pitch_rate, _ = motion.rates_frd_rad_s
+        _look(
+            self._state, self._limit_numbers, now_s, motion.armed, motion.thrust, motion.hover_thrust,
+            motion.hover_thrust_known, vn, ve, vd, motion.down_by_position_m_s, motion.vertical_known,
+            roll_rate, pitch_rate, motion.height_above_ground_m, motion.climb_rate_controlled,
+            motion.asked_down_m_s,
+        )  # fmt: skip
 
 
-class _Held:
-    """True once its condition has held for a while, false as soon as it does not."""
-
-    def __init__(self) -> None:
-        self.state = True
-        self._since_s = -math.inf
-
-    def update(self, now_s: float, condition: bool, for_s: float) -> None:
-        if not condition:
-            self.state, self._since_s = False, math.inf
-            return
-        self._since_s = min(self._since_s, now_s)
-        self.state = self.state or now_s - self._since_s >= for_s
+@formula
+def _hold(state: Column, which: int, now_s: float, condition: bool, for_s: float) -> None:
+    """True once the condition has held for a while, false as soon as it does not."""
+    if not condition:
+        state[which], state[which + 1] = 0.0, math.inf
+        return
+    state[which + 1] = min(state[which + 1], now_s)
+    if now_s - state[which + 1] >= for_s:
+        state[which] = 1.0
 
 
+@formula
 def _above_least(least: float, hover: float, part: float) -> float:
     return least + (hover - least) * part
+
+
+@kernel
+def _look(
+    state: Column, limits: Column, now_s: float, armed: bool, thrust: float, hover_thrust: float,
+    hover_known: bool, vn: float, ve: float, vd: float, down_by_position: float, vertical_known: bool,
+    roll_rate: float, pitch_rate: float, height_m: float, climb_rate_controlled: bool, asked_down: float,
+) -> None:  # fmt: skip
+    unseen = math.isnan(height_m)
+    if not unseen:
+        state[_SEES_GROUND] = 1.0
+    factor = UNSEEN_GROUND_FACTOR if unseen and state[_SEES_GROUND] != 0.0 else 1.0
+    stage_s = limits[_TRIGGER] / 3.0 * factor
+    slack = LANDED_SLACK if state[_LANDED] != 0.0 else 1.0
+
+    slowest = min(abs(vd), abs(down_by_position))
+    moves = (
+        not vertical_known
+        or slowest >= limits[_CLIMB_MAX] * slack
+        or math.hypot(vn, ve) > limits[_HORIZONTAL_MAX]
+    )
+    part = LOW_THRUST_KNOWN_HOVER if hover_known else LOW_THRUST
+    low_thrust = thrust <= _above_least(limits[_THRUST_MIN], hover_thrust, part)
+    down = asked_down >= DESCENT_MARGIN * limits[_CLIMB_MAX]
+    meant = not climb_rate_controlled or down or state[_MAYBE] != 0.0 or state[_LANDED] != 0.0
+    near = not height_m >= NEAR_GROUND_M
+    _hold(state, _CONTACT, now_s, not armed or (near and low_thrust and meant and not moves), stage_s)
+
+    least = limits[_THRUST_MIN_BY_HAND] + 0.01
+    if climb_rate_controlled:
+        least = _above_least(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
+    idle = thrust <= least
+    if armed:
+        _hold(state, _LEAST_THRUST, now_s, idle, NO_HEIGHT_S)
+    rotates = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * slack
+    carried = state[_CONTACT] != 0.0 if vertical_known else state[_LEAST_THRUST] != 0.0
+    _hold(state, _MAYBE, now_s, not armed or (idle and not rotates and carried), stage_s)
+    _hold(state, _LANDED, now_s, not armed or state[_MAYBE] != 0.0, stage_s)

@@ -45,7 +45,7 @@ class Monitors:
         """Look at everything once."""
         if not armed:
             self._forget()
-        self._attitude(armed)
+        self._attitude()
         self._flight_time(armed=armed, landed=landed)
         self._wind(landed)
 
@@ -53,16 +53,18 @@ class Monitors:
         self.flight_time_over = False
         self._took_off_at_s, self._warned_s = math.nan, math.inf
 
-    def _attitude(self, armed: bool) -> None:
+    def _attitude(self) -> None:
         estimate = self._view.estimate
-        self.roll_failure = self._tilted("FD_FAIL_R", estimate.roll_rad)
-        self.pitch_failure = self._tilted("FD_FAIL_P", estimate.pitch_rad)
+        roll_deg, pitch_deg = math.degrees(estimate.roll_rad), math.degrees(estimate.pitch_rad)
+        self.roll_failure = self._tilted("FD_FAIL_R", roll_deg)
+        self.pitch_failure = self._tilted("FD_FAIL_P", pitch_deg)
         self.attitude_failure = self.roll_failure or self.pitch_failure
 
-    def _tilted(self, name: str, angle_rad: float) -> bool:
+    def _tilted(self, name: str, angle_deg: float) -> bool:
         limit_deg = self._view.parameter(name)
-        if limit_deg <= 0.0 or abs(angle_rad) <= math.radians(limit_deg):
-            self._tilted_since_s.pop(name, None)
+        if limit_deg <= 0.0 or abs(angle_deg) <= limit_deg:
+            if self._tilted_since_s:
+                self._tilted_since_s.pop(name, None)
             return False
         since_s = self._tilted_since_s.setdefault(name, self._view.time_s)
         return self._view.time_s - since_s >= self._view.parameter(name + "_TTRI")

@@ -10,7 +10,7 @@ import math
 from vehicle_sim.autopilot.resets import EstimateResets
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
-from vehicle_sim.autopilot.trajectory import YawRamp, fly
+from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, fly
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
@@ -202,12 +202,12 @@ class Path:
     def write(self) -> None:
         """Turn, and hand the trajectory to the controllers."""
         self.turn()
-        x, y, z = self.x, self.y, self.z
+        x, y, z = self.x.values, self.y.values, self.z.values
         yaw_rad = self.yaw.yaw_ned_rad if self._steers_heading else math.nan
         self._row.trajectory(
-            (x.position_m, y.position_m, z.position_m),
-            (x.velocity_m_s, y.velocity_m_s, z.velocity_m_s),
-            (x.acceleration_m_s2, y.acceleration_m_s2, z.acceleration_m_s2),
+            (x[POSITION], y[POSITION], z[POSITION]),
+            (x[VELOCITY], y[VELOCITY], z[VELOCITY]),
+            (x[ACCELERATION], y[ACCELERATION], z[ACCELERATION]),
             yaw_rad,
             self.yaw.rate_rad_s,
         )

@@ -17,6 +17,8 @@ class Plans:
     def __init__(self) -> None:
         self._items: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
         self._revisions = {MISSION: 0, FENCE: 0, RALLY: 0}
+        self.changes = 0
+        """Rises with every change of any of them."""
         self.start_seq = 0
         """The mission item that the newest upload marked as current."""
 
@@ -24,6 +26,7 @@ class Plans:
         """Replace a plan by MISSION_ITEM_INT fields."""
         self._items[kind] = tuple(read(fields) for fields in items)
         self._revisions[kind] += 1
+        self.changes += 1
         if kind == MISSION:
             marked = [seq for seq, fields in enumerate(items) if fields["current"]]
             self.start_seq = marked[-1] if marked else 0

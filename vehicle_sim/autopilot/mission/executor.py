@@ -81,6 +81,8 @@ class Mission:
         self._needs_takeoff = True
         self._disarmed_since = False
         self._judged: tuple[object, bool] = (None, False)
+        self._looked: tuple[object, ...] = ()
+        """What may change the judgement, as it was at the last look."""
 
     # --- the plan --------------------------------------------------------------------------------------
 
@@ -90,6 +92,10 @@ class Mission:
 
     def valid(self, *, landed: bool) -> bool:
         """Whether there is a mission that may be flown; says once why not."""
+        looked = self._plans.changes, self._home.set_at_us, self._home.valid, self._view.parameter_changes
+        if looked == self._looked:
+            return self._judged[1]
+        self._looked = looked
         key = (
             self._plans.revision(MISSION), self._plans.revision(FENCE), self._home.set_at_us,
             self._home.valid, self._fence.limits(),
