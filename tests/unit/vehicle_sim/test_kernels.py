@@ -1,0 +1,126 @@
+"""Compiled loops: each equals the plain statement of its formula, and every vehicle is its own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vehicle_sim import frames, kernels, rotations
+from vehicle_sim.estimator.kalman import ACCEL_BIAS, GYRO_BIAS, POSITION, SIZE, UNUSED, VELOCITY, Kalman
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.simulation import Simulation
+from vehicle_sim.state import estimates_of
+
+GENERATOR = np.random.default_rng(4)
+VEHICLES = 3
+
+
+def attitudes() -> np.ndarray:
+    return frames.normalized(GENERATOR.normal(size=(VEHICLES, 4)))
+
+
+def kalman() -> Kalman:
+    """Filters whose covariances are positive and full."""
+    made = Kalman(VEHICLES, 0.008, attitudes())
+    for i in range(VEHICLES):
+        made.configure(i, Parameters())
+    roots = GENERATOR.normal(size=(VEHICLES, SIZE, SIZE)) * 0.1
+    made.covariance[:] = roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(SIZE)
+    return made
+
+
+def test_rotations_are_those_of_whole_fleets() -> None:
+    q, other, vector = attitudes(), attitudes(), GENERATOR.normal(size=(VEHICLES, 3))
+    matrix = np.zeros((3, 3))
+    for i in range(VEHICLES):
+        rotations.write_matrix(q[i], matrix)
+        assert matrix == pytest.approx(frames.rotation_matrix(q)[i])
+        assert rotations.product(*q[i], *other[i]) == pytest.approx(frames.quaternion_product(q, other)[i])
+        assert rotations.rotated(matrix, *vector[i]) == pytest.approx(matrix @ vector[i])
+        assert rotations.rotated_back(matrix, *vector[i]) == pytest.approx(matrix.T @ vector[i])
+        assert rotations.heading(q[i]) == pytest.approx(frames.yaw_of(q)[i])
+        turned = q[i].copy()
+        rotations.turn(turned, *(0.01 * vector[i]))
+        expected = frames.normalized(q + frames.quaternion_rate(q, 0.01 * vector))[i]
+        assert turned == pytest.approx(expected)
+
+
+def test_measurements_one_by_one_are_those_taken_at_once() -> None:
+    filters = kalman()
+    before, motion = filters.covariance.copy(), filters.vector.copy()
+    innovation = GENERATOR.normal(size=(VEHICLES, 6)) * 0.1
+    variance = GENERATOR.uniform(0.1, 1.0, (VEHICLES, 6))
+    variance[1, 2:] = UNUSED
+    variance[2] = np.inf
+    filters.fuse_states(VELOCITY, innovation, variance)
+    for i, used in enumerate((range(6), range(2), range(0))):
+        states = [VELOCITY + k for k in used]
+        total = before[i][np.ix_(states, states)] + np.diag(variance[i, list(used)])
+        gain = before[i][:, states] @ np.linalg.inv(total)
+        assert filters.covariance[i] == pytest.approx(before[i] - gain @ before[i][states], abs=1e-12)
+        change = (gain @ innovation[i, list(used)])[VELOCITY:GYRO_BIAS]
+        assert filters.vector[i, :6] == pytest.approx(motion[i, :6] + change, abs=1e-12)
+
+
+@pytest.mark.parametrize("measured", [1, 2, 3])
+def test_a_masked_gain_leaves_a_right_covariance(measured: int) -> None:
+    filters = kalman()
+    before = filters.covariance.copy()
+    sensitivity = GENERATOR.normal(size=(VEHICLES, measured, SIZE))
+    learns = np.ones((VEHICLES, SIZE))
+    learns[0, :POSITION] = 0.0
+    learns[2] = 0.0
+    seen, total = filters.sight(sensitivity, np.full(VEHICLES, 0.3))
+    filters.fuse_seen(seen, total, np.zeros((VEHICLES, measured)), learns)
+    for i in range(VEHICLES):
+        h = sensitivity[i]
+        gain = (
+            before[i] @ h.T @ np.linalg.inv(h @ before[i] @ h.T + 0.3 * np.eye(measured)) * learns[i][:, None]
+        )
+        left = np.eye(SIZE) - gain @ h
+        joseph = left @ before[i] @ left.T + 0.3 * gain @ gain.T
+        assert filters.covariance[i] == pytest.approx(joseph, abs=1e-12)
+
+
+def test_a_covariance_grows_by_the_transition_of_its_states() -> None:
+    filters = kalman()
+    before, dt_s = filters.covariance.copy(), 0.008
+    filters.predict(np.zeros((VEHICLES, 3)), GENERATOR.normal(size=(VEHICLES, 3)))
+    impulse = filters.gained - [0.0, 0.0, frames.GRAVITY_M_S2 * dt_s]
+    filters.catch_up()
+    for i in range(VEHICLES):
+        turned, lean = -dt_s * filters.matrix[i], np.cross(np.eye(3), impulse[i]).T
+        step = np.eye(SIZE)
+        step[:3, GYRO_BIAS:ACCEL_BIAS] = turned
+        step[VELOCITY:POSITION, :3], step[VELOCITY:POSITION, ACCEL_BIAS : ACCEL_BIAS + 3] = lean, turned
+        step[POSITION:GYRO_BIAS, :3] = 0.5 * dt_s * lean
+        step[POSITION:GYRO_BIAS, VELOCITY:POSITION] = dt_s * np.eye(3)
+        step[POSITION:GYRO_BIAS, ACCEL_BIAS : ACCEL_BIAS + 3] = 0.5 * dt_s * turned
+        grown = filters.covariance[i] - step @ before[i] @ step.T
+        assert grown == pytest.approx(np.diag(np.diag(grown)), abs=1e-12)
+        assert 0.0 <= np.diag(grown).max() < 1e-3
+
+
+def test_an_estimate_as_plain_numbers_is_the_row_of_the_arrays() -> None:
+    simulation = Simulation(2, yaw_ned_rad=np.array([0.3, -2.0]))
+    for _ in range(60):
+        simulation.step()
+    rows = estimates_of(simulation.estimate)
+    angles = frames.euler_of(simulation.estimate.q_ned_frd)
+    for i, row in enumerate(rows):
+        assert row.position_ned_m == tuple(simulation.estimate.position_ned_m[i])
+        assert (row.roll_rad, row.pitch_rad, row.yaw_ned_rad) == pytest.approx(angles[i])
+        assert row.valid_attitude is True
+
+
+def test_compiled_code_goes_where_it_can_be_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file = tmp_path / "a file, not a folder"
+    file.touch()
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(kernels, "PACKAGE", file)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = kernels._cache_folder()
+    assert folder is not None
+    assert folder.parent == tmp_path / "offboard-gcs"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(file))
+    assert kernels._cache_folder() is None
