@@ -104,7 +104,8 @@ def _note_setpoint(
 ) -> None:
     """Writes a line per second for a stream of setpoints: the newest one and their number."""
     now_s = station.clock.monotonic_s()
-    if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:  # by callers with a new name each time
+    # a caller that changes its name for each request must not fill the memory
+    if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:
         station.setpoints_noted.clear()
     key = (principal.key, vehicle_id, end[0])
     last_s, count = station.setpoints_noted.get(key, (float("-inf"), 0))

@@ -19,7 +19,7 @@ from gcs_server.scene.pose import VehiclePose
 from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, q_from_euler
 
 MAX_POINTS = 600
-"""Largest number of drawn path segments."""
+"""Largest number of drawn points of the path."""
 LEVEL_M = 0.01
 """Points nearer to each other than this (horizontally) define no direction."""
 

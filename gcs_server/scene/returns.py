@@ -12,9 +12,9 @@ from missions.avoidance.scans import STEEP, fresh
 from missions.frames import Quaternion, Vector3
 
 SHOWN_S = 2.5
-"""By default PX4 sends DISTANCE_SENSOR every two seconds."""
+"""How long a measured point is drawn [s]; by default PX4 sends DISTANCE_SENSOR every two seconds."""
 HALF_HEIGHT_M = 0.18
-"""Height of the stroke that marks a point [m]."""
+"""Half the height of the stroke that marks a point [m]."""
 
 
 def returns_of(

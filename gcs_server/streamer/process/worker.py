@@ -60,8 +60,8 @@ MAX_WAITING_BYTES = 8_000_000
 MAX_RUN_US = 1_000_000
 """With real-time priority: uninterrupted processor time after which the system kills the process."""
 MAX_SPELL_S, REST_S = 0.05, 0.005
-"""Share of processor time: streams that need more become late, so that the server still gets processor time.
-"""
+"""The worker pauses for REST_S after working for MAX_SPELL_S without a wait: overloaded streams become late,
+and the server still gets processor time [s]."""
 MAX_ROUTES_BYTES = 64
 
 Sent = tuple[int, int, bytes]

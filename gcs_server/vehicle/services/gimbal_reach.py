@@ -46,12 +46,13 @@ async def wait_until_stopped(
     read: Callable[[], GimbalReading | None],
     angles: tuple[float, float, bool],
 ) -> GimbalLimited | None:
-    """Waits until the gimbal is there or has stopped. None if it is there, still moves after
+    """Waits until the gimbal has reached the angles or has stopped. None if it has reached them, still moves
+    after
     `MAX_DURATION_S`, or does not report its attitude.
 
     Args:
-        vehicle: the gimbal's.
-        component_id: its manager's, which is asked for the attitude.
+        vehicle: the vehicle of the gimbal.
+        component_id: component of the gimbal's manager, which gets the requests for the attitude.
         read: returns the gimbal's newest report.
         angles: requested pitch and yaw [deg], and whether yaw is from north (yaw lock).
     """
