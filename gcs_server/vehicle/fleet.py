@@ -365,15 +365,13 @@ class Fleet(FrameSink):
         vehicle.disconnected(why)
         for callback in self._on_removed:
             callback(vehicle)
-        self._announce("vehicle_removed", f"Vehicle {vehicle.id} was removed: {why}", vehicle.id)
+        text = f"Vehicle {vehicle.id} was removed: {why}"
+        self.events.add("vehicle_removed", self._clock.unix_s(), text, vehicle=vehicle.id)
 
     def _forget(self, endpoint: Endpoint) -> None:
         self._endpoints.pop((endpoint.connection, endpoint.peer.name, endpoint.system_id), None)
 
     # --- events ---------------------------------------------------------------------------------
-
-    def _announce(self, kind: str, text: str, vehicle_id: str | None = None) -> None:
-        self.events.add(kind, self._clock.unix_s(), text, vehicle=vehicle_id)
 
     def _publish(self, event: Event) -> None:
         for callback in tuple(self._subscribers):
@@ -386,13 +384,8 @@ class Fleet(FrameSink):
         self._link_states[info.name] = now
         text = f"Link {info.name}: {info.state}{'. ' + info.detail if info.detail else ''}"
         severity = d.MAV_SEVERITY_WARNING if info.state == "waiting" else d.MAV_SEVERITY_INFO
-        self.events.add(
-            "link",
-            self._clock.unix_s(),
-            text,
-            severity=severity,
-            data={"link": info.name, "state": info.state},
-        )
+        data: dict[str, object] = {"link": info.name, "state": info.state}
+        self.events.add("link", self._clock.unix_s(), text, severity=severity, data=data)
 
     async def _run(self) -> None:
         while True:

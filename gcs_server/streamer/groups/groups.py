@@ -122,10 +122,7 @@ class Groups:
             return await self._change(group, changed, template)
 
     async def _change(
-        self,
-        group: Group,
-        changed: Mapping[str, Setpoint],
-        template: GroupOrder,
+        self, group: Group, changed: Mapping[str, Setpoint], template: GroupOrder
     ) -> GroupStatus:
         group_id, minimum_m, valid_for_s = group.id, template.minimum_separation_m, template.valid_for_s
         held = group.require_changeable(changed, self._guard(group)).held
@@ -135,9 +132,8 @@ class Groups:
         self._checks.check_setpoints(group.members, orders)
         left_s = self._checks.left_s(group.setpoints, changed)
         await self._checks.check_apart(minimum_m, group.members, orders, held, left_s + valid_for_s)
-        held = group.require_changeable(
-            changed, self._guard(group)
-        ).held  # the vehicles have flown on meanwhile
+        # the vehicles have flown on meanwhile
+        held = group.require_changeable(changed, self._guard(group)).held
         self._checks.check_setpoints(group.members, orders)
         self._checks.check_apart_now(minimum_m, group.members, orders, held)
         left_s = self._checks.left_s(group.setpoints, changed)
@@ -394,10 +390,8 @@ class Groups:
         return group
 
     def _group_of(self, vehicle_id: str) -> Group | None:
-        for group in self._groups.values():
-            if vehicle_id in group.members and group.state != "ended":
-                return group
-        return None
+        groups = self._groups.values()
+        return next((g for g in groups if vehicle_id in g.members and g.state != "ended"), None)
 
     def _forget_old(self) -> None:
         ended = [group.id for group in self._groups.values() if group.state == "ended"]

@@ -117,8 +117,7 @@ class VehicleStream:
             self._phase_until_s = self._since_s + self.order.duration_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Stops at once and requests Hold (Land if no position can be held), not the order's expiry
-        action."""
+        """Stops at once and requests Hold, or Land if no position can be held; `on_expiry` does not apply."""
         if self.phase in ("streaming", "holding") and self._requested_mode is None:
             self._why = why
             self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
@@ -141,9 +140,7 @@ class VehicleStream:
             self._enter("undoing", now_s, UNDO_S)
 
     def inhibit_mode_requests(self, now_s: float) -> None:
-        """A mode is being commanded: the stream requests no mode for a while, so that it does not undo the
-        command.
-        """
+        """A mode is being commanded: for a while the stream requests none, which would undo the command."""
         self._inhibited_until_s = now_s + INHIBIT_MODE_REQUESTS_S
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, report: bool = True) -> None:
