@@ -83,6 +83,13 @@ def test_no_command_overtakes_a_change_of_mode_sent_just_before(air):
     assert air.flown_mode == HOLD
 
 
+def test_a_precision_landing_is_reported_as_landing(air):
+    begun_s = air.now_s
+    air.command(SET_MODE, 1, 4, 9)
+    air.run(1.0)
+    assert air.heard("EXTENDED_SYS_STATE", since_s=begun_s)[-1].landed_state == 4
+
+
 def test_a_change_of_altitude_is_flown_over_the_place_and_ends_a_go_to(air):
     go_north(air, 60.0)
     air.run(4.0)
