@@ -235,7 +235,7 @@ def test_undecoded_messages_affect_no_other_vehicle():
     looked_at(story)
 
 
-def test_parameters_that_limits_and_failsafes_are_read_from_may_be_anything():
+def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
     def story(look: Look) -> None:
         name_and_type = struct.Struct("<fHH16sB")
         for name, value in itertools.product((*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS), FLOATS):

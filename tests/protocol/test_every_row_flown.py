@@ -72,7 +72,7 @@ def off_m(vehicle, place):
 
 
 @pytest.mark.story
-def test_position_velocity_and_acceleration_rows(jump):
+def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
     async def story(world, vehicle):
         started = await vehicle.offboard.start(order(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert started.ordered_type == "position"
@@ -125,7 +125,7 @@ def test_position_velocity_and_acceleration_rows(jump):
 
 
 @pytest.mark.story
-def test_attitude_and_rates_rows_and_how_they_expire(jump):
+def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
     async def story(world, vehicle):
         thrust = 0.49
         await vehicle.offboard.start(order(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
@@ -150,7 +150,7 @@ def test_attitude_and_rates_rows_and_how_they_expire(jump):
     flown(jump, story, 12.0)
 
 
-def test_thrust_and_torque_and_motors_go_past_mavlink_and_are_refused_by_it(jump):
+def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
     """By the simulator's inner interface they fly; the server sees somebody else's Offboard and keeps off."""
 
     async def story(world, vehicle):
@@ -181,7 +181,7 @@ def test_thrust_and_torque_and_motors_go_past_mavlink_and_are_refused_by_it(jump
     flown(jump, story)
 
 
-def test_a_path_is_flown_in_time_though_its_client_says_nothing_more(jump):
+def test_a_path_is_flown_in_time_without_its_client(jump):
     async def story(world, vehicle):
         begin = local(vehicle).position_ned_m
         corners = ((0, 0), (6, 0), (6, 6), (0, 6), (0, 0))
@@ -251,7 +251,7 @@ def test_a_fence_ahead_stops_it_and_targets_beyond_are_refused(jump):
 
 
 @pytest.mark.story
-def test_one_vehicle_follows_another_until_that_is_not_heard(jump):
+def test_one_vehicle_follows_another_until_that_is_lost(jump):
     async def run():
         world = SimulatedWorld(2)
         try:

@@ -48,7 +48,7 @@ def test_of_two_batteries_the_one_with_less_charge_is_shown_first(jump):
     told(jump, story)
 
 
-def test_many_batteries_are_bounded(jump):
+def test_the_number_of_batteries_is_limited(jump):
     async def story(_world, pilot, vehicle):
         for battery_id in range(256):
             battery(pilot, battery_id, 50, 16000)
@@ -120,7 +120,7 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
     told(jump, story)
 
 
-def test_when_a_topic_was_received_is_told_as_its_newest_sample_has_it(jump):
+def test_a_topics_time_is_that_of_its_newest_sample(jump):
     async def story(_world, pilot, vehicle):
         def agree():
             for topic in TOPICS:

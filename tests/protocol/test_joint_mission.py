@@ -185,7 +185,7 @@ def test_pause_resume_and_abort_of_one_act_on_all_and_need_the_control_of_all(ju
     stage(jump, story)
 
 
-def test_nothing_starts_unless_all_can(jump):
+def test_a_joint_mission_starts_only_if_all_vehicles_can(jump):
     async def story(at):
         with pytest.raises(PlanFindings) as unsafe:
             await start(at, show(10, 12))

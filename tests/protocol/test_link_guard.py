@@ -93,7 +93,7 @@ def test_on_the_ground_the_link_of_anothers_vehicle_stays(jump):
     desk(jump, story, flying=False)
 
 
-def test_a_link_that_lost_its_vehicle_in_flight_is_kept_for_its_return(jump):
+def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
     async def story(at):
         take = control_models.TakeControl()
         await control_routes.take("1", at.station, ANNA, take)

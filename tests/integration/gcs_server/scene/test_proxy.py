@@ -1,4 +1,4 @@
-"""The way to viser: through us, from our own page, with nothing but a camera to say."""
+"""The proxy to viser: only this server's page gets through, and only with camera messages."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ def test_viser_opens_no_port(running):
     assert listening_tcp_ports() == {running.port}
 
 
-def test_the_socket_is_in_a_folder_of_our_own(running):
+def test_the_socket_is_in_a_private_folder(running):
     folder = running.host.socket_path.parent
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
 
-def test_straight_to_the_socket_without_the_secret_http_is_refused(running):
+def test_http_without_the_secret_is_refused(running):
     with httpx.Client(transport=httpx.HTTPTransport(uds=str(running.host.socket_path))) as client:
         assert client.get("http://scene/").status_code == 403
         assert client.get("http://scene/", headers={SECRET_HEADER: "guess"}).status_code == 403
@@ -73,7 +73,7 @@ def test_straight_to_the_socket_without_the_secret_http_is_refused(running):
 
 
 @pytest.mark.parametrize("headers", [{}, {SECRET_HEADER: "guess"}, {SECRET_HEADER: "\u00e9"}])
-def test_straight_to_the_socket_without_the_secret_the_stream_is_refused(running, headers):
+def test_a_stream_without_the_secret_is_refused(running, headers):
     async def attempt():
         await unix_connect(
             str(running.host.socket_path), "ws://scene/", subprotocols=[PROTOCOL], additional_headers=headers
@@ -94,7 +94,7 @@ def test_a_page_of_another_origin_gets_no_stream(running, origin):
     assert refused.value.response.status_code == 403
 
 
-def test_a_page_of_another_origin_may_not_steer(running):
+def test_a_page_of_another_origin_may_not_change_a_view(running):
     answer = httpx.post(running.url + "view/a", json={}, headers={"Origin": "http://evil.example"})
     assert answer.status_code == 409
 
@@ -156,7 +156,7 @@ def test_other_messages_are_dropped(data):
     assert parse_message(data) is None
 
 
-def test_a_share_request_reaches_nothing(running, monkeypatch):
+def test_a_request_for_a_public_tunnel_is_dropped(running, monkeypatch):
     """On both sides: it does not pass the proxy, and viser has nobody who would answer it."""
     import viser._tunnel
 
@@ -200,7 +200,7 @@ def test_text_ends_only_the_stream_that_sent_it(running):
 # --- what a browser gets -------------------------------------------------------------------------
 
 
-def test_the_program_is_served_whole(running):
+def test_the_program_is_served_completely(running):
     answer = httpx.get(running.url)
     assert answer.status_code == 200
     assert answer.headers["content-type"].startswith("text/html")
@@ -225,7 +225,7 @@ def test_a_hostile_host_header_adds_nothing_to_the_policy(running):
     assert "script-src *" not in answer.headers.get("content-security-policy", "")
 
 
-def test_a_browser_gets_its_scene_and_leaves_nothing(running):
+def test_a_browser_gets_its_scene_which_is_removed_afterwards(running):
     async def look():
         async with open_stream(running, "?theme=light", origin=running.url.removesuffix("/scene/")) as stream:
             assert stream.subprotocol == PROTOCOL
@@ -243,7 +243,7 @@ def test_a_browser_gets_its_scene_and_leaves_nothing(running):
     asyncio.run(eventually(lambda: running.scene.viewers == 0))
 
 
-def test_a_scene_at_rest_is_not_sent_again(running):
+def test_an_unchanged_scene_is_not_sent_again(running):
     async def look():
         async with open_stream(running) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
@@ -268,7 +268,7 @@ def following(running: Running, token: str):
     yield lambda: running.scene._views[token]
 
 
-def test_a_page_steers_its_view(running):
+def test_a_page_changes_its_view(running):
     with following(running, "page1") as view:
         answer = httpx.post(running.url + "view/page1", json={"mode": "top", "vehicle": "2"})
         assert answer.json() == {"mode": "top", "vehicle": "2", "theme": "dark"}
@@ -276,7 +276,7 @@ def test_a_page_steers_its_view(running):
         assert (view().mode, view().vehicle, view().theme) == ("top", "2", "light")
 
 
-def test_a_new_theme_builds_the_scene_anew(running):
+def test_a_new_theme_rebuilds_the_scene(running):
     async def look():
         async with open_stream(running, "?view=page2&theme=dark") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
@@ -309,7 +309,7 @@ def test_a_bad_token_is_refused(running):
     assert httpx.post(running.url + "view/a.b", json={}).status_code == 409
 
 
-def test_choices_of_views_are_bounded(running):
+def test_the_number_of_stored_views_is_limited(running):
     for i in range(MAX_VIEWS + 20):
         httpx.post(f"{running.url}view/many{i}", json={})
     assert len(running.scene._views) <= MAX_VIEWS

@@ -45,7 +45,7 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
 
 
 @flown
-async def test_a_process_that_hangs_is_ended(streams, vehicle, monkeypatch):
+async def test_a_hanging_process_is_killed(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.2)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -152,7 +152,7 @@ async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicl
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @flown
-async def test_signals_for_the_server_leave_it_streaming(streams, vehicle, number):
+async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, number):
     await begin(streams, "1", vehicle)
     os.kill(streams.pid, number)
     await asyncio.sleep(0.1)

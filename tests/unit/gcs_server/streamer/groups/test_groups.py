@@ -77,7 +77,7 @@ def test_vehicles_that_hold_their_positions_keep_their_distance():
     assert float(left_m) == pytest.approx(7.0)
 
 
-def test_a_fast_pass_between_two_samples_is_seen():
+def test_a_fast_pass_between_two_samples_is_detected():
     left_m = closest_m(*vectors((0, 0, 0), (12, 0, 0), (1, 0.4, 0), (-12, 0, 0)))
     assert float(left_m) == pytest.approx(0.4, abs=0.02)
 
@@ -93,7 +93,7 @@ def test_the_margin_grows_with_inaccuracy_and_age():
     assert late_m == pytest.approx(1.5 * 0.4 * (0.2 + 0.8))
 
 
-def test_a_vehicle_that_reports_no_accuracy_gets_a_margin_of_its_own():
+def test_a_vehicle_without_reported_accuracy_gets_a_default_margin():
     silent = replace(snapshot(), accuracy_m=None)
     assert moving(silent, 101.0, HERE, None).accuracy_m == 1.0
     assert moving(snapshot(), 101.4, HERE, None).age_s == pytest.approx(0.4)
@@ -115,7 +115,7 @@ def test_vehicles_with_low_tilt_or_attitude_setpoints_are_stopped_earlier():
 # --- looking ahead --------------------------------------------------------------------------------
 
 
-def test_places_in_two_local_frames_are_compared_on_the_earth():
+def test_positions_in_two_local_frames_are_compared_in_a_common_frame():
     there = Position((20.0, 0.0, -10.0))
     assert conflict(planned("1", there), planned("2", there, east_m=8.0)) is None
     found = conflict(planned("1", there), planned("2", Position((20.0, -8.0, -10.0)), east_m=8.0))
@@ -155,7 +155,7 @@ def test_a_running_path_is_checked_from_its_current_point():
     assert conflict(late, ahead) is not None
 
 
-def test_velocities_count_until_they_expire():
+def test_velocities_are_predicted_until_they_expire():
     def pair(duration_s):
         towards = planned("2", Velocity((0.0, -1.0, 0.0)), east_m=30.0, duration_s=duration_s)
         return planned("1", Velocity((0.0, 1.0, 0.0)), duration_s=duration_s), towards
@@ -277,7 +277,7 @@ def test_concurrent_predictions_take_turns_with_the_event_loop():
     assert re.fullmatch(r"a-+b-+a-+b-+a-+b", "".join(log))
 
 
-def test_too_near_now_is_what_the_search_finds_at_its_first_step():
+def test_too_near_now_equals_the_first_step_of_the_prediction():
     near = planned("1", None), planned("2", None, east_m=2.0)
     assert too_near_now(near, 100.0, 3.0) == conflict(*near)
     apart = planned("1", None), planned("2", None, east_m=8.0)
@@ -325,7 +325,7 @@ def test_a_missed_common_start_starts_no_member():
     assert watch.findings[0].code == "late"
 
 
-def test_the_two_that_come_too_near_hold_and_the_finding_says_how_near():
+def test_two_members_that_come_too_near_hold_and_the_finding_has_their_distance():
     watch = guard()
     watch.check(101.0, seen())
     near = seen(snapshot(8.0, velocity=(0.0, -2.0, 0.0)), GO, velocity=(0.0, 2.0, 0.0))

@@ -37,7 +37,7 @@ def test_the_guard_of_a_mission_checks_armed_vehicles_and_stops_all() -> None:
     assert [(each.code, each.vehicles) for each in watch.findings] == [("separation", ("1", "2"))]
 
 
-def test_one_whose_position_is_not_known_stops_all_unless_it_is_disarmed() -> None:
+def test_an_armed_vehicle_without_position_stops_all() -> None:
     apart = {"1": seen(0.0), "2": seen(15.0), "3": seen(30.0)}
     watch = guard()
     assert watch.check(NOW_S, apart | {"2": seen(15.0, armed=False, position_ned_m=None)}).hold == {}

@@ -220,7 +220,7 @@ def test_turning_away_at_full_speed_in_front_of_the_fence_brakes_first():
     assert sent.velocity_ned_m_s[:2] == (0.0, 0.0)
 
 
-def test_from_outside_only_the_way_back_is_flown():
+def test_from_outside_only_velocities_back_inside_are_sent():
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     here = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     assert apply_limits(Velocity((-3.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s == (

@@ -152,7 +152,7 @@ def test_offboard_is_not_requested_without_a_steady_stream():
     told(story, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
 
 
-def test_a_refusal_stops_the_stream_and_is_passed_on():
+def test_a_refusal_stops_the_stream_and_is_raised():
     async def story(vehicle):
         vehicle.refuses = Rejected("Offboard is not available", reasons=("no",))
         with pytest.raises(Rejected, match="not available"):

@@ -119,7 +119,7 @@ def test_a_changed_setpoint_is_sent_at_once():
     assert [sent["mask"] for _, _, sent in out] == [2503]
 
 
-def test_without_yaw_the_heading_of_the_first_moment_is_kept():
+def test_without_yaw_the_first_heading_is_kept():
     flight = started(Velocity(velocity_ned_m_s=(1.0, 0.0, 0.0)), valid_for_s=60)
     flight.change(Velocity(velocity_ned_m_s=(2.0, 0.0, 0.0)), valid_for_s=60)
     _, _, sent = flight.run(0.02)[0]
@@ -127,7 +127,7 @@ def test_without_yaw_the_heading_of_the_first_moment_is_kept():
     assert sent["yaw"] == pytest.approx(0.25)
 
 
-def test_client_killed_mid_velocity_stream_holds_then_hands_over_to_hold_mode():
+def test_a_killed_clients_velocity_stream_holds_and_then_requests_hold():
     flight = started(NORTH, valid_for_s=0.5, on_expiry=OnExpiry("hold", 2.0))
     flight.velocity = (3.0, 0.0, 0.0)
     assert all(sent["velocity"][0] == 3.0 for _, _, sent in flight.run(0.49))
@@ -156,7 +156,7 @@ def test_a_new_setpoint_while_holding_resumes():
     assert flight.core.phase == "streaming"
 
 
-def test_hold_never_confirmed_stops_so_that_px4_fails_safe():
+def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
     flight = started(NORTH, valid_for_s=0.1, on_expiry=OnExpiry("hold", 0.0))
     out = flight.run(MAX_MODE_REQUESTS + 2.0)
     asks = [sent["try"] for _, msg_id, sent in out if msg_id == COMMAND]
@@ -198,7 +198,7 @@ def test_a_stall_of_the_loop_leaves_no_gap_and_a_silent_loop_ends_the_stream():
     assert flight.told() == ["server_silent"]
 
 
-def test_the_stream_expires_while_the_loop_is_stalled_where_the_vehicle_has_got_to():
+def test_expiry_during_a_stall_holds_the_vehicles_current_position():
     flight = started(NORTH, valid_for_s=0.5)
     flight.velocity = (4.0, 0.0, 0.0)
     flight.run(0.4)
@@ -238,7 +238,7 @@ def test_setpoints_do_not_expire_while_starting_but_the_start_has_a_deadline():
     assert flight.told() == ["not_confirmed"]
 
 
-def test_a_late_thread_sends_once_and_keeps_its_grid():
+def test_a_late_thread_sends_once_and_keeps_the_time_grid():
     flight = started(HOVER, valid_for_s=60)
     flight.run(0.1)
     flight.now_s += 0.3
