@@ -112,7 +112,7 @@ class Region:
             a_beyond = polygon.corners_ne_m[0][1] > east
             for a, b in _edges(polygon.corners_ne_m):
                 b_beyond = b[1] > east
-                between = np.flatnonzero(a_beyond != b_beyond)  # few: those whose east lies on the edge
+                between = np.flatnonzero(a_beyond != b_beyond)  # the edges that reach the position's east
                 a_beyond = b_beyond
                 if len(between):
                     crossing = (b[0] - a[0]) * (east[between] - a[1]) / (b[1] - a[1]) + a[0]

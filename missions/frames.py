@@ -106,7 +106,10 @@ def limit_tilt(q_ned_frd: Quaternion, max_rad: float) -> tuple[Quaternion, bool]
     if tilt <= max_rad:
         return q_ned_frd, False
     w, x, y, z = q_ned_frd
-    down_north, down_east = 2 * (x * z + w * y), 2 * (y * z - w * x)  # the body's down axis over the ground
+    down_north, down_east = (
+        2 * (x * z + w * y),
+        2 * (y * z - w * x),
+    )  # the body's down axis, projected to the ground
     size = math.hypot(down_north, down_east)
     axis = (1.0, 0.0) if size < 1e-9 else (-down_east / size, down_north / size)
     about_down = multiply(conjugate(_about_level_axis(axis, tilt)), q_ned_frd)
@@ -121,7 +124,7 @@ def limit_rotation(start: Quaternion, target: Quaternion, max_rad: float) -> tup
         The attitude, and whether it differs from `target`.
     """
     step = multiply(conjugate(start), target)
-    if step[0] < 0:  # the shorter way round
+    if step[0] < 0:  # the shorter direction
         step = (-step[0], -step[1], -step[2], -step[3])
     sine = math.hypot(step[1], step[2], step[3])
     if 2.0 * math.atan2(sine, step[0]) <= max_rad:

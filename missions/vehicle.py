@@ -22,7 +22,7 @@ class VehicleModel:
     descent_m_s: float = 1.5  # MPC_Z_V_AUTO_DN
     takeoff_m_s: float = 1.5  # MPC_TKO_SPEED
     land_m_s: float = 0.7  # MPC_LAND_SPEED
-    land_slow_m: float = 5.0  # MPC_LAND_ALT2: below this height it descends at land_m_s
+    land_slow_m: float = 5.0  # MPC_LAND_ALT2: land_m_s applies below this height
     return_alt_m: float = 30.0  # RTL_RETURN_ALT
     acceptance_m: float = 2.0  # NAV_ACC_RAD
     altitude_acceptance_m: float = 0.8  # NAV_MC_ALT_RAD

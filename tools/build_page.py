@@ -88,7 +88,7 @@ def npm(root: Path, *arguments: str) -> None:
     """
     folder = node_path()
     bundled = folder.parent / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
-    # The wheel's bin/npm has lost its symbolic link, so its script is called by name.
+    # bin/npm is not a symbolic link in the wheel, so npm's script is called by its path.
     command = [str(folder / "node"), str(bundled)] if bundled.exists() else [str(folder / "npm")]
     environment = os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}"}
     done = subprocess.run([*command, *arguments], cwd=root / "web", env=environment, check=False)
@@ -102,7 +102,7 @@ def install(root: Path) -> None:
     lock = root / "web" / "package-lock.json"
     if not marker.exists() or marker.stat().st_mtime < lock.stat().st_mtime:
         print("installing the page's packages …", file=sys.stderr)
-        # Not `npm ci`: it refuses where a registry lacks the builds of some other platform.
+        # Not `npm ci`, which fails if a registry lacks the builds of another platform.
         npm(root, "install", "--no-save", "--no-audit", "--no-fund", "--loglevel=error")
 
 

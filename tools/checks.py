@@ -105,7 +105,7 @@ def main(names: Sequence[str]) -> int:
         )
         return 2
     os.nice(PRIORITY)
-    build_page.install(REPOSITORY)  # once, before two checks want to
+    build_page.install(REPOSITORY)  # once, before two checks need it
     return 0 if run_all(check for name in names or GROUPS for check in GROUPS[name]) else 1
 
 

@@ -243,6 +243,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     if alone and arguments.processes > 1:
         parser.error(f"--processes {arguments.processes}: with {alone} all vehicles fly in one process")
     if alone or math.isinf(arguments.speed):
-        # They share a clock, a script's weather, or a time that goes as fast as it can.
+        # These options need one process: a common clock, a script, or maximum speed.
         arguments.processes = arguments.processes or 1
     return arguments

@@ -269,7 +269,7 @@ class Parameters:
         if not isinstance(stored, dict):
             raise ValueError(f"the parameter file {storage} holds no object of names and values; remove it")
         for name, value in stored.items():
-            # A start after a reset finds its sensors again, and the start script its airframe.
+            # After a reset, PX4 detects the sensors and sets the airframe again.
             if name in self._by_name and (value or not _is_found_at_boot(name)):
                 number = float(value) if isinstance(value, str) else value
                 self._values[name] = coerce(name, self._by_name[name].type, number)

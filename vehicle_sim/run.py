@@ -114,7 +114,7 @@ def fly_share(argv: Sequence[str], share: Share) -> int:
         print(f"--data-dir: {error}", file=sys.stderr, flush=True)
         return 2
     first_instance = arguments.first_instance + share.first
-    # In lockstep two runs must not differ by the time of day.
+    # In lockstep, runs must not depend on the time of day.
     unix_s = DEFAULT_BOOT_TIME_UNIX_S if arguments.lockstep else time.clock_gettime(time.CLOCK_REALTIME)
     fleet = VehicleSim(
         share.count, first_instance=first_instance, stores=stores, files=_files(arguments, share),
@@ -140,7 +140,7 @@ def fly_share(argv: Sequence[str], share: Share) -> int:
     parent = multiprocessing.parent_process()
     if parent is not None:
         server.end_with(parent.sentinel)
-    # The vehicles live as long as the process: the garbage collector need not look through them again.
+    # The vehicles exist as long as the process, so the garbage collector can skip them.
     gc.collect()
     gc.freeze()
     try:

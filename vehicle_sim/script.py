@@ -1,4 +1,4 @@
-"""Fault scripts: what goes wrong in a flight, and when, from a YAML file.
+"""Fault scripts: faults and their times in a flight, from a YAML file.
 
     name: GPS goes over the field
     events:
@@ -10,7 +10,7 @@
       - {at_s: 60, driver: {name: sensor_baro_sim, runs: false}}
       - {when: disarmed, side_down: left}                lain on its side, for a calibration
 
-Each event happens once for each vehicle, in the step in which its time or state comes.
+Each event happens once for each vehicle, in the step in which its time or state is reached.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Named(Protocol):
 
     @property
     def system_id(self) -> int:
-        """Of the vehicle."""
+        """System id of the vehicle."""
         ...
 
 
@@ -56,7 +56,7 @@ class Fleet(Protocol):
 
     @property
     def nodes(self) -> Sequence[Named]:
-        """One each vehicle."""
+        """One for each vehicle."""
         ...
 
     @property
@@ -65,7 +65,7 @@ class Fleet(Protocol):
         ...
 
     def set_link_up(self, instance: int, link: str, up: bool) -> None:
-        """Cut a link (or "all"), in both directions, or let it carry again."""
+        """Interrupts a link (or "all") in both directions, or restores it."""
         ...
 
     def set_parameter(self, instance: int, name: str, value: ParameterValue) -> None:
@@ -78,10 +78,10 @@ Action = Callable[[Fleet, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """When, for whom, what."""
+    """An event: condition, vehicles, actions."""
 
     at_s: float | None
-    """Since boot; None: the state below."""
+    """Time since boot; None: `state` is the condition."""
     state: str
     above_m: float | None
     after_s: float
@@ -90,12 +90,12 @@ class Event:
     actions: tuple[Action, ...]
 
     def holds(self, sim: Fleet, row: int) -> bool:
-        """Whether its time or state has come for the vehicle in this row."""
+        """Whether its time or state is reached for the vehicle in this row."""
         if self.at_s is not None:
             return sim.time_s >= self.at_s - 1e-9
         commander = sim.autopilots[row].commander
         if self.above_m is not None:
-            # The truth: what the vehicle believes may be broken already.
+            # The true state, because the estimate may already be faulty.
             return -float(sim.simulation.truth.position_ned_m[row, 2]) > self.above_m
         if self.state in MODES:
             return commander.armed and commander.active is MODES[self.state]
@@ -117,12 +117,12 @@ class Script:
 
 
 class ScriptRunner:
-    """A script on a fleet; `step` it after the autopilots."""
+    """Runs a script on a fleet; call `step` after the autopilots."""
 
     def __init__(self, script: Script, sim: Fleet) -> None:
         self._sim = sim
         self._waiting: list[tuple[Event, int, list[float]]] = []
-        """Event, row, and when its state came (empty: not yet)."""
+        """Event, row, and time when its state was reached (empty: not yet)."""
         for event in script.events:
             rows = [
                 n
@@ -133,7 +133,7 @@ class ScriptRunner:
         self._flown = [False] * len(sim.nodes)
 
     def step(self) -> None:
-        """Do what is due."""
+        """Executes the events that are due."""
         if not self._waiting:
             return
         now_s = self._sim.time_s
@@ -143,7 +143,7 @@ class ScriptRunner:
             )
         waiting: list[tuple[Event, int, list[float]]] = []
         for event, row, since in self._waiting:
-            # Who has not flown yet has not landed either.
+            # A vehicle that has not flown yet has not landed.
             if not since and event.holds(self._sim, row) and (event.state != "landed" or self._flown[row]):
                 since.append(now_s)
             if since and now_s >= since[0] + event.after_s - 1e-9:

@@ -104,7 +104,7 @@ class Avoider:
             self._clear_since_s = now_s
         if heading is not None and range_at_m(seen, heading) is None:
             return self._turn(here, wanted, heading)
-        below = goal_up_m < up_m - BELOW_M and _distance(here, wanted) > MOVES_M  # not seen on the way down
+        below = goal_up_m < up_m - BELOW_M and _distance(here, wanted) > MOVES_M  # no sensor looks down
         if self._state in ("clear", "turning") and not below:
             return Adjusted("clear", yaw_ned_rad=yaw)
         return self._back(now_s, here, wanted, seen, allowed, yaw)

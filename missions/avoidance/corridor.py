@@ -61,7 +61,7 @@ def in_the_way(
     clearance_m = max(NEAREST_M, min(CLEARANCE_M, near_m))
     away_m = np.hypot(points[:, 0] - here.position_ned_m[0], points[:, 1] - here.position_ned_m[1])
     blocking = (away_m < CLEARANCE_M) & (top_m <= up_m - BELOW_M)
-    if goal_up_m < up_m - BELOW_M:  # coming down beside something that was not seen before
+    if goal_up_m < up_m - BELOW_M:  # a descent next to an obstacle that was not measured before
         blocking |= away_m < clearance_m
     first_m, flown_m = math.inf, 0.0
     for begin, end in itertools.pairwise(path):

@@ -73,7 +73,7 @@ class ObstacleMemory:
             row = self._next
             self._next = (self._next + 1) % MAX_COLUMNS
             before = self._keys[row]
-            if before is not None:  # the oldest makes room
+            if before is not None:  # replaces the oldest column
                 del self._rows[before]
             self._rows[key], self._keys[row] = row, key
         else:

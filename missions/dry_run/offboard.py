@@ -143,7 +143,7 @@ class OffboardPilot:
             message = f"The mission ends early: {reason.rstrip('.')}."
             self.findings.append(finding_now("mission_left", message, self.step, t_s, self._vehicle))
 
-    # --- what the runner knows and asks for --------------------------------------------------------
+    # --- the runner's inputs and requests -----------------------------------------------------------
 
     def reading(self) -> Reading:
         """The vehicle's current state, as input of the runner."""

@@ -88,7 +88,7 @@ def write(plan: Plan) -> Written:
     return Written(text.encode(), notes)
 
 
-# --- the whole ----------------------------------------------------------------------------------------
+# --- document -----------------------------------------------------------------------------------------
 
 
 def _check_version(part: dict[str, Any], name: str, version: int) -> None:

@@ -136,7 +136,7 @@ def _start_of(
     setpoint = segment.at(begin_s)
     if isinstance(setpoint, Trajectory | Position):
         return complete(setpoint.position_ned_m), setpoint.yaw_ned_rad
-    if index > 0:  # a velocity or an attitude begins where the one before it ends
+    if index > 0:  # a velocity or attitude starts at the end of the previous segment
         return segments[index - 1].end_ned_m, segment.end_yaw_ned_rad
     return None, segment.end_yaw_ned_rad
 

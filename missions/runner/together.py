@@ -63,7 +63,7 @@ class Together:
         """Ends the mission; the vehicles that still fly hold."""
         return {role: runner.stop(readings[role], reason) for role, runner in self.runners.items()}
 
-    # --- what people ask for ----------------------------------------------------------------------
+    # --- requests of clients ----------------------------------------------------------------------
 
     def pause(self, now_s: float, readings: Mapping[str, Reading], by: str) -> Requests:
         """Pauses all roles.

@@ -29,7 +29,7 @@ class Followed:
     resolved: int
     """Items and rally points whose altitude was resolved."""
     unknown: int
-    """Those that stay unresolved: no file knows the ground there."""
+    """Items and rally points that stay unresolved, because no elevation data covers them."""
     added: int
     """Waypoints added between others."""
 
@@ -38,8 +38,8 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     """The plan with all its altitudes above the ground resolved.
 
     Args:
-        plan: any.
-        ground: of the plan's area; None: not known anywhere.
+        plan: any waypoint plan.
+        ground: elevation data of the plan's area; None: no data.
         tolerance_m: between two items above the ground, waypoints are added until the straight lines are
             within this of their height above the ground (interpolated between both ends). None: none are
             added.
@@ -71,7 +71,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
 
     items: list[PlanItem] = []
     first_of: list[int] = []
-    """Of each item as uploaded before: its index as uploaded now."""
+    """New upload index of each item."""
     count = 0
     before: PlacedItem | None = None
     for row in plan.items:
@@ -110,7 +110,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
 
 
 def _jumping_to(item: PlanItem, first_of: Sequence[int]) -> PlanItem:
-    """The item, where it jumps with its target's new index."""
+    """The item; a jump gets the new index of its target."""
     if isinstance(item, Jump) and item.target_index < len(first_of):
         return item.model_copy(update={"target_index": first_of[item.target_index]})
     return item

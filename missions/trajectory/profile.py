@@ -242,7 +242,7 @@ def _phases(zones: _Zones) -> TimeLaw:
         at_u = at_u + t * (at_v + t * (at_a / 2.0 + t * j / 6.0))
         at_v = at_v + t * (at_a + t * j / 2.0)
         at_a = at_a + t * j
-        if k in (2, 3):  # at the peak, and where the cruise ends: exactly
+        if k in (2, 3):  # exact values at the peak and at the end of the cruise
             at_v, at_a = zones.peak, np.zeros(count)
     kept = (times > 0.0).T.ravel()
     flat = [values.T.ravel()[kept] for values in (times, u, v, a, jerks)]

@@ -1,7 +1,7 @@
-"""What a vehicle says by itself: status texts and events, kept in order for every link.
+"""Status texts and events of a vehicle, in order for every link.
 
-Event ids, names and log levels are facts of PX4's build; where PX4 sends a status text beside an event the
-text ends in a tab.
+Event ids, names and log levels are those of PX4's build. If PX4 sends a status text together with an event,
+the text ends with a tab.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
 }
 
 EVENT_QUEUE_LENGTH: Final = 20
-"""Events kept for a receiver that asks again (PX4's buffer)."""
+"""Number of events kept for repeated requests (PX4's buffer)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,11 +173,11 @@ class Event:
 
 
 FIRST_SEQUENCE = 0xFFFF - 9
-"""PX4 numbers its events from there, so that every receiver meets the turn to 0 soon."""
+"""First sequence number of PX4's events, so that the wrap to 0 happens soon."""
 
 
 class Announcer:
-    """Numbers texts and events and hands them to whoever listens."""
+    """Numbers texts and events and passes them to the listeners."""
 
     def __init__(self, time_boot_ms: Callable[[], int]) -> None:
         self._time_boot_ms = time_boot_ms
@@ -188,16 +188,16 @@ class Announcer:
         self._held: list[StatusText | Event] | None = None
 
     def add_listener(self, listener: Callable[[StatusText | Event], None]) -> None:
-        """Call `listener` for each new text or event."""
+        """Calls `listener` for each new text or event."""
         self._listeners.append(listener)
 
     def text(self, severity: int, text: str) -> None:
-        """Say a sentence."""
+        """Sends a status text."""
         self._text_id = self._text_id % 0xFFFF + 1
         self._tell(StatusText(self._text_id, severity, text))
 
     def event(self, name: str, argument_format: str = "", *arguments: float) -> None:
-        """Report an event; arguments are packed little-endian by `argument_format`."""
+        """Sends an event; arguments are packed little-endian with `argument_format`."""
         event_id, log_levels = EVENTS[name]
         self.sequence = (self.sequence + 1) & 0xFFFF
         packed = struct.pack("<" + argument_format, *arguments).ljust(40, b"\0")
@@ -206,16 +206,16 @@ class Announcer:
         self._tell(event)
 
     def both(self, severity: int, text: str, name: str, argument_format: str = "", *arguments: float) -> None:
-        """A text with its event, as PX4 sends most of them."""
+        """Sends a text with its event, as PX4 usually does."""
         self.text(severity, text + "\t")
         self.event(name, argument_format, *arguments)
 
     def hold(self) -> None:
-        """Keep what is said from now on until `release`: an acknowledgement goes out before its texts."""
+        """Queues texts and events until `release`, so that an acknowledgement is sent before them."""
         self._held = []
 
     def release(self) -> None:
-        """Say what was held."""
+        """Sends the queued texts and events."""
         held, self._held = self._held or [], None
         for item in held:
             self._tell(item)

@@ -1,4 +1,4 @@
-"""Why a vehicle was armed, what keeps it from being armed, and what PX4 counts of its flights."""
+"""Reasons for arming and for refusing it, and PX4's flight statistics."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES
 from vehicle_sim.vehicle_view import VehicleView
 
 THROTTLE_ABOVE_CENTRE, THROTTLE_LOW = 0.2, -0.8
-"""Of the stick, -1..1: what climbs at once, and what gives no thrust."""
+"""Throttle stick (-1..1) above which the vehicle would climb at once, and below which there is no thrust."""
 _LOW_WORD = 0xFFFFFFFF
 
 
 class Reason(IntEnum):
-    """Why the vehicle was armed or disarmed, as its events number it."""
+    """Why the vehicle was armed or disarmed; the numbers of PX4's events."""
 
     INTERNAL_COMMAND = 3
     EXTERNAL_COMMAND = 4
@@ -37,13 +37,14 @@ REASONS = {
     Reason.FAILSAFE: "failsafe",
     Reason.KILL: "kill-switch",
 }
-"""In the words of its texts."""
+"""The reasons in PX4's status texts."""
 
 
 def why_denied(
     report: Report, mode: NavState, sticks: Sticks, *, calibrating: bool
 ) -> tuple[str, str] | None:
-    """Why the vehicle may not be armed in this mode, in words and as the event's name ends; None: it may."""
+    """Why the vehicle may not be armed in this mode, as text and as suffix of the event name; None: it
+    may."""
     if calibrating:
         return "calibrating", "calibrating"
     if mode in STICK_MODES and sticks.valid:
@@ -57,19 +58,19 @@ def why_denied(
 
 
 class FlightCount:
-    """COM_FLIGHT_UUID and LND_FLIGHT_T_*: how often it was disarmed, and how long it has flown."""
+    """COM_FLIGHT_UUID and LND_FLIGHT_T_*: number of flights, and total flight time."""
 
     def __init__(self, view: VehicleView) -> None:
         self._view = view
         self._lifted_at_s = math.nan
 
     def lifted(self) -> None:
-        """A take-off; the first since arming counts."""
+        """Called at a take-off; only the first one after arming counts."""
         if math.isnan(self._lifted_at_s):
             self._lifted_at_s = self._view.time_s
 
     def disarmed(self) -> None:
-        """The end of a flight, or of none."""
+        """Called at disarming, also without a flight."""
         parameters = self._view.parameters
         parameters.count("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
         if math.isnan(self._lifted_at_s):

@@ -28,11 +28,11 @@ from vehicle_sim.vehicle_view import VehicleView
 AUTO_DESCENT_MARGIN = 1.2
 """Part of the descent rate planned by automatic modes that the position controller may use."""
 TILT_LIMIT_RISE_RAD_S = 0.2
-"""How fast PX4 lets the tilt limit rise after the take-off ramp."""
+"""Rate at which PX4 increases the tilt limit after the take-off ramp."""
 
 
 class Autopilot:
-    """What decides for vehicle `body.row`; call `update()` at 50 Hz between simulation steps."""
+    """The autopilot of one vehicle; call `update()` at 50 Hz between simulation steps."""
 
     def __init__(self, view: VehicleView) -> None:
         self.view = view
@@ -58,14 +58,15 @@ class Autopilot:
         self._thrusts = numbers(view.simulation.target.thrust)
         self._hover_thrusts = numbers(view.simulation.target.hover_thrust)
         self._asked_down_m_s = math.nan
-        """Vertical velocity of the last trajectory setpoint that was not just a push against the ground."""
+        """Vertical velocity of the last trajectory setpoint, except setpoints that only press the vehicle
+        down."""
         self.offboard.on_setpoint = self._take_at_once
         self._tilt_allowed_rad = 0.0
         self._landing_limits: Limits | None = None
         view.parameters.add_listener(self._forget_limits)
 
     def update(self) -> None:
-        """One tick."""
+        """Runs one tick."""
         self._take_over()
         if self.commander.active is not NavState.OFFBOARD:
             self.offboard.left()
@@ -78,7 +79,7 @@ class Autopilot:
 
     @property
     def waypoint(self) -> tuple[float, float, float] | None:
-        """Latitude, longitude [deg] and altitude above sea [m] of where it flies to; None: nowhere."""
+        """Latitude, longitude [deg] and altitude AMSL [m] of the current target; None: no target."""
         waypoint = self.navigator.waypoint(self.commander.active) if self.commander.armed else None
         if waypoint is None:
             return None
@@ -88,7 +89,7 @@ class Autopilot:
 
     @property
     def flies_attitude(self) -> bool:
-        """Whether SET_ATTITUDE_TARGET asks for an attitude now."""
+        """Whether the current setpoint is an attitude of SET_ATTITUDE_TARGET."""
         commander, offboard = self.commander, self.offboard
         asked = offboard.setpoint.kind is Kind.ATTITUDE or offboard.no_attitude is not None
         return commander.armed and commander.active is NavState.OFFBOARD and asked
@@ -98,7 +99,7 @@ class Autopilot:
         i, direct = self.view.row, self._row.below_trajectory
         thrust = self._thrusts[i] if self.takeoff.may_thrust or direct else 0.0
         estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
-        # A horizontal velocity that is not known keeps nobody from having landed.
+        # An unknown horizontal velocity does not prevent the detection of a landing.
         vn, ve, vd = estimate.velocity_ned_m_s
         down_m, self._down_m = self._down_m, estimate.position_ned_m[2]
         motion = Motion(
@@ -138,7 +139,7 @@ class Autopilot:
         return self.commander.active in STICK_MODES and self.sticks.valid
 
     def _take_over(self) -> None:
-        """A pilot who moves the sticks in an automatic mode flies in Position from then on."""
+        """Switches to Position if the pilot moves the sticks in an automatic mode."""
         commander = self.commander
         if not commander.armed or commander.landed or commander.active in STICK_MODES:
             self.sticks.moved = False
@@ -193,7 +194,7 @@ class Autopilot:
             if self.offboard.level is not ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif on_ground:
-            # PX4 presses the vehicle down until it may climb and once it touches.
+            # PX4 presses the vehicle down before the take-off ramp and after ground contact.
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._by_sticks:
             self._manual.run(commander.active)
@@ -245,9 +246,10 @@ class Autopilot:
             self._goto.fly()
 
     def _tilt_limit_rad(self) -> float:
-        """MPC_TILTMAX_LND until the take-off ramp is over, then slowly more; NaN: as in flight.
+        """MPC_TILTMAX_LND until the end of the take-off ramp, then slowly increasing; NaN: limit of normal
+        flight.
 
-        A vehicle that is asked to fly away before it lifts would tip over without it.
+        Without it a vehicle with a horizontal setpoint before lift-off would tip over.
         """
         parameter = self.view.parameter
         low, high = math.radians(parameter("MPC_TILTMAX_LND")), math.radians(parameter("MPC_TILTMAX_AIR"))
@@ -258,7 +260,8 @@ class Autopilot:
         return self._tilt_allowed_rad if self._tilt_allowed_rad < high else math.nan
 
     def _take_at_once(self) -> None:
-        """A setpoint below the trajectory arrived: flown now, or cutting in while the position is held."""
+        """Applies a new attitude, rate or motor setpoint at once, also while the position is still
+        controlled."""
         commander, setpoint = self.commander, self.offboard.setpoint
         if commander.active is not NavState.OFFBOARD or not commander.armed:
             return

@@ -16,11 +16,11 @@ from vehicle_sim.vehicle_view import VehicleView
 
 QUIET_AFTER_BOOT_S = 1.0
 POSITION_BACK_S = 1.0
-"""A position that was lost must be valid for so long before modes may use it again."""
+"""A lost position must be valid for this long before modes may use it again."""
 COMPANION_SILENT_S = 3.0
-"""Heartbeats of an onboard computer count as there for so long; COM_OBC_LOSS_T runs from then."""
+"""An onboard computer counts as connected for this long after a heartbeat; then COM_OBC_LOSS_T starts."""
 REPORT_EVERY_S = 2.05
-"""Changes are reported at most this often, unless a failsafe or somebody asks for it."""
+"""Minimum interval between reports of changes, except for a failsafe or on request."""
 BATTERY_TEXTS = {
     "check_battery_low": "Low battery",
     "check_battery_critical": "Critical battery",
@@ -29,7 +29,7 @@ BATTERY_TEXTS = {
 CALIBRATIONS = (
     ("accel", "CAL_ACC0_ID", 1310988), ("gyro", "CAL_GYRO0_ID", 1310988), ("mag", "CAL_MAG0_ID", 197388),
 )  # fmt: skip
-"""The sensor that a calibration is stored for, and the id of the one on board."""
+"""Parameter with the sensor id of a calibration, and the id of the installed sensor."""
 EMERGENCY = 3
 _BATTERY_LEVELS = ((EMERGENCY, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
 
@@ -46,7 +46,7 @@ class Checks:
         self._home = home
         self.has_mission = False
         self.logging = True
-        """Whether a log is being written; the logger says so. True also where none was asked for."""
+        """Whether a log is being written, set by the logger. True also if no log is required."""
         self.fence: frozenset[Breach] = frozenset()
         self.monitors = monitors
         self._sensors = SensorWatch(view, announcer)
@@ -62,13 +62,13 @@ class Checks:
         self._battery_levels: tuple[tuple[int, float], ...] = ()
         self._settings: tuple[object, ...] = ()
         self._settings_of = -1
-        """Of which change of parameters these two are."""
+        """Parameter revision of the two values below."""
         self._now: tuple[object, ...] = ()
         self.report = self.fresh(NavState.HOLD, armed=False, terminated=False)
         self._announced: health.Report | None = None
         self._announced_at_s = -math.inf
         self._changed = True
-        """Something changed that was not told yet."""
+        """Whether a change has not been reported yet."""
 
     def _look(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
         """What may change in flight, in the order of `health.Facts`, for the mode asked for."""
@@ -119,11 +119,11 @@ class Checks:
 
     @property
     def position_good(self) -> bool:
-        """Whether the estimate holds a position; one that comes back counts after POSITION_BACK_S."""
+        """Whether the position is usable; after a loss, only POSITION_BACK_S after it is valid again."""
         return self._view.estimate.valid_position and self._view.time_s >= self._position_good_at_s
 
     def _watch_sensors(self, armed: bool) -> None:
-        """Note when a position was lost, and say which sensors are silent or used no more."""
+        """Records a lost position, and reports sensors that are silent or no longer used."""
         view = self._view
         if view.estimate.valid_position:
             self._had_position = True
@@ -132,19 +132,19 @@ class Checks:
         self._sensors.update(armed=armed)
 
     def manual_control(self) -> bool:
-        """Whether sticks were heard lately."""
+        """Whether stick input was received recently."""
         return self._view.time_s - self.manual_control_at_s < self._view.parameter("COM_RC_LOSS_T")
 
     def gcs_alive(self) -> bool:
-        """Whether a ground station was heard within COM_DL_LOSS_T."""
+        """Whether a ground station's heartbeat was received within COM_DL_LOSS_T."""
         return self._view.time_s - self.gcs_heard_at_s < self._view.choice("COM_DL_LOSS_T")
 
     def gcs_lost(self) -> bool:
-        """Whether one was heard before, and is no more."""
+        """Whether the connection to a ground station was lost."""
         return math.isfinite(self.gcs_heard_at_s) and not self.gcs_alive()
 
     def watch_links(self, *, armed: bool) -> None:
-        """Say when sensors, battery, sticks or the ground station are lost, and when they are back."""
+        """Reports loss and recovery of sensors, battery, sticks and the ground station."""
         self._watch_sensors(armed)
         self._watch_battery()
         self._watch_sticks()
@@ -159,7 +159,8 @@ class Checks:
             self._announcer.both(6, "GCS connection regained", "commander_dl_regained")
 
     def _watch_battery(self) -> None:
-        """In an emergency PX4 asks for a shutdown, which the simulated board refuses."""
+        """Reports the battery warning; in an emergency PX4 requests a shutdown, which the simulated board
+        refuses."""
         emergency = self.battery_warning >= EMERGENCY
         if emergency and not self._was_emergency:
             self._announcer.both(2, "System does not support shutdown", "commander_low_bat_shutdown_failed")
@@ -188,7 +189,7 @@ class Checks:
 
     @property
     def battery_warning(self) -> int:
-        """0 fine, 1 low, 2 critical, 3 emergency."""
+        """0 normal, 1 low, 2 critical, 3 emergency."""
         if self._settings_of != self._view.parameter_changes:
             self._take_settings()
         remaining = self._view.simulation.battery.remaining[self._view.row]
@@ -198,7 +199,7 @@ class Checks:
         return 0
 
     def fresh(self, mode: NavState, *, armed: bool, terminated: bool) -> health.Report:
-        """The report as of now, without saying anything; unchanged facts are not examined again."""
+        """The current report, without announcing it; it is computed only if an input has changed."""
         now = self._look(mode, armed=armed, terminated=terminated)
         if now != self._now:
             self._now = now
@@ -206,7 +207,7 @@ class Checks:
         return self._examined
 
     def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:
-        """Check, and announce what changed."""
+        """Runs the checks and announces changes."""
         report = self.fresh(mode, armed=armed, terminated=terminated)
         if report is not self.report and report != self.report:
             self._changed = True
@@ -215,12 +216,12 @@ class Checks:
             self.announce()
 
     def announce_changes(self) -> None:
-        """Send the report now if it holds something new: before a failsafe is told, and without texts."""
+        """Sends a changed report now, without texts; called before a failsafe is announced."""
         if self._changed:
             self.announce(texts=False)
 
     def announce(self, *, texts: bool = True) -> None:
-        """Send the report, once the boot is over; `texts` says what is new in words as well."""
+        """Sends the report, after boot; `texts`: also status texts for new findings."""
         before = self._announced
         if self._view.time_s <= QUIET_AFTER_BOOT_S:
             return

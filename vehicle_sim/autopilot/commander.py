@@ -1,4 +1,4 @@
-"""Who is in charge: arming, the mode asked for and the mode flown, failsafes, automatic disarming."""
+"""The commander: arming, intended and active mode, failsafes, automatic disarming."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from vehicle_sim.home import HomeKeeper
 from vehicle_sim.vehicle_view import VehicleView
 
 REFUSAL_EVERY_S = 1.0
-"""A refused change of mode is told at most this often."""
+"""Minimum interval between reports of a refused mode change."""
 CHECK_EVERY_TICKS = 5
-"""PX4's commander checks at 10 Hz, and when its own state changes."""
+"""Interval of the checks: 10 Hz as in PX4, and additionally when the commander's state changes."""
 
 
 class Commander:
@@ -63,18 +63,18 @@ class Commander:
         commands.serve({RETURN: self._return, SET_HOME: self._set_home})
         self._termination: Decision | None = None
         self._after_disarming = NavState.HOLD
-        """The last mode asked for that one may arm in: what disarming goes back to."""
+        """The last requested mode that allows arming; restored at disarming."""
         self._armed_at_s = 0.0
         self._landed_at_s = 0.0
         self._flew = False
         self._ticks = 0
         self._checked_for: tuple[object, ...] = ()
-        """The commander's own state when it checked last."""
+        """The commander's state at the last check."""
 
     # --- commands --------------------------------------------------------------------------------------
 
     def arm(self, reason: Reason = Reason.EXTERNAL_COMMAND) -> bool:
-        """Arm if every check allows it in this mode; says why not."""
+        """Arms if all checks allow it in this mode; otherwise reports the reason."""
         if self.armed:
             return True
         self._check()
@@ -93,7 +93,7 @@ class Commander:
         return True
 
     def disarm(self, reason: Reason = Reason.EXTERNAL_COMMAND, *, force: bool = False) -> bool:
-        """Stop the motors; in the air only when forced."""
+        """Disarms; in the air only with `force`."""
         if not self.armed:
             return True
         if not self.landed and not force:
@@ -110,7 +110,7 @@ class Commander:
         return True
 
     def set_mode(self, mode: NavState) -> bool:
-        """Change the mode asked for; in flight only to one that can run."""
+        """Changes the intended mode; in flight only to a mode that can run."""
         self._notice_plans()
         if self.armed and not self._can_switch(mode):
             return False
@@ -118,8 +118,8 @@ class Commander:
         self._choose(mode)
         return True
 
-    def tell_refusal(self, mode: NavState) -> None:
-        """Say that this mode is not available, unless a refusal was told a moment ago."""
+    def report_refusal(self, mode: NavState) -> None:
+        """Reports that a mode is not available, at most once per second."""
         now_s = self._view.time_s
         if now_s - self._refused_at_s <= REFUSAL_EVERY_S:
             return
@@ -131,7 +131,8 @@ class Commander:
         )  # fmt: skip
 
     def sticks_heard(self) -> None:
-        """Sticks on a disarmed vehicle that nobody chose a mode for: Position, as with a transmitter."""
+        """Called at stick input; a disarmed vehicle without a chosen mode switches to Position, as with an
+        RC."""
         if not self.armed and not self._mode_was_chosen:
             self.set_mode(NavState.POSITION)
 
@@ -147,18 +148,18 @@ class Commander:
             self._activate(mode, restart=restart)
 
     def return_to_launch(self) -> bool:
-        """RETURN_TO_LAUNCH, by whoever: PX4 says it before the navigator says where to."""
+        """Handles RETURN_TO_LAUNCH; PX4 announces it before the navigator announces the destination."""
         if self.armed and not self._can_switch(NavState.RTL):
-            self.tell_refusal(NavState.RTL)
+            self.report_refusal(NavState.RTL)
             return False
         self._announcer.both(6, "Returning to launch", "commander_rtl")
         return self.set_mode(NavState.RTL)
 
     def start_mission(self, first_item: float) -> bool | None:
-        """MISSION_START: Mission mode, and armed; None: there is nothing to fly, or no such item.
+        """MISSION_START: switches to Mission and arms; None: there is no mission or no such item.
 
         Args:
-            first_item: from 0; -1 goes on where the mission was left.
+            first_item: index from 0; -1 continues at the current item.
         """
         self._notice_plans()
         if not self.checks.has_mission:
@@ -172,7 +173,7 @@ class Commander:
             self._navigator.mission.set_current(int(first_item))
         if self.set_mode(NavState.MISSION) and self.arm(Reason.MISSION_START):
             return True
-        self.tell_refusal(NavState.MISSION)
+        self.report_refusal(NavState.MISSION)
         return False
 
     def _return(self, _parameters: tuple[float, ...]) -> None:
@@ -191,7 +192,7 @@ class Commander:
         return mode is self.active or report.runnable(mode)
 
     def terminate(self) -> bool:
-        """End the flight: motors off, for good. Only while armed."""
+        """Terminates the flight: motors off permanently. Only while armed."""
         if not self.armed:
             return False
         self.intended = self._after_disarming = NavState.TERMINATION
@@ -203,14 +204,14 @@ class Commander:
         return True
 
     def run_checks(self) -> None:
-        """RUN_PREARM_CHECKS: check and report now."""
+        """RUN_PREARM_CHECKS: runs the checks and reports them."""
         self._check()
         self.checks.announce()
 
     # --- each tick -------------------------------------------------------------------------------------
 
     def update(self, *, landed: bool) -> None:
-        """Check, fail safe, disarm: call at 50 Hz after the land detector."""
+        """Runs checks, failsafe and automatic disarming; call at 50 Hz after the land detector."""
         self._note_landing(landed)
         if not self.armed:
             self.home.follow()
@@ -229,20 +230,21 @@ class Commander:
         self._auto_disarm()
 
     def _check_is_due(self) -> bool:
-        """Ten times a second, after each change of the commander's own state, and while a failsafe counts."""
+        """Whether a check is due: at 10 Hz, after a change of the commander's state, and during a failsafe
+        delay."""
         self._ticks += 1
         state = self.armed, self.intended, self.active, self.landed, self.checks.has_mission
         changed, self._checked_for = state != self._checked_for, state
         return changed or self._ticks % CHECK_EVERY_TICKS == 0 or self.failsafe.action is not Action.NONE
 
     def _notice_plans(self) -> None:
-        """Take over a changed mission: at each tick, and before a command that may want to fly it."""
+        """Loads a changed mission; called at each tick, and before a command that may start it."""
         mission = self._navigator.mission
         mission.notice(armed=self.armed)
         self.checks.has_mission = mission.valid(landed=self.landed)
 
     def _end_task(self) -> None:
-        """A take-off that arrived and a mission that is over go on in Hold."""
+        """Switches to Hold after a finished take-off or mission."""
         mission = self._navigator.mission
         taking_off = self.active is NavState.TAKEOFF and not self.landed
         if taking_off and self._navigator.finished(NavState.TAKEOFF):
@@ -301,7 +303,7 @@ class Commander:
 
     @property
     def failsafe(self) -> Decision:
-        """What the failsafe does."""
+        """The current decision of the failsafe."""
         return self._termination or self._watch.decision
 
     def _act(self, action: Action) -> None:
@@ -323,7 +325,7 @@ class Commander:
 
     @property
     def in_failsafe(self) -> bool:
-        """Flying something else than was asked for."""
+        """Whether a failsafe has replaced the intended mode."""
         return self.failsafe.action > Action.WARN
 
     # --- modes and disarming ---------------------------------------------------------------------------
@@ -367,11 +369,11 @@ class Commander:
         return LandedState.IN_AIR
 
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode of the mode flown."""
+        """HEARTBEAT.custom_mode of the active mode."""
         return MODES[self.active].custom_mode
 
     def intended_custom_mode(self) -> int:
-        """The mode asked for."""
+        """The custom_mode of the intended mode."""
         return MODES[self.intended].custom_mode
 
     def base_mode(self) -> int:
@@ -381,7 +383,7 @@ class Commander:
         if self.active in (NavState.ACRO, NavState.TERMINATION):
             flags &= ~16
         if self.active is NavState.OFFBOARD and self.offboard.kind in (Kind.NONE, Kind.RATES):
-            flags &= ~16  # what was streamed last counts, also when nothing is any more
+            flags &= ~16  # depends on the last received setpoint, even if the stream has stopped
         return flags | (128 if self.armed else 0)
 
     def system_status(self) -> int:

@@ -1,7 +1,7 @@
-"""Which controllers run in Offboard: PX4 tells them at 2 Hz and when its mode or arming changes, no sooner.
+"""Active controllers in Offboard: PX4 updates them at 2 Hz, and when mode or arming state changes.
 
-A stream that changes from positions to attitudes is therefore flown by both for up to half a second: the
-position controller goes on and each message cuts in until its next output. Recordings show it.
+So after a change from position to attitude setpoints both controllers are active for up to half a second: the
+position controller continues, and each message overrides it until its next output, as recorded on PX4.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ PUBLISH_EVERY_S = 0.5
 
 
 class ControlMode:
-    """The control level that the controllers of one vehicle know of."""
+    """The control level that is published to the controllers of one vehicle."""
 
     def __init__(self) -> None:
         self.level = ControlLevel.TRAJECTORY
@@ -22,7 +22,7 @@ class ControlMode:
         self._published_at_s = -math.inf
 
     def update(self, now_s: float, wanted: ControlLevel, key: object) -> ControlLevel:
-        """Publish if it is time, or if `key` (arming, mode, failsafe) changed."""
+        """Publishes the level periodically, and when `key` (arming, mode, failsafe) changes."""
         if key != self._key or now_s - self._published_at_s >= PUBLISH_EVERY_S - 1e-6:
             self._key, self._published_at_s, self.level = key, now_s, wanted
         return self.level

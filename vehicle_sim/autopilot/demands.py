@@ -1,4 +1,4 @@
-"""Which action each thing that can go wrong asks for, by PX4's parameters; pure, one function a reason."""
+"""Failsafe action for each failure condition, from PX4's parameters; one pure function per condition."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WIND = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: 
 _BATTERY = {
     1: (Action.RTL, Action.RTL), 2: (Action.LAND, Action.LAND), 3: (Action.RTL, Action.LAND),
 }  # fmt: skip
-"""COM_LOW_BAT_ACT: what is done when the battery is critical, and in an emergency; 0: a warning."""
+"""COM_LOW_BAT_ACT: actions for a critical battery and for an emergency; 0: warning only."""
 _OFFBOARD = {
     0: Action.FALLBACK_POSITION, 1: Action.FALLBACK_ALTITUDE, 2: Action.FALLBACK_STABILIZED, 3: Action.RTL,
     4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM,
@@ -33,20 +33,20 @@ RC_IN_DISABLED = 4
 
 
 class Conditions(NamedTuple):
-    """What may be wrong with an armed vehicle, then the parameters that say what to do about it.
+    """Failure conditions of an armed vehicle, and the parameters that define the actions.
 
-    `FailsafeWatch` makes the first part 50 times a second, the second when a parameter changes.
+    `FailsafeWatch` computes the first part at 50 Hz, and the second part when a parameter changes.
     """
 
     mode: NavState
-    """The mode asked for."""
+    """The intended mode."""
     offboard_lost: bool = False
     position_lost: bool = False
-    """The mode needs a position and there is none."""
+    """The mode requires a position, and there is none."""
     sticks: bool = False
-    """Somebody steers by hand."""
+    """The pilot controls the vehicle with sticks."""
     manual_lost: bool = False
-    """There were sticks since arming, and there are no more."""
+    """Stick input was received since arming, but is lost now."""
     gcs_lost: bool = False
     battery_warning: int = 0
     fence_breached: bool = False
@@ -57,7 +57,7 @@ class Conditions(NamedTuple):
     """Within three seconds after spool-up."""
     offboard_loss_action: int = 0
     position_loss_lands: bool = False
-    """COM_POSCTL_NAVL: land, where sticks could still hold the altitude."""
+    """COM_POSCTL_NAVL: land instead of Altitude mode with sticks."""
     manual_loss_action: int = 0
     manual_loss_except: int = 0
     gcs_loss_action: int = 0
@@ -70,7 +70,7 @@ class Conditions(NamedTuple):
 
 
 def demands(c: Conditions) -> list[Demand]:
-    """Everything that is wrong now."""
+    """The demands of all current failure conditions."""
     found = [*_links(c), *_limits(c), *battery_demands(c), *_failures(c)]
     fallback = _mode_fallback(c)
     if fallback is not Action.NONE:
@@ -79,7 +79,7 @@ def demands(c: Conditions) -> list[Demand]:
 
 
 def _strict(name: str, action: Action, cause: Cause = Cause.GENERIC) -> Demand:
-    """Termination and disarming are final; the rest lasts until somebody chooses a mode."""
+    """A demand that lasts until the operator changes the mode; termination and disarming are final."""
     if action is Action.TERMINATE:
         return Demand(name, action, cause, Clear.NEVER, Takeover.NEVER)
     if action is Action.DISARM:
@@ -118,7 +118,7 @@ def _limits(c: Conditions) -> list[Demand]:
 
 
 def ground_demands(c: Conditions) -> list[Demand]:
-    """What is done about an armed vehicle that has not flown."""
+    """The demands for an armed vehicle that has not taken off."""
     found = battery_demands(c)
     if c.position_lost:
         found.append(Demand("mode", _mode_fallback(c), takeover=Takeover.ALWAYS))
@@ -126,7 +126,7 @@ def ground_demands(c: Conditions) -> list[Demand]:
 
 
 def battery_demands(c: Conditions) -> list[Demand]:
-    """What its level asks for by COM_LOW_BAT_ACT."""
+    """The demands of the battery level, by COM_LOW_BAT_ACT."""
     if c.battery_warning <= 0:
         return []
     if c.battery_warning == 1:
@@ -146,7 +146,7 @@ def _failures(c: Conditions) -> list[Demand]:
 
 def _mode_fallback(c: Conditions) -> Action:
     if c.mode is NavState.OFFBOARD and (c.offboard_lost or c.position_lost):
-        # Setpoints that need a position count as lost with it, and so does the mode to fall back to.
+        # Without a position, Offboard and fallback modes that require one count as lost.
         action = _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
         return Action.FALLBACK_ALTITUDE if action is Action.FALLBACK_POSITION and c.position_lost else action
     if not c.position_lost:

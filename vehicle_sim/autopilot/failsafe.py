@@ -1,4 +1,4 @@
-"""PX4's failsafe state machine: what is wrong goes in, one action comes out; time is handed to it."""
+"""PX4's failsafe state machine: selects one action from all current demands; time is an input."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vehicle_sim.autopilot.modes import NavState
 
 
 class Action(IntEnum):
-    """PX4's failsafe actions, numbered as its events number them; later is more severe."""
+    """PX4's failsafe actions with the numbers of its events; higher is more severe."""
 
     NONE = 0
     WARN = 1
@@ -26,7 +26,7 @@ class Action(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why, as failsafe events number it."""
+    """Cause of a failsafe, with the numbers of PX4's events."""
 
     GENERIC = 0
     MANUAL_CONTROL_LOSS = 1
@@ -45,7 +45,7 @@ class Clear(Enum):
 
 
 class Takeover(Enum):
-    """Whether choosing a mode ends an action whose reason is still there."""
+    """Whether a mode change by the operator ends an action whose cause still exists."""
 
     AUTO = "yes, and there is a delay to do it in"
     ALWAYS = "yes, without a delay"
@@ -54,7 +54,7 @@ class Takeover(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """One thing that is wrong now, and what it asks for."""
+    """A failure condition and the action that it requires."""
 
     name: str
     action: Action
@@ -75,26 +75,26 @@ ACTION_MODES: dict[Action, NavState] = {
 }
 _NOT_DELAYED = (Action.HOLD, Action.DISARM, Action.TERMINATE)
 _LADDER = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
-"""What cannot run gives way to the next."""
+"""An action that cannot run is replaced by the next one."""
 _NOBODY: frozenset[str] = frozenset()
 _LANDING = (NavState.LAND, NavState.PRECISION_LAND)
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The failsafe's answer."""
+    """The decision of the failsafe."""
 
     action: Action = Action.NONE
     cause: Cause = Cause.GENERIC
     pending: Action = Action.NONE
-    """What Hold is only the delay for (COM_FAIL_ACT_T); NONE: no delay."""
+    """The action that follows Hold after the delay COM_FAIL_ACT_T; NONE: no delay."""
 
 
 _FINE = Decision()
 
 
 class Failsafe:
-    """Remembers what is wrong, what was taken over, and how long the delay still runs."""
+    """Stores active demands, takeovers by the operator, and the remaining delay."""
 
     def __init__(self) -> None:
         self._active: dict[str, Demand] = {}
@@ -104,13 +104,13 @@ class Failsafe:
         self._decision = Decision()
 
     def reset(self) -> None:
-        """Disarmed: all is forgotten."""
+        """Clears everything; called at disarming."""
         self._active.clear()
         self._present = frozenset()
         self._taken_over, self._acts_at_s, self._decision = False, None, Decision()
 
     def mode_chosen(self) -> None:
-        """Somebody chose a mode: where that is allowed it ends the action."""
+        """Called when the operator changes the mode; ends the action if that is allowed."""
         worst = self._worst()
         if worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
             self._taken_over = True
@@ -130,8 +130,8 @@ class Failsafe:
         can_run: Callable[[NavState], bool],
         delay_s: float,
     ) -> Decision:
-        """Decide for this moment; call it at 50 Hz while armed."""
-        if not demands and not self._active:  # nearly always
+        """Updates the decision; call at 50 Hz while armed."""
+        if not demands and not self._active:  # the usual case
             self._taken_over, self._present, self._acts_at_s, self._decision = False, _NOBODY, None, _FINE
             return _FINE
         self._remember(demands)

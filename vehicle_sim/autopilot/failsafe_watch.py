@@ -1,4 +1,4 @@
-"""From the vehicle's state to a failsafe decision, and the words PX4 says about it."""
+"""Computes the failsafe decision from the vehicle's state, and sends PX4's texts about it."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ class FailsafeWatch:
         self._had_sticks = False
         self._settings: tuple[int, ...] = ()
         self._settings_of = -1
-        """Of which change of parameters these are."""
+        """Parameter revision of the settings."""
         self._now: tuple[object, ...] = ()
         self._conditions = Conditions(NavState.HOLD)
         self._demands: list[Demand] = []
         self.decision = Decision()
 
     def reset(self) -> None:
-        """Disarmed."""
+        """Clears the failsafe; called at disarming."""
         self._machine.reset()
         self._had_sticks = False
         self.decision = Decision()
 
     def mode_chosen(self) -> None:
-        """The operator chose a mode."""
+        """Called when the operator changes the mode."""
         self._machine.mode_chosen()
 
     def update(self, intended: NavState, *, armed_for_s: float, acts: bool) -> Decision:
-        """Decide, and say what changed.
+        """Updates the decision, and reports changes.
 
         Args:
-            acts: the vehicle flies (or has flown), so that something may be done about it; about the
-                battery and a lost position PX4 does it on the ground as well.
+            acts: whether actions are allowed, because the vehicle flies or has flown; for battery and lost
+                position PX4 also acts on the ground.
         """
         now = self._look(intended, armed_for_s)
         if now != self._now:
@@ -83,7 +83,7 @@ class FailsafeWatch:
         return self._checks.position_good or not needs.needs_position
 
     def _look(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
-        """What may be wrong, in the order of `Conditions`."""
+        """The failure conditions, in the order of `Conditions`."""
         view, checks, monitors = self._view, self._checks, self._monitors
         if self._settings_of != view.parameter_changes:
             self._take_settings()
@@ -106,7 +106,7 @@ class FailsafeWatch:
         )
 
     def _take_settings(self) -> None:
-        """What to do about it, in the order of `Conditions`."""
+        """The parameters, in the order of `Conditions`."""
         choice = self._view.choice
         self._settings_of = self._view.parameter_changes
         self._settings = (

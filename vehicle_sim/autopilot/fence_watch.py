@@ -1,4 +1,4 @@
-"""Watches the fence in flight, as PX4 does five times a second."""
+"""Checks the geofence in flight five times per second, as PX4 does."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ INTERVAL_S = 0.2
 
 
 class FenceWatch:
-    """The fence of one vehicle."""
+    """The geofence check of one vehicle."""
 
     def __init__(self, view: VehicleView, announcer: Announcer, home: Home, plans: Plans) -> None:
         self._view, self._announcer, self._home, self._plans = view, announcer, home, plans
@@ -36,7 +36,7 @@ class FenceWatch:
 
     @property
     def active(self) -> bool:
-        """GF_ACTION is not "none"."""
+        """Whether GF_ACTION is not 0 (none)."""
         return self._view.choice("GF_ACTION") != 0
 
     def allows(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
@@ -44,7 +44,7 @@ class FenceWatch:
         return not self.active or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
 
     def update(self) -> None:
-        """Call each tick."""
+        """Updates the check; call at each tick."""
         if self._revision != self._plans.revision(FENCE):
             self._revision = self._plans.revision(FENCE)
             self.zones = read_zones(self._plans.items(FENCE))

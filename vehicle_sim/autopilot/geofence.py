@@ -1,4 +1,4 @@
-"""The fence: uploaded polygons and circles, and the cylinder about home; what lies inside by PX4's rules."""
+"""The geofence: uploaded polygons and circles, and the cylinder around home, with PX4's rules."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Zone:
 
 
 def read_zones(items: Sequence[Item]) -> tuple[Zone, ...]:
-    """Zones of an uploaded fence; what is no whole polygon or circle counts for nothing."""
+    """Zones of an uploaded fence; incomplete polygons are ignored."""
     zones: list[Zone] = []
     k = 0
     while k < len(items):
@@ -63,7 +63,7 @@ def read_zones(items: Sequence[Item]) -> tuple[Zone, ...]:
 
 
 def inside(zones: Sequence[Zone], lat_deg: float, lon_deg: float) -> bool:
-    """Within one of the inclusion zones (where there are any) and in no exclusion zone."""
+    """Whether a point is in an inclusion zone (if there are any) and in no exclusion zone."""
     inclusions = [zone for zone in zones if zone.inclusion]
     if inclusions and not any(zone.contains(lat_deg, lon_deg) for zone in inclusions):
         return False
@@ -72,7 +72,7 @@ def inside(zones: Sequence[Zone], lat_deg: float, lon_deg: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """GF_MAX_HOR_DIST and GF_MAX_VER_DIST about home; 0: no limit."""
+    """GF_MAX_HOR_DIST and GF_MAX_VER_DIST around home; 0: no limit."""
 
     home_lat_deg: float
     home_lon_deg: float
@@ -84,7 +84,7 @@ class Cylinder:
 def breaches(
     zones: Sequence[Zone], cylinder: Cylinder, lat_deg: float, lon_deg: float, alt_amsl_m: float
 ) -> frozenset[Breach]:
-    """What a place violates."""
+    """The parts of the fence that a position violates."""
     found: set[Breach] = set()
     if not inside(zones, lat_deg, lon_deg):
         found.add(Breach.ZONE)
@@ -98,7 +98,7 @@ def breaches(
 
 
 def distance_m(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_deg: float) -> float:
-    """Between two places on the ground."""
+    """Horizontal distance between two positions."""
     n, e = to_local(lat_deg, lon_deg, other_lat_deg, other_lon_deg)  # type: ignore[arg-type]
     return math.hypot(float(n), float(e))
 

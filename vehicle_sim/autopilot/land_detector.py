@@ -1,8 +1,8 @@
-"""Is the vehicle on the ground? PX4's multicopter detector, from estimate, thrust and what is asked of it.
+"""PX4's multicopter land detector, from estimate, thrust and setpoints.
 
-Three stages, each held for a third of LNDMC_TRIG_TIME: ground contact (a descent is asked for, nothing moves,
-little thrust), maybe landed (thrust at its minimum, no rotation), landed. Where there is a range finder that
-does not see the ground, each takes three times as long.
+It has three stages, each after a third of LNDMC_TRIG_TIME: ground contact (descent setpoint, no motion, low
+thrust), maybe landed (minimum thrust, no rotation), landed. If the range finder does not measure the ground,
+each stage takes three times as long.
 """
 
 from __future__ import annotations
@@ -28,36 +28,37 @@ class LandedState(IntEnum):
 
 
 LOW_THRUST = 0.3
-"""Low is less than this part of the way from the least to the hover thrust,"""
+"""Low thrust is below this fraction between minimum and hover thrust (MPC_THR_HOVER)."""
 LOW_THRUST_KNOWN_HOVER = 0.6
-"""or this where the hover thrust is an estimate."""
+"""The same fraction if the hover thrust is estimated."""
 MINIMUM_THRUST = 0.1
 LANDED_SLACK = 2.5
-"""Once landed, so much more motion and rotation is allowed."""
+"""Factor on the allowed motion and rotation after landing."""
 DESCENT_MARGIN = 1.1
-"""A descent is asked for at this many times LNDMC_Z_VEL_MAX."""
+"""A setpoint faster than this factor times LNDMC_Z_VEL_MAX counts as a descent."""
 NEAR_GROUND_M = 1.0
 UNSEEN_GROUND_FACTOR = 3.0
 NO_HEIGHT_S = 8.0
-"""Without a vertical estimate, thrust at its minimum for so long is a landing."""
+"""Without a vertical estimate, minimum thrust for this long counts as a landing."""
 
 
 class Motion(NamedTuple):
-    """What the detector looks at."""
+    """Inputs of the detector."""
 
     armed: bool
     thrust: float
     hover_thrust: float
-    """Estimated, or MPC_THR_HOVER."""
+    """The estimated hover thrust, or MPC_THR_HOVER."""
     hover_thrust_known: bool
-    """It is an estimate."""
+    """Whether the hover thrust is estimated."""
     velocity_ned_m_s: tuple[float, float, float]
     down_by_position_m_s: float
-    """Vertical velocity as the change of the position: noisier, but without the other's error."""
+    """Vertical velocity as the change of the position; noisier, but without the bias of the velocity
+    estimate."""
     vertical_known: bool
     rates_frd_rad_s: tuple[float, float, float]
     height_above_ground_m: float
-    """By the range finder; NaN: it does not see the ground."""
+    """Height of the range finder; NaN: no measurement."""
     climb_rate_controlled: bool
     asked_down_m_s: float
     """Vertical velocity of the newest trajectory setpoint; NaN: none."""
@@ -82,7 +83,7 @@ _CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _THRUST_MIN_B
 
 
 class LandDetector:
-    """State of one vehicle."""
+    """The land detector of one vehicle."""
 
     def __init__(self) -> None:
         self._state = np.array([1.0, -math.inf] * 4 + [0.0])

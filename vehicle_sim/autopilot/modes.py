@@ -1,4 +1,4 @@
-"""PX4's flight modes: numbers, names and what each needs, in one table."""
+"""PX4's flight modes: numbers, names and requirements, in one table."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ MAIN_POSITION = 3
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """What PX4 tells about one mode, and what it needs to run."""
+    """PX4's data of one mode, and its requirements."""
 
     state: NavState
     main: int
     sub: int
     name: str
-    """As AVAILABLE_MODES and refusals call it."""
+    """Name in AVAILABLE_MODES and in refusals."""
     listed_name: str
-    """In AVAILABLE_MODES; empty where a standard mode says it all."""
+    """Name in AVAILABLE_MODES; empty for standard modes."""
     standard_mode: int
     properties: int
     index: int
-    """In AVAILABLE_MODES, from 1; 0: not listed."""
+    """Index in AVAILABLE_MODES, from 1; 0: not listed."""
     needs_sticks: bool = False
     needs_position: bool = False
     needs_global: bool = False
@@ -117,7 +117,7 @@ LISTED: tuple[Mode, ...] = tuple(
 CANNOT_TAKE_OFF = frozenset(
     {_S.RTL, _S.DESCEND, _S.TERMINATION, _S.LAND, _S.FOLLOW, _S.PRECISION_LAND, _S.ORBIT}
 )
-"""Modes one may not arm in."""
+"""Modes that do not allow arming."""
 
 _MODE_ORDER = (
     _S.MANUAL, _S.ALTITUDE, _S.POSITION, _S.MISSION, _S.HOLD, _S.RTL,
@@ -137,11 +137,11 @@ STANDARD_MODES: dict[int, NavState] = {
     7: _S.LAND,
     8: _S.TAKEOFF,
 }
-"""MAV_STANDARD_MODE to mode, as DO_SET_STANDARD_MODE takes it."""
+"""Modes by MAV_STANDARD_MODE, for DO_SET_STANDARD_MODE."""
 
 _MAIN = {1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED}
 _POSITION_SUB = {0: _S.POSITION, 2: _S.POSITION_SLOW}
-"""Orbit (1) is entered by DO_ORBIT only; asked for as a mode it is Position."""
+"""Orbit (1) is started by DO_ORBIT only; requested as a mode it means Position."""
 _AUTO_SUB = {
     0: _S.MISSION,
     2: _S.TAKEOFF,
@@ -156,14 +156,14 @@ _AUTO_SUB = {
 
 
 class UnsupportedAutoMode(Exception):
-    """PX4 knows no such auto sub mode (or it is for other vehicles)."""
+    """PX4 has no such auto sub mode, or only for other vehicle types."""
 
 
 def from_numbers(main: int, sub: int) -> NavState | None:
-    """The mode PX4 switches to for main and sub mode; None: it answers "done" and changes nothing.
+    """The mode of a main and sub mode; None: PX4 accepts the request without a mode change.
 
     Raises:
-        UnsupportedAutoMode: an auto sub mode that is none.
+        UnsupportedAutoMode: an auto sub mode that does not exist.
     """
     if main == MAIN_POSITION:
         return _POSITION_SUB.get(sub, _S.POSITION)
@@ -176,5 +176,5 @@ def from_numbers(main: int, sub: int) -> NavState | None:
 
 
 def event_number(state: NavState) -> int:
-    """How events number the mode; 255: they do not know it."""
+    """Number of the mode in events; 255: none."""
     return _EVENT_NUMBERS.get(state, _NO_NUMBER)

@@ -1,7 +1,7 @@
-"""What the commander watches in flight: wind, flight time and attitude.
+"""Monitors of the commander in flight: wind, flight time and attitude.
 
-A motor that stops shows in the attitude only: PX4 finds failed motors by what their speed controllers
-report (FD_ACT_EN), and the simulated vehicle has none that report, as the recorded one.
+A stopped motor is detected by the attitude only. PX4 detects failed motors by the reports of their speed
+controllers (FD_ACT_EN), which the simulated vehicle does not have, like the recorded one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ WIND_TIME_CONSTANT_S = 4.0
 WIND_WARNING_EVERY_S = 60.0
 AIR_DENSITY_KG_M3 = 1.225
 LEAST_LEVEL = 0.1
-"""Cosine of the tilt beyond which the axes of the body say too little of level wind."""
+"""Cosine of the tilt above which the horizontal wind cannot be estimated from the body axes."""
 TIME_WARNINGS_S = (120, 60, 30, 10)
 
 
@@ -34,7 +34,7 @@ class Monitors:
         self.attitude_failure = self.roll_failure = self.pitch_failure = False
         self.flight_time_over = False
         self.wind_m_s = math.nan
-        """Estimated from the drag (EKF2_DRAG_CTRL); NaN: not estimated."""
+        """Wind speed estimated from the drag (EKF2_DRAG_CTRL); NaN: not estimated."""
         self._tilted_since_s: dict[str, float] = {}
         self._wind_ned: tuple[float, float] | None = None
         self._wind_warned_at_s = -math.inf
@@ -42,7 +42,7 @@ class Monitors:
         self._warned_s = math.inf
 
     def update(self, *, armed: bool, landed: bool) -> None:
-        """Look at everything once."""
+        """Updates all monitors."""
         if not armed:
             self._forget()
         self._attitude()
@@ -101,7 +101,7 @@ class Monitors:
 
     @property
     def wind_too_high(self) -> bool:
-        """Above COM_WIND_MAX."""
+        """Whether the wind is above COM_WIND_MAX."""
         return math.isfinite(self.wind_m_s) and 0.0 < self._view.parameter("COM_WIND_MAX") < self.wind_m_s
 
     def _wind(self, landed: bool) -> None:
@@ -124,10 +124,10 @@ class Monitors:
             self._announcer.both(4, text, "check_high_wind_warning", "f", self.wind_m_s)
 
     def _wind_by_drag(self) -> tuple[float, float]:
-        """Across the thrust accelerometers feel drag alone: by PX4's drag model, a velocity of the air.
+        """Wind velocity from the accelerations perpendicular to the thrust, with PX4's drag model.
 
-        Wind blows level, so two axes of the body are enough. The model's figures are the user's (EKF2_MCOEF,
-        EKF2_BCOEF_*): where they are not the airframe's, the estimated wind is wrong by as much.
+        Wind is horizontal, so two body axes are enough. The model's parameters EKF2_MCOEF and EKF2_BCOEF_*
+        are set by the user; wrong values give a wrong wind.
         """
         view, estimate = self._view, self._view.estimate
         ax, ay, _ = view.simulation.sensors.accel_frd_m_s2[view.row].tolist()
@@ -145,7 +145,7 @@ class Monitors:
 
 
 def _air_speed(drag_m_s2: float, momentum_per_s: float, ballistic_kg_m2: float) -> float:
-    """The speed against the air along an axis at which the drag is this great.
+    """The airspeed along an axis that causes this drag.
 
     Args:
         drag_m_s2: deceleration.
@@ -156,6 +156,6 @@ def _air_speed(drag_m_s2: float, momentum_per_s: float, ballistic_kg_m2: float) 
     linear_per_s = momentum_per_s if momentum_per_s > 1e-3 else 0.0
     size = abs(drag_m_s2)
     root = math.sqrt(linear_per_s**2 + 4.0 * square_per_m * size)
-    # The root of the quadratic in a form that stays right where either part is missing.
+    # Form of the quadratic root that is also valid if one of the two terms is missing.
     speed = 2.0 * size / (linear_per_s + root) if linear_per_s + root > 0.0 else 0.0
     return math.copysign(speed, drag_m_s2)

@@ -1,4 +1,4 @@
-"""Offboard setpoints: masks and frames decoded as PX4 decodes them, and when the stream counts as lost."""
+"""Offboard setpoints: decodes masks and frames like PX4, and detects a lost stream."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ YAW_RATE_BIT = 2048
 LOCAL_NED = 1
 BODY_NED = 8
 LIMIT = 1e6
-"""No setpoint means more metres, m/s or rad than this."""
+"""Largest accepted value of a setpoint [m, m/s, rad]."""
 GLOBAL_AMSL = 5
 GLOBAL_RELATIVE = 6
 GLOBAL_TERRAIN = 11
@@ -43,7 +43,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What was asked last; NaN is not controlled."""
+    """The newest setpoint; NaN: not controlled."""
 
     kind: Kind = Kind.NONE
     position_ned_m: Vector = NAN3
@@ -57,13 +57,13 @@ class Setpoint:
     torque_frd: Vector = (0.0, 0.0, 0.0)
     """Normalised, -1..1."""
     motors: tuple[float, ...] = ()
-    """0..1 each; NaN: that motor stands still."""
+    """0..1 each; NaN: the motor is stopped."""
 
     @property
     def complete(self) -> bool:
-        """Whether the position controller can follow it: something on each axis, north and east together.
+        """Whether the position controller can follow it: a value on each axis, north and east together.
 
-        What is not, it stops for: with velocity zero, wherever the vehicle is.
+        An incomplete setpoint stops the vehicle: velocity zero.
         """
         levels = (self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2)
         pairs = all(math.isfinite(north) == math.isfinite(east) for north, east, _ in levels)
@@ -105,16 +105,17 @@ class Offboard:
         """Newest setpoint of PX4's own topics, by where it enters the cascade."""
         self.setpoint = Setpoint()
         self.no_attitude: tuple[float, float, float, float] | None = None
-        """The newest attitude is none (zeros, not a number): no controller follows it, but it is echoed."""
-        self.told_thrust = math.nan
-        """Size of the newest thrust of an attitude or rates message, as it is echoed: PX4 drops the sign."""
+        """The newest attitude if it is invalid (zeros or NaN): no controller follows it, but it is
+        reported."""
+        self.reported_thrust = math.nan
+        """Magnitude of the newest thrust of an attitude or rates message, as reported; PX4 drops the sign."""
         self.invalid = False
-        """The newest setpoint controls nothing: the controllers sink level."""
+        """The newest setpoint controls nothing; the vehicle descends level."""
         self.on_setpoint: Callable[[], None] = _nobody
-        """Called with each attitude, rate, torque or motor setpoint: those are flown as they arrive."""
+        """Called at each attitude, rate, torque or motor setpoint, because these are applied at once."""
 
     def signal(self) -> bool:
-        """Whether a valid setpoint came within COM_OF_LOSS_T."""
+        """Whether a valid setpoint was received within COM_OF_LOSS_T."""
         loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))
         return self._view.time_s - self._heard_at_s < loss_s
 
@@ -215,7 +216,7 @@ class Offboard:
         """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
         self._flagged = None
         asked = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
-        self.told_thrust = 0.0 if mask & 64 else abs(thrust)
+        self.reported_thrust = 0.0 if mask & 64 else abs(thrust)
         thrust = self.setpoint.thrust if mask & 64 else asked
         norm = math.sqrt(sum(each * each for each in q))
         self._heard_at_s = self._view.time_s
@@ -294,11 +295,11 @@ class Offboard:
 
     @property
     def level(self) -> ControlLevel:
-        """Where the newest setpoint enters the cascade."""
+        """Control level of the newest setpoint."""
         return LEVELS.get(self.kind, ControlLevel.TRAJECTORY)
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
-        """Whether the setpoint leads off the ground."""
+        """Whether the setpoint requires a take-off."""
         setpoint = self.setpoint
         return (
             setpoint.position_ned_m[2] < z_ned_m
@@ -334,11 +335,11 @@ def motor_setpoint(motors: Sequence[float]) -> Setpoint:
 
 
 def _nobody() -> None:
-    """Nobody waits for setpoints."""
+    """Default listener without effect."""
 
 
 def _sane(value: float) -> float:
-    """Infinite counts as not set; beyond what could ever be flown is cut."""
+    """Treats infinity as not set, and limits values to a plausible range."""
     return max(-LIMIT, min(LIMIT, value)) if math.isfinite(value) else math.nan
 
 

@@ -1,4 +1,4 @@
-"""Commands the autopilot gives itself or its payload: carried out here, and told to every link as by PX4."""
+"""Commands of the autopilot to itself or its payload; executed here, and sent on every link as in PX4."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class OwnCommand:
-    """Number and seven parameters; degrees for places."""
+    """Number and seven parameters; positions in degrees."""
 
     number: int
     parameters: tuple[float, ...]
     repeated: bool
-    """Sent again until somebody acknowledges it (nobody does)."""
+    """Whether it is repeated until it is acknowledged (which never happens)."""
 
 
 class OwnCommands:
-    """Hands each command to whoever carries it out, then to whoever tells others about it."""
+    """Passes each command to its handler, then to the listeners."""
 
     def __init__(self) -> None:
         self._doers: dict[int, Callable[[tuple[float, ...]], None]] = {}
         self._listeners: list[Callable[[OwnCommand], None]] = []
 
-    def serve(self, doers: Mapping[int, Callable[[tuple[float, ...]], None]]) -> None:
-        """Add who carries out which numbers."""
-        self._doers |= doers
+    def serve(self, handlers: Mapping[int, Callable[[tuple[float, ...]], None]]) -> None:
+        """Adds handlers by command number."""
+        self._doers |= handlers
 
     def add_listener(self, listener: Callable[[OwnCommand], None]) -> None:
-        """Tell `listener` about each command."""
+        """Calls `listener` for each command."""
         self._listeners.append(listener)
 
     def send(self, number: int, *parameters: float, repeated: bool = True) -> None:
-        """Give a command; parameters left out are 0."""
+        """Sends a command; missing parameters are 0."""
         seven = (*parameters, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[:7]
         for listener in tuple(self._listeners):
             listener(OwnCommand(number, seven, repeated))
@@ -47,15 +47,15 @@ class OwnCommands:
             doer(seven)
 
     def stop_triggering(self) -> None:
-        """As PX4 does when it leaves a mission."""
+        """Stops camera triggers, as PX4 does when it leaves a mission."""
         self.send(TRIGGER, -1.0, 0.0, 1.0)
 
     def release_gimbal(self) -> None:
-        """Neutral, and out of control (without effect for who is not in control)."""
+        """Moves the gimbal to neutral and releases control, if the autopilot has control."""
         self.send(GIMBAL_PITCH_YAW, NAN, NAN, NAN, NAN, NEUTRAL, repeated=False)
         self.send(GIMBAL_CONFIGURE, -3.0, -3.0, -1.0, -1.0, repeated=False)
 
     def park_gimbal(self) -> None:
-        """Take control, neutral, release: on the way home and down."""
+        """Takes control, moves the gimbal to neutral and releases it; for return and landing."""
         self.send(GIMBAL_CONFIGURE, -2.0, -2.0, -1.0, -1.0)
         self.release_gimbal()

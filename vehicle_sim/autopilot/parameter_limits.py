@@ -1,4 +1,4 @@
-"""Parameters that PX4 keeps in order among each other, with a word about it: speeds, tilts, hover thrust."""
+"""Limits between parameters that PX4 enforces and reports: speeds, tilts, hover thrust."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ _LIMITS = (
 
 
 class ParameterLimits:
-    """Applies the order after each change that came from outside."""
+    """Enforces the limits after each parameter change from outside."""
 
     def __init__(self, parameters: Parameters, announcer: Announcer) -> None:
         self._parameters = parameters
         self._announcer = announcer
 
     def apply(self) -> None:
-        """Bring down what is too high, and say so."""
+        """Reduces values that are too high, and reports it."""
         value = self._parameters.get
         if value("MPC_TILTMAX_AIR") > TILT_MAX_DEG:
             self._parameters.set("MPC_TILTMAX_AIR", TILT_MAX_DEG)

@@ -1,4 +1,4 @@
-"""The plans a vehicle holds (mission, fence, rally points): from the mission protocol to the navigator."""
+"""The plans of a vehicle (mission, fence, rally points), shared by mission protocol and navigator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MISSION, FENCE, RALLY = 0, 1, 2
 
 
 class Plans:
-    """Three lists of items; `revision` of each rises with every change."""
+    """Three lists of items; the `revision` of each increases with every change."""
 
     def __init__(self) -> None:
         self._items: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
@@ -23,7 +23,7 @@ class Plans:
         """The mission item that the newest upload marked as current."""
 
     def store(self, kind: int, items: Sequence[Mapping[str, Any]]) -> None:
-        """Replace a plan by MISSION_ITEM_INT fields."""
+        """Replaces a plan; `items` are fields of MISSION_ITEM_INT."""
         self._items[kind] = tuple(read(fields) for fields in items)
         self._revisions[kind] += 1
         self.changes += 1
@@ -36,10 +36,10 @@ class Plans:
         return self._items[kind]
 
     def revision(self, kind: int) -> int:
-        """How often the plan was changed."""
+        """Number of changes of the plan."""
         return self._revisions[kind]
 
     @property
     def mission(self) -> tuple[Item, ...]:
-        """What Mission mode flies."""
+        """The mission items."""
         return self._items[MISSION]

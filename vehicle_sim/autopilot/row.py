@@ -1,4 +1,4 @@
-"""Writes one vehicle's row of the shared setpoints, so that no mode touches arrays."""
+"""Writes one vehicle's row of the shared setpoint arrays."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 NAN3: Vector = (math.nan, math.nan, math.nan)
 
 
-# Plain numbers: an enumeration member takes NumPy three times as long.
+# Plain numbers, because NumPy is three times slower with members of an enumeration.
 _TRAJECTORY = int(ControlLevel.TRAJECTORY)
 
 
 def numbers(row: FloatArray) -> memoryview[float]:
-    """The same numbers to read and write, one at a time: several times as fast as through NumPy."""
+    """A view to read and write single numbers, several times as fast as NumPy."""
     return row.data.cast("B").cast("d")
 
 
@@ -31,7 +31,7 @@ def _integers(row: IntArray) -> memoryview[int]:
 
 
 class SetpointRow:
-    """The controllers' input of vehicle `row`."""
+    """The controllers' input of one vehicle."""
 
     def __init__(self, view: VehicleView) -> None:
         self._all = view.simulation.setpoints
@@ -58,7 +58,7 @@ class SetpointRow:
         yaw_ned_rad: float = math.nan,
         yaw_rate_ned_rad_s: float = math.nan,
     ) -> None:
-        """Position, velocity, acceleration, each NaN where not controlled."""
+        """Writes position, velocity and acceleration; NaN: not controlled."""
         i = self._i
         self._level[i] = _TRAJECTORY
         at, speed, push = self._position, self._velocity, self._acceleration
@@ -69,23 +69,23 @@ class SetpointRow:
         self._yaw_rate[i] = yaw_rate_ned_rad_s
 
     def asked(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-        """Position, velocity and acceleration last written; NaN where not controlled."""
+        """The last written position, velocity and acceleration; NaN: not controlled."""
         return tuple(self._position), tuple(self._velocity), tuple(self._acceleration)
 
     @property
     def below_trajectory(self) -> bool:
-        """What was written last goes past the position controller."""
+        """Whether the last setpoint bypasses the position controller."""
         return self._level[self._i] < _TRAJECTORY
 
     @property
     def asked_down_m_s(self) -> float:
-        """Vertical velocity last written; NaN where not controlled."""
+        """The last written vertical velocity; NaN: not controlled."""
         return self._velocity[2]
 
     def attitude(
         self, q_ned_frd: tuple[float, float, float, float], thrust: float, yaw_rate_ned_rad_s: float
     ) -> None:
-        """Attitude and collective thrust."""
+        """Writes attitude and collective thrust."""
         s, i = self._all, self._i
         s.level[i] = ControlLevel.ATTITUDE
         s.q_ned_frd[i] = q_ned_frd
@@ -93,7 +93,7 @@ class SetpointRow:
         s.yaw_rate_ned_rad_s[i] = yaw_rate_ned_rad_s
 
     def rates(self, rates_frd_rad_s: Vector, thrust: float) -> None:
-        """Body rates and collective thrust."""
+        """Writes body rates and collective thrust."""
         s, i = self._all, self._i
         s.level[i] = ControlLevel.RATES
         s.rates_frd_rad_s[i] = rates_frd_rad_s
@@ -101,7 +101,7 @@ class SetpointRow:
 
     def cut_in(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
                thrust: float) -> None:  # fmt: skip
-        """An attitude, or without one body rates, for as long as the outer controllers are silent."""
+        """Overrides with an attitude, or body rates, until the next output of the outer controllers."""
         s, i = self._all, self._i
         s.thrust[i] = thrust
         if q_ned_frd is not None:
@@ -112,30 +112,30 @@ class SetpointRow:
             s.cut_in[i] = ControlLevel.RATES
 
     def thrust_torque(self, thrust: float, torque_frd: Vector) -> None:
-        """Collective thrust 0..1 and normalised torques, past the rate controller."""
+        """Writes collective thrust 0..1 and normalised torques, which bypass the rate controller."""
         s, i = self._all, self._i
         s.level[i] = ControlLevel.THRUST_TORQUE
         s.thrust[i] = thrust
         s.torque_frd[i] = torque_frd
 
     def motors(self, signals: tuple[float, ...]) -> None:
-        """Motor signals, past the mixer; NaN stands still."""
+        """Writes motor signals, which bypass the mixer; NaN: stopped."""
         s, i = self._all, self._i
         s.level[i] = ControlLevel.MOTORS
         s.motors[i] = np.nan
         s.motors[i, : len(signals)] = signals
 
     def idle(self) -> None:
-        """No controller: motors turn at idle when armed."""
+        """Disables all controllers; armed motors run at idle."""
         self._all.clear(self._i)
         self._all.level[self._i] = ControlLevel.DISARMED
 
     def armed(self, armed: bool) -> None:
-        """Whether the motors may turn."""
+        """Sets whether the motors may run."""
         self._all.armed[self._i] = armed
 
     def in_air(self, in_air: bool) -> None:
-        """The land detector's word."""
+        """Sets whether the land detector reports a flight."""
         self._in_air[self._i] = in_air
 
     def limits(
@@ -148,7 +148,7 @@ class SetpointRow:
         min_thrust: float,
         tilt_limit_rad: float,
     ) -> None:
-        """What the take-off state allows the position controller."""
+        """Sets the limits of the position controller during take-off."""
         i = self._i
         self._ramping[i] = ramping
         self._landed[i] = landed

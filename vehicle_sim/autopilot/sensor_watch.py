@@ -1,4 +1,4 @@
-"""What a vehicle says of its sensors: one is silent or repeats itself, GNSS is used again or no more."""
+"""Reports sensor failures: silent or stale sensors, and start and stop of GNSS fusion."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.vehicle_view import VehicleView
 
 FAILED_AFTER_S, NO_DATA_AFTER_S = 0.3, 1.0
-"""A driver so long silent has failed; so long, and nothing valid is left of it."""
+"""Silence after which a driver counts as failed, and after which its data is invalid."""
 STALE, TIMEOUT = 2, 4
 """Bits of sensor_failover_reason_t."""
 FIX_3D = 3
 
 
 class SensorWatch:
-    """The sensors of one vehicle."""
+    """Checks the sensors of one vehicle."""
 
     def __init__(self, view: VehicleView, announcer: Announcer) -> None:
         self._view, self._announcer = view, announcer
@@ -22,7 +22,7 @@ class SensorWatch:
         self._gnss_used = False
 
     def update(self, *, armed: bool) -> None:
-        """Look once, each tick; of GNSS only an armed vehicle tells."""
+        """Updates the checks at each tick; GNSS is reported only while armed."""
         view, i = self._view, self._view.row
         now_s, sensors = view.time_s, view.simulation.sensors
         for name, fresh, stale in (
@@ -45,11 +45,11 @@ class SensorWatch:
             self._gnss_used = used
 
     def silent(self, name: str) -> bool:
-        """Whether nothing came from "baro" or "mag" for NO_DATA_AFTER_S."""
+        """Whether "baro" or "mag" has sent nothing for NO_DATA_AFTER_S."""
         return self._view.time_s - self._heard_at_s[name] >= NO_DATA_AFTER_S
 
     def gps_problem(self) -> str:
-        """Why the newest fix does not satisfy EKF2_REQ_*; empty: it does, or was not looked at."""
+        """Why the newest fix does not satisfy EKF2_REQ_*; empty: it does, or was not checked."""
         view, i = self._view, self._view.row
         if not view.simulation.fusion.gps_quality_bad[i]:
             return ""

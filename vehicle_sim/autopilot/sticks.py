@@ -1,4 +1,4 @@
-"""The pilot's sticks as MANUAL_CONTROL brings them: dead zone, expo, when they count, when they take over."""
+"""The pilot's sticks from MANUAL_CONTROL: dead zone, expo, validity, and takeover of automatic modes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from vehicle_sim.vehicle_view import VehicleView
 FULL = 1000.0
 INVALID = 32767
 JOYSTICK_MODES = frozenset({1, 2, 3, 5, 6, 7})
-"""COM_RC_IN_MODE in which MANUAL_CONTROL is heard; in the others only a receiver, or nothing."""
+"""Values of COM_RC_IN_MODE that accept MANUAL_CONTROL; others accept an RC receiver only, or nothing."""
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2
 """Bits of COM_RC_OVERRIDE."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deflection:
-    """Where the sticks are, each -1..1: nose down (forward), right, clockwise, throttle up."""
+    """Stick positions, each -1..1: nose down (forward), right, clockwise, throttle up."""
 
     forward: float = 0.0
     right: float = 0.0
@@ -33,10 +33,10 @@ class Sticks:
         self.raw = Deflection()
         self.heard_at_s = -math.inf
         self.moved = False
-        """A stick moved faster than COM_RC_STICK_OV a second; whoever acts on it clears it."""
+        """A stick moved faster than COM_RC_STICK_OV; cleared by the code that handles it."""
 
     def hear(self, x: int, y: int, z: int, r: int) -> bool:
-        """One MANUAL_CONTROL; False where sticks do not count or an axis is missing."""
+        """Handles one MANUAL_CONTROL; False if sticks are disabled or an axis is missing."""
         if self._view.choice("COM_RC_IN_MODE") not in JOYSTICK_MODES or INVALID in (x, y, z, r):
             return False
         new = Deflection(_unit(x / FULL), _unit(y / FULL), _unit(r / FULL), _unit(2.0 * z / FULL - 1.0))
@@ -51,17 +51,17 @@ class Sticks:
 
     @property
     def valid(self) -> bool:
-        """Whether the sticks were heard within COM_RC_LOSS_T."""
+        """Whether stick input was received within COM_RC_LOSS_T."""
         return self._view.time_s - self.heard_at_s < max(0.0, self._view.parameter("COM_RC_LOSS_T"))
 
     def takes_over(self, *, offboard: bool) -> bool:
-        """Whether the pilot has moved a stick that COM_RC_OVERRIDE lets end this automatic flight."""
+        """Whether the pilot has moved a stick, and COM_RC_OVERRIDE allows it to end the automatic mode."""
         moved, self.moved = self.moved, False
         bit = OVERRIDE_OFFBOARD if offboard else OVERRIDE_AUTO
         return moved and self.valid and bool(self._view.choice("COM_RC_OVERRIDE") & bit)
 
     def shaped(self) -> Deflection:
-        """With dead zone and expo, as the position and altitude modes take them."""
+        """Stick positions with dead zone and expo, for Position and Altitude modes."""
         parameter = self._view.parameter
         zone = parameter("MPC_HOLD_DZ")
         level, vertical, turn = (
@@ -76,7 +76,7 @@ class Sticks:
         )
 
     def acro_rates_rad_s(self) -> tuple[float, float, float]:
-        """Body rates that Acro asks for: MC_ACRO_*."""
+        """Body rate setpoints of Acro (MC_ACRO_*)."""
         parameter, raw = self._view.parameter, self.raw
         expo, super_expo = parameter("MC_ACRO_EXPO"), parameter("MC_ACRO_SUPEXPO")
         expo_y, super_y = parameter("MC_ACRO_EXPO_Y"), parameter("MC_ACRO_SUPEXPOY")
@@ -88,7 +88,8 @@ class Sticks:
         )
 
     def thrust(self, hover_thrust: float) -> float:
-        """Collective thrust of Stabilized: by MPC_THR_CURVE, the middle hovers (0) or is half (1)."""
+        """Collective thrust of Stabilized; by MPC_THR_CURVE the stick centre is hover thrust (0) or half
+        thrust (1)."""
         parameter = self._view.parameter
         throttle = 0.5 * (self.raw.throttle + 1.0)
         lowest, highest = parameter("MPC_MANTHR_MIN"), parameter("MPC_THR_MAX")

@@ -1,4 +1,5 @@
-"""The take-off state: rotors spool up, then the climb rate allowed ramps from "no thrust" to all of it."""
+"""The take-off state: motor spool-up, then a ramp of the allowed climb rate from zero thrust to the full
+rate."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ GRAVITY_M_S2 = 9.80665
 
 
 class TakeoffState(IntEnum):
-    """How far the vehicle is on its way into the air."""
+    """State of the take-off."""
 
     DISARMED = 0
     SPOOLUP = 1
@@ -40,10 +41,10 @@ class TakeoffRamp:
         speed_m_s: float,
         velocity_gain: float,
     ) -> None:
-        """Advance; `climb_limit_m_s` is NaN in flight, where no ramp limits.
+        """Updates the state; `climb_limit_m_s` is NaN in flight, after the ramp.
 
         Args:
-            velocity_gain: MPC_Z_VEL_P_ACC; the ramp starts at the speed error that means zero thrust.
+            velocity_gain: MPC_Z_VEL_P_ACC; the ramp starts at the speed error that gives zero thrust.
         """
         if not armed:
             self.state = TakeoffState.DISARMED
@@ -69,10 +70,10 @@ class TakeoffRamp:
 
     @property
     def flying(self) -> bool:
-        """Past the ramp."""
+        """Whether the ramp is over."""
         return self.state is TakeoffState.FLIGHT
 
     @property
     def may_thrust(self) -> bool:
-        """Ramping or flying; before, the controllers get no setpoint."""
+        """Whether the ramp has started; before that the controllers get no setpoint."""
         return self.state >= TakeoffState.RAMPUP

@@ -349,9 +349,9 @@ class CalibrationCommands:
     def _cancel(self, c: Command) -> int | None:
         running = self._running
         if running == "baro":
-            return None  # it hears nothing while it samples
+            return None  # a running sampling cannot be cancelled
         if self._measuring:
-            self._cancelled_by = c  # heard when the side is measured
+            self._cancelled_by = c  # handled when the side has been measured
             return TEMPORARILY_REJECTED
         if not running:
             return ACCEPTED

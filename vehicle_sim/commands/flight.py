@@ -94,10 +94,10 @@ class FlightCommands:
             ACTUATOR_TEST: self._actuator_test,
             GRIPPER: self._gripper,
             AUTOTUNE: self._autotune,
-            # Only a vehicle that dead-reckons is told where it is.
+            # An external position is used only during dead reckoning.
             EXTERNAL_POSITION: lambda c: TEMPORARILY_REJECTED,
             EXTERNAL_WIND: self._external_wind,
-            # PX4 asks no vehicle whether it can: the mode is shown, a multicopter holds in it.
+            # PX4 accepts the mode on every vehicle; a multicopter holds in it.
             VTOL_TAKEOFF: lambda c: self._switch(NavState.VTOL_TAKEOFF),
         }
 
@@ -139,7 +139,7 @@ class FlightCommands:
         if self._commander.set_mode(mode):
             return ACCEPTED
         if told:
-            self._commander.tell_refusal(mode)
+            self._commander.report_refusal(mode)
         return TEMPORARILY_REJECTED
 
     def _set_standard_mode(self, c: Command) -> int:
@@ -158,7 +158,7 @@ class FlightCommands:
     # --- flying ----------------------------------------------------------------------------------------
 
     def _takeoff(self, c: Command) -> int:
-        # Kept while disarmed too: ground stations may command the take-off first and arm afterwards.
+        # Stored while disarmed too, because ground stations may command the take-off before arming.
         self._navigator.request_takeoff(c.p7)
         return self._switch(NavState.TAKEOFF)
 

@@ -1,10 +1,10 @@
-"""What the autopilots believe: attitude, velocity and position from the sensors alone, as PX4's EKF2.
+"""Estimates of attitude, velocity and position from the sensors, like PX4's EKF2.
 
 A strapdown prediction at half the IMU rate (PX4's filter also takes two samples at a time) and a Kalman
-filter (`kalman.py`) corrected by each sensor's own file: `gnss.py`, `barometer.py`, `magnetometer.py`,
-`vision.py`, and `standing.py` where nothing aids. Corrections reach the outputs smoothly (EKF2_TAU_POS,
-EKF2_TAU_VEL), resets at once. Without aiding the estimate drifts as the IMU's errors make it; it stops being
-valid after EKF2_NOAID_TOUT.
+filter (`kalman.py`) are corrected by one module for each sensor: `gnss.py`, `barometer.py`,
+`magnetometer.py`, `vision.py`, and `standing.py` without any aiding. Outputs follow corrections
+smoothly (EKF2_TAU_POS, EKF2_TAU_VEL), and resets at once. Without aiding the estimate drifts by the errors of
+the IMU, and becomes invalid after EKF2_NOAID_TOUT.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 RANGE_EVERY_STEPS = 10
-"""A range every so many IMU samples, 25 Hz."""
+"""IMU samples per range measurement, 25 Hz."""
 DEAD_RECKONING_AFTER_S = 1.0
 _SAMPLES_A_PREDICTION = 2
 _ALIGN_SAMPLES = 25
@@ -48,7 +48,7 @@ _BARO_EVERY = 2
 _PUBLISH_EVERY_PREDICTIONS = 5
 _WATCH_EVERY_PREDICTIONS = 10
 _MAG_SAMPLES = 4
-"""So many are averaged into one (SENS_MAG_RATE)."""
+"""Number of magnetometer samples that are averaged (SENS_MAG_RATE)."""
 _RESIDUALS = ((0, slice(0, 2)), (0, slice(2, 3)), (1, slice(0, 2)), (1, slice(2, 3)))
 """Where the smoothing of horizontal and vertical velocity and position is kept."""
 
@@ -119,7 +119,7 @@ class Estimator:
         self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT") + HORIZON_S
 
     def reset(self, i: int) -> None:
-        """Vehicle `i` starts anew, as after a reboot."""
+        """Resets vehicle `i`, as after a reboot."""
         blank_row(self.state, i)
         forget(self.fusion, i, self._now_s)
         self.kalman.reset(i)
@@ -176,7 +176,7 @@ class Estimator:
         self._vision.put(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Local (0, 0, 0) of vehicle `i` lies there; where it is on the globe does not change by that."""
+        """Sets the local origin of vehicle `i`; its global position does not change."""
         state = self.state
         old = (state.origin_lat_deg[i], state.origin_lon_deg[i], state.origin_alt_amsl_m[i])
         if np.isfinite(old[0]):
@@ -227,7 +227,7 @@ class Estimator:
             self._publish()
 
     def _publish(self) -> None:
-        """Place on the globe, accuracy and validity, 25 times a second."""
+        """Updates global position, accuracy and validity, at 25 Hz."""
         state, fusion, now_s = self.state, self.fusion, self._now_s
         state.lat_deg[:], state.lon_deg[:] = to_global(
             state.position_ned_m[:, 0], state.position_ned_m[:, 1], state.origin_lat_deg, state.origin_lon_deg
@@ -247,14 +247,14 @@ class Estimator:
         state.valid_altitude[:] = self._started & ~fusion.fake_hgt
 
     def _watch(self, now_s: float) -> None:
-        """Stop what is silent, a dozen times a second."""
+        """Stops the fusion of silent sensors; called about 12 times per second."""
         self._gnss.watch(now_s)
         self._barometer.watch(now_s)
         self._magnetometer.watch(now_s, self.kalman.level_accel_m_s2)
         np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
 
     def _fuse(self, sensors: SensorState, counts: list[int], stands: bool) -> None:
-        """Take what is new; outputs follow smoothly, except where a reset was made."""
+        """Fuses new samples; the outputs follow smoothly, except after a reset."""
         kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
         old, self._counts = self._counts, counts
         located = counts[0] != old[0]
@@ -293,7 +293,7 @@ class Estimator:
                 self._residual[changed[k], row, axes] = 0.0
 
     def _show_ratios(self, now_s: float) -> None:
-        """Test ratios as ESTIMATOR_STATUS reports them, and what they say of the accelerometer."""
+        """Updates the test ratios of ESTIMATOR_STATUS, and the check of the accelerometer."""
         state, fusion = self.state, self.fusion
         state.innovation_ratio_velocity[:] = np.where(fusion.gnss_vel, self._gnss.ratio[:, 0], 0.0)
         state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.ratio[:, 1], 0.0)
@@ -306,7 +306,7 @@ class Estimator:
         np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
 
     def _add_mag(self, sensors: SensorState) -> None:
-        """Samples are averaged, as PX4's sensor hub does, before one is fused."""
+        """Averages samples before the fusion, as PX4's sensor hub does."""
         fresh = self._mag_fresh & sensors.mag_fresh if self._mag_samples else sensors.mag_fresh.copy()
         self._mag_fresh = fresh
         self._mag_sum += sensors.mag_frd_gauss

@@ -287,7 +287,9 @@ class Gimbal:
 
     def _take_flags(self, flags: int) -> None:
         self._forget()
-        if flags & (Flag.RETRACT | Flag.NEUTRAL):  # the locks stay, as in PX4; a device knows its own ahead
+        if flags & (
+            Flag.RETRACT | Flag.NEUTRAL
+        ):  # as in PX4 the locks are kept; a device returns to its own neutral position
             self.wanted = Angles()
             if self.has_device:
                 self.flags &= ~Flag.YAW_LOCK

@@ -39,7 +39,7 @@ class Lidar:
 
     def down_m(self, step: int, matrix: FloatArray) -> FloatArray:
         """(N,) distance along the body's down axis; inf if there is nothing."""
-        if self.world.empty:  # asked for all the time: no rays are needed over a plain
+        if self.world.empty:  # frequent case: no rays are needed over flat ground
             cos_tilt = matrix[:, 2, 2]
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = np.maximum(-self._truth.position_ned_m[:, 2], 0.0) / cos_tilt
@@ -65,7 +65,7 @@ class Lidar:
         count, rays = matrix.shape[0], rays_frd.shape[0]
         direction = np.einsum("nij,rj->nri", matrix, rays_frd).reshape(-1, 3)
         origin = np.repeat(self._truth.position_ned_m, rays, axis=0)
-        # Terrain is marched through in steps: a lidar sees no further than its message can say.
+        # Rays over terrain are computed in steps, up to the largest distance that the message can contain.
         reach = min(range_m, 655.0)
         distance = self._caster.cast(origin, direction, reach).distance_m.reshape(count, rays)
         self._kept[name] = slot, distance

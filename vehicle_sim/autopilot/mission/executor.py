@@ -1,4 +1,4 @@
-"""Mission mode: which item is current, what it makes the vehicle do, and when it is done."""
+"""Mission mode: selects the current item, executes it, and detects its end."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ITEMS_PER_TICK = 20
-"""Items without a place follow each other at once; a loop of jumps still ends the tick."""
+"""Most items per tick; items without a position are executed at once, and a loop of jumps must not block."""
 
 
 class Work(Enum):
-    """What is being done for the current item."""
+    """What the vehicle currently does for the item."""
 
     NONE = "none"
     TAKEOFF = "takeoff"
@@ -71,7 +71,7 @@ class Mission:
         self.current = 0
         self.reached: int | None = None
         self.reached_count = 0
-        """Rises with each item reached, so that it can be told at once."""
+        """Counter of reached items, so that each one can be reported at once."""
         self.finished = False
         self.active = False
         self._work = Work.NONE
@@ -125,7 +125,7 @@ class Mission:
         return not any(finding.rejects for finding in findings)
 
     def notice(self, *, armed: bool) -> None:
-        """Each tick in any mode: take over a plan that was changed."""
+        """Loads a changed plan; called at each tick in any mode."""
         self._disarmed_since = self._disarmed_since or not armed
         if self._revision != self._plans.revision(MISSION):
             self._revision = self._plans.revision(MISSION)
@@ -136,12 +136,12 @@ class Mission:
 
     @property
     def count(self) -> int:
-        """Items."""
+        """Number of items."""
         return len(self._items)
 
     @property
     def landing_start(self) -> int | None:
-        """Where its landing begins: DO_LAND_START, else LAND; None: it has none."""
+        """Index of the start of the landing: DO_LAND_START, otherwise LAND; None: no landing."""
         for command in (LAND_START, LAND):
             for seq, item in enumerate(self._items):
                 if item.command == command:
@@ -149,7 +149,7 @@ class Mission:
         return None
 
     def set_current(self, seq: int) -> bool:
-        """Go on with another item."""
+        """Continues with another item."""
         if not 0 <= seq < len(self._items):
             return False
         self.current, self.finished = seq, False
@@ -159,7 +159,7 @@ class Mission:
     # --- the mode --------------------------------------------------------------------------------------
 
     def enter(self) -> None:
-        """Start, or go on where it was left."""
+        """Starts the mission, or continues it."""
         if self._disarmed_since and self.current + 1 >= len(self._items):
             self.current, self.finished, self.reached = 0, False, None
             self._jumps.clear()
@@ -172,21 +172,21 @@ class Mission:
         self._replay()
 
     def leave(self) -> None:
-        """Another mode took over: triggers stop, the gimbal is given back."""
+        """Called when another mode becomes active: stops camera triggers and releases the gimbal."""
         self.active = False
         self._work = Work.NONE
         self._commands.stop_triggering()
         self._commands.release_gimbal()
 
     def _replay(self) -> None:
-        """What earlier items had set and still holds: speed, then the gimbal."""
+        """Restores settings of earlier items that still apply: speed, then the gimbal."""
         speeds = [item for item in self._items[: self.current] if item.command == CHANGE_SPEED]
         gimbal = [item for item in self._items[: self.current] if item.command in GIMBAL_ITEMS]
         for item in [*speeds[-1:], *gimbal[-1:]]:
             self._issue(item)
 
     def update(self, *, landed: bool) -> None:
-        """One tick: begin items, and go on to the next when they are done."""
+        """One tick: starts items, and continues with the next one when an item is done."""
         if self.finished or not self.valid(landed=landed):
             return
         for _ in range(ITEMS_PER_TICK):
@@ -234,7 +234,7 @@ class Mission:
         self.heading.item_yaw_rad = item.yaw_rad()
 
     def _jump(self, item: Item) -> bool:
-        """Follow a jump or pass it; False: the mission is over."""
+        """Executes or skips a jump; False: the mission has ended."""
         target, repeats = int(item.parameters[0]), int(item.parameters[1])
         done = self._jumps.get(self.current, 0)
         if 0 <= target < len(self._items) and (repeats < 0 or done < repeats):
@@ -330,7 +330,7 @@ class Mission:
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 
     def _next_place(self, seq: int) -> Vector | None:
-        """The next item that is flown to, following jumps as they stand; None: the vehicle stops before."""
+        """Position of the next item that is flown to, jumps included; None: the vehicle stops before it."""
         jumps = dict(self._jumps)
         for _ in range(len(self._items)):
             seq += 1
@@ -386,10 +386,10 @@ class Mission:
 
     @property
     def taking_off(self) -> bool:
-        """Climbing before the first item."""
+        """Whether the vehicle climbs before the first item."""
         return self._work is Work.TAKEOFF
 
     @property
     def landing(self) -> bool:
-        """On the way down to a landing item."""
+        """Whether the vehicle descends for a landing item."""
         return self._work is Work.LAND

@@ -1,4 +1,4 @@
-"""May this mission be flown at all? PX4's checks after an upload, and again when home or fence change."""
+"""PX4's feasibility checks of a mission, after an upload and when home or geofence change."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from vehicle_sim.autopilot.mission.items import (
 
 LAND_START = 189
 FAR_M = 10_000.0
-"""MIS_DIST_1WP's default: farther first waypoints are warned of."""
+"""Default of MIS_DIST_1WP, the distance of the first waypoint above which PX4 warns."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a mission is judged by."""
+    """Data that a mission is checked against."""
 
     home_valid: bool
     home_alt_amsl_m: float
@@ -53,7 +53,7 @@ class Finding:
 
 
 def check(items: Sequence[Item], around: Surroundings) -> tuple[Finding, ...]:
-    """All that is wrong with a mission, in PX4's order."""
+    """All findings about a mission, in PX4's order."""
     findings: list[Finding] = []
     for seq, item in enumerate(items):
         findings += _item(seq, item, around)

@@ -1,4 +1,4 @@
-"""Where the nose points in a mission: the item's heading, a region of interest, else as MPC_YAW_MODE says."""
+"""The heading in a mission: the item's yaw, a region of interest, otherwise MPC_YAW_MODE."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ class Heading:
         """North and east of the region of interest."""
 
     def reset(self) -> None:
-        """Forget the item's heading; a region of interest stays, as in PX4."""
+        """Clears the item's heading; as in PX4, a region of interest is kept."""
         self.item_yaw_rad = math.nan
 
     def notice(self, item: Item, parameters: tuple[float, ...]) -> None:
-        """Items that turn the nose."""
+        """Handles items that change the heading."""
         if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == OLD_ROI_PLACE):
             self.look_at(parameters[4], parameters[5])
         elif item.command in (ROI_NONE, ROI_NEXT_WAYPOINT, ROI):
             self._place = None
 
     def look_at(self, lat_deg: float, lon_deg: float) -> None:
-        """Turn the nose to a place."""
+        """Points the nose at a position."""
         if is_position(lat_deg, lon_deg):
             origin_lat, origin_lon, _ = self._view.origin
             n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
@@ -45,11 +45,11 @@ class Heading:
 
     @property
     def looks_elsewhere(self) -> bool:
-        """A region of interest has the nose."""
+        """Whether a region of interest determines the heading."""
         return self._place is not None
 
     def wanted(self, target_ned_m: Vector, acceptance_m: float) -> float:
-        """The heading now; what cannot be told stays as it was."""
+        """The current heading setpoint; unchanged if it is undefined."""
         x, y, _ = self._path.position_ned_m
         if self._place is not None:
             return self._towards(self._place[0] - x, self._place[1] - y, 0.5)

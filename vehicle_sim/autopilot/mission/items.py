@@ -1,4 +1,4 @@
-"""What a mission, fence or rally item means to the autopilot, read from the fields a station uploaded."""
+"""Mission, fence and rally items of the autopilot, from the uploaded fields."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ SUPPORTED = POSITIONS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
     {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, 211, 260,
      530, 531, 532, 2000, 2001, 2500, 2501, VTOL_TRANSITION, 42600}
 )  # fmt: skip
-"""What the feasibility check lets a multicopter fly (others are refused when uploaded, or by the check)."""
+"""Items that the feasibility check accepts for a multicopter; others are refused at upload or by the
+check."""
 
 GLOBAL_FRAMES = frozenset({0, 5})
 RELATIVE_FRAMES = frozenset({3, 6})
@@ -55,26 +56,26 @@ class Item:
 
     @property
     def relative(self) -> bool:
-        """Whether the altitude counts from home."""
+        """Whether the altitude is relative to home."""
         return self.frame in RELATIVE_FRAMES
 
     def alt_amsl_m(self, home_alt_amsl_m: float) -> float:
-        """The altitude above the sea."""
+        """The altitude AMSL."""
         return self.alt_m + home_alt_amsl_m if self.relative else self.alt_m
 
     def command_parameters(self, home_alt_amsl_m: float) -> tuple[float, ...]:
-        """Seven parameters, as the autopilot sends such an item to whoever carries it out."""
+        """The seven parameters of the command that the autopilot sends for this item."""
         if self.frame not in GLOBAL_FRAMES | RELATIVE_FRAMES:
             return (*self.parameters, self.lat_deg * 1e7, self.lon_deg * 1e7, self.alt_m)
         return (*self.parameters, self.lat_deg, self.lon_deg, self.alt_amsl_m(home_alt_amsl_m))
 
     def seconds(self) -> float:
-        """How long to stay once there (param1 of waypoints, timed loiters and delays)."""
+        """Hold time (param1 of waypoints, timed loiters and delays)."""
         wait = self.parameters[0]
         return wait if self.command in (WAYPOINT, LOITER_TIME, DELAY) and math.isfinite(wait) else 0.0
 
     def yaw_rad(self) -> float:
-        """The heading asked for (param4); NaN: none."""
+        """The heading (param4); NaN: none."""
         return math.radians(self.parameters[3]) if self.is_position else math.nan
 
 

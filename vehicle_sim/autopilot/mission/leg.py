@@ -1,4 +1,4 @@
-"""A leg of a mission or a return: from the last target to this one, with a look at the next."""
+"""A leg of a mission or a return: from the previous target to the current one, considering the next."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vehicle_sim.vehicle_view import Vector
 
 
 class Leg:
-    """From `previous` to `target`, with a look at `next`; all NED metres."""
+    """From `previous` to `target`; `next` determines the speed at the target. All NED metres."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -16,21 +16,21 @@ class Leg:
 
     @property
     def target_ned_m(self) -> Vector:
-        """Where it leads."""
+        """The target of the leg."""
         return self._way.target_ned_m
 
     @property
     def acceptance_m(self) -> float:
-        """So near the target it is reached."""
+        """Distance to the target within which it is reached."""
         return self._way.acceptance_m
 
     def set(self, target_ned_m: Vector, next_ned_m: Vector | None, acceptance_m: float) -> None:
-        """Fly to a new target from where the last one was; no next: stop there."""
+        """Sets a new target, from the previous one; without a next one the vehicle stops there."""
         self._way = Way(self._way.target_ned_m, target_ned_m, next_ned_m, acceptance_m)
         self._path.target_ned_m = target_ned_m
 
     def restart(self) -> None:
-        """Begin where the trajectory is."""
+        """Starts the leg at the current position of the trajectory."""
         here = self._path.position_ned_m
         self._way = Way(here, here, None, self._way.acceptance_m)
 

@@ -150,7 +150,8 @@ class MotionMessages(Family):
         if disarmed or not any(each == each for each in (*p, *v, *a)):
             return _NOWHERE, _NOWHERE, _MOTORS_AT_REST, heading, 0.0
         yaw, rate = float(row.yaw_ned_rad[i]), float(row.yaw_rate_ned_rad_s[i])
-        # What was not asked for, PX4's position controller fills in: the present heading, no turning.
+        # PX4's position controller replaces a missing yaw by the current heading, and a missing yaw rate by
+        # zero.
         return (
             p,
             v,
@@ -179,7 +180,7 @@ class MotionMessages(Family):
         q, rates, thrust = target.q_ned_frd[i].tolist(), target.rates_frd_rad_s[i].tolist(), target.thrust[i]
         offboard = self._autopilot.offboard
         if self._autopilot.flies_attitude:
-            thrust = offboard.told_thrust
+            thrust = offboard.reported_thrust
             if offboard.no_attitude is not None:
                 q, rates = offboard.no_attitude, (NAN, NAN, NAN)
         return _TARGET_ATTITUDE(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)

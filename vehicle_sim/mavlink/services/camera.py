@@ -261,7 +261,7 @@ class CameraService:
             "relative_alt": round(capture.alt_home_m * 1000) if math.isfinite(capture.alt_home_m) else 0,
             "q": capture.q_ned_camera, "image_index": capture.index,
             "capture_result": 1 if capture.path else 0,
-            # The files are the autopilot's: its FTP serves them.
+            # The autopilot's FTP server serves the files.
             "file_url": f"mftp://[;comp=1]{capture.path}" if capture.path else "",
         }  # fmt: skip
 

@@ -77,7 +77,8 @@ class CommandService:
 
     def _run(self, command: Command) -> None:
         if command.number == SET_MODE:
-            # The receiver acknowledges at once, the commander a moment later: the second one counts.
+            # PX4's receiver acknowledges at once and its commander later; the second acknowledgement is the
+            # valid one.
             self._context.send_ack(command, ACCEPTED)
             self._defer(lambda: self._execute(command))
         elif self._queue:

@@ -285,7 +285,7 @@ class FtpService:
         try:
             content = self._files.read(request.text, 0, self._files.size(request.text))
         except FileNotFoundError:
-            raise Refusal(FAIL_ERRNO) from None  # with whatever errno came before
+            raise Refusal(FAIL_ERRNO) from None  # with the errno of the previous error
         return struct.pack("<I", crc32(content))
 
     # --- bursts ----------------------------------------------------------------------------------------

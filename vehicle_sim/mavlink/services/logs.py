@@ -165,7 +165,7 @@ class LogService:
         try:
             data = self._files.read(transfer.path, transfer.offset, wanted)
         except OSError:
-            data = b""  # erased meanwhile
+            data = b""  # deleted during the transfer
         for at in range(0, len(data), PART_BYTES):
             part = data[at : at + PART_BYTES]
             link.send("LOG_DATA", id=transfer.log, ofs=transfer.offset + at, count=len(part), data=part)

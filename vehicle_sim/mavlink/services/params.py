@@ -71,7 +71,7 @@ class ParamService:
         name = message.param_id
         if not self._context.is_for_me(message):
             return
-        if name == HASH_NAME:  # the station has these values already: no more of the list
+        if name == HASH_NAME:  # the ground station already has these values, so the list is not sent
             self._lists.pop(link.name, None)
             return
         if name not in self._parameters:
