@@ -1,8 +1,7 @@
 """Base classes of bodies. Requests with unknown fields are refused, and numbers must be JSON numbers.
 
 Pydantic would read `true` as 1.0 and `"30"` as 30, and a vehicle would climb to that altitude. Here floats
-also accept
-whole numbers, and every other field accepts only its own JSON type; NaN and infinity are refused.
+also accept whole numbers, and every other field accepts only its own JSON type; NaN and infinity are refused.
 """
 
 from __future__ import annotations

@@ -44,9 +44,8 @@ class ControlStatus:
     """Distinguishes clients of the same name; `GET /me` returns the caller's own."""
     since_unix_s: float | None
     expires_in_s: float | None
-    """Time until control ends if the holder sends no request [s]. A request renews it; with an open
-    telemetry socket
-    it does not expire.
+    """Time until control ends if the holder sends no request [s]. A request renews it; with an open telemetry
+    socket it does not expire.
     """
     can_be_asked: bool
     """Whether the holder can see a request: its telemetry socket is open."""

@@ -1,14 +1,11 @@
 """Control of a vehicle: one client at a time, for as long as it stays connected. Pure, on an injected clock.
 
 A client takes control explicitly, or by commanding a vehicle that nobody controls. The lease lasts `lease_s`
-from the
-holder's last request; while the holder's telemetry socket is open, it does not expire. Another client
-requests
-control; the holder grants or denies the request. A client may take control by force if it was denied, if it
-got no
-answer within `answer_s`, or if the holder cannot be asked. A client without an id (a call from a shell) that
-took
-control only by a command does not keep it: the next client that commands gets control.
+from the holder's last request; while the holder's telemetry socket is open, it does not expire. Another
+client requests control; the holder grants or denies the request. A client may take control by force if it was
+denied, if it got no answer within `answer_s`, or if the holder cannot be asked. A client without an id (a
+call from a shell) that took control only by a command does not keep it: the next client that commands gets
+control.
 """
 
 from __future__ import annotations

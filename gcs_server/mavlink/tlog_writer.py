@@ -24,9 +24,8 @@ log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
 BACKLOG_LIMIT_FRAMES = 150_000
-"""Most frames of a link that may wait for a stalled disk (15 MB, half a minute of fifty vehicles). With
-more, the
-recording stops.
+"""Most frames of a link that may wait for a stalled disk (15 MB, half a minute of fifty vehicles). With more,
+the recording stops.
 """
 TRY_AGAIN_FLUSHES = 40
 """A stopped recording is tried again after this many flushes."""

@@ -4,8 +4,7 @@ A handle compares with NumPy, casts by type hints and serializes each message by
 most of the server's cost of an open 3D view. So the values that change at each step are put directly into
 viser's queue for the browser: in the order of all other messages, with viser's own keys, so that a newer
 value replaces one that has not been sent. The tests compare these messages with those of viser's handles
-(hence the pinned minor
-version).
+(hence the pinned minor version).
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 The world's origin is the first home (or, before one is known, the first global position): the zero of the
 grid, and the height of the ground. A vehicle's local origin is computed from its home, which the vehicle
 reports in both frames, else from one pair of global and local position; a vehicle without any geographic
-position
-shares the world's origin.
+position shares the world's origin.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """This server's texts for PX4's arming checks: what is wrong, and what to do about it.
 
 Ids and names are those of PX4 v1.16 (the namespace of component 1 is in the id's top byte). They are used if
-the
-vehicle's own metadata is missing or has no remedy.
+the vehicle's own metadata is missing or has no remedy.
 """
 
 from __future__ import annotations

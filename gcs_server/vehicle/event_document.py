@@ -2,8 +2,7 @@
 
 Format: MAVLink's events metadata schema, version 2. Messages hold `{2}`, `{3:.1}`, `{3:.1m/s}`, tags such as
 `<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before literal characters. Each
-message is
-split here once, so that filling in its values takes work in proportion to its length.
+message is split here once, so that filling in its values takes work in proportion to its length.
 """
 
 from __future__ import annotations

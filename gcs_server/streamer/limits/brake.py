@@ -2,9 +2,8 @@
 
 The brake acts on motion over the ground, and on a climb towards what a sensor that looks up measures. It
 never acts on a descent, so that a sensor that points down does not stop a landing. It uses the measurements
-of the last two
-seconds, and only in directions that a sensor covers. If an obstacle is nearer than the margin, the vehicle
-is moved back, because the integrator of PX4's controller still moves it forward.
+of the last two seconds, and only in directions that a sensor covers. If an obstacle is nearer than the
+margin, the vehicle is moved back, because the integrator of PX4's controller still moves it forward.
 
 A lidar that is fixed to the body points at the foot of a wall, or at the ground, while the vehicle pitches
 forward. So each point that a level sensor measures counts, however far below the vehicle: low over the ground

@@ -73,8 +73,7 @@ class StreamProcess(Streams):
     Args:
         clock: the system's monotonic clock, which the process shares.
         own_ids: system and component id of the sent messages. The component differs from the server's
-            own, so that
-            each has its own sequence numbers.
+            own, so that each has its own sequence numbers.
         server_silent_limit_s: the loop's silence after which sending stops.
     """
 

@@ -1,9 +1,8 @@
 """Commands to a vehicle: each succeeds when the vehicle's own state shows it.
 
 Deadlines are sufficient at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every
-repeated
-message requests a state or names a target, so a second copy changes nothing. A newer command ends an older
-one that is still waiting, and nothing of the older one is sent afterwards. Only Stop motors
+repeated message requests a state or names a target, so a second copy changes nothing. A newer command ends an
+older one that is still waiting, and nothing of the older one is sent afterwards. Only Stop motors
 (`stop_motors.py`) cannot be ended.
 """
 

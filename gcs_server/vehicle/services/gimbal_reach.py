@@ -47,8 +47,7 @@ async def wait_until_stopped(
     angles: tuple[float, float, bool],
 ) -> GimbalLimited | None:
     """Waits until the gimbal has reached the angles or has stopped. None if it has reached them, still moves
-    after
-    `MAX_DURATION_S`, or does not report its attitude.
+    after `MAX_DURATION_S`, or does not report its attitude.
 
     Args:
         vehicle: the vehicle of the gimbal.
