@@ -6,6 +6,7 @@ a fixed size, so one `struct` format packs a message.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ CODES: Final = {
 """`struct` code and size [bytes] by primitive type."""
 HEADER: Final = b"\x00\x01\x00\x00"
 """Encapsulation header: plain CDR, little endian."""
+MAX_FLOAT32: Final = (2.0 - 2.0**-23) * 2.0**127
 _FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193
 
 
@@ -112,17 +114,32 @@ class MessageType:
     def pack(self, values: Sequence[Any]) -> bytes:
         """Values in order, arrays spread out, as bytes with header.
 
+        A float32 beyond its range becomes infinite, as in C, so that a diverged estimate can be sent.
+
         Raises:
-            struct.error, OverflowError: a value does not fit its field.
+            struct.error: an integer does not fit its field.
         """
-        return HEADER + self._struct.pack(*values)
+        try:
+            return HEADER + self._struct.pack(*values)
+        except OverflowError:
+            return HEADER + self._struct.pack(*self._within_float32(values))
+
+    def _within_float32(self, values: Sequence[Any]) -> list[Any]:
+        found = list(values)
+        for field in self.flat:
+            if field.type == "float32":
+                first = self.index[field.name]
+                for at in range(first, first + (field.length or 1)):
+                    if abs(found[at]) > MAX_FLOAT32:
+                        found[at] = math.copysign(math.inf, found[at])
+        return found
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
         """Named values as bytes with header; what is not given is zero.
 
         Raises:
             KeyError: no such field.
-            struct.error, OverflowError: a value does not fit its field.
+            struct.error: an integer does not fit its field.
         """
         flat, index = self.blank(), self.index
         for name, value in values.items():

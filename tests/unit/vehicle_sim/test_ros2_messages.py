@@ -99,3 +99,9 @@ def test_types_have_their_names_on_the_wire():
 def test_bytes_that_are_no_message_are_refused(data):
     with pytest.raises(MalformedMessage, match="OffboardControlMode"):
         MESSAGES["OffboardControlMode"].decode(data)
+
+
+def test_a_diverged_estimate_is_sent_as_infinite() -> None:
+    message = MESSAGES["VehicleLocalPosition"]
+    found = message.decode(message.encode({"x": 1e39, "vx": -1e300, "z": 1.0, "ref_lat": 1e300}))
+    assert (found["x"], found["vx"], found["z"], found["ref_lat"]) == (math.inf, -math.inf, 1.0, 1e300)
