@@ -1,4 +1,4 @@
-/** Errors of a plan that a person flies despite: each by name, of just this plan and vehicle. */
+/** Errors of a plan that a person has accepted, each for exactly this plan and vehicle. */
 
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -19,27 +19,27 @@ export class Accepted {
     return this.given.of === of && this.given.vehicle === vehicle && this.given.keys.includes(keyOf(finding));
   }
 
-  /** After any change of the plan everything is asked anew. */
+  /** Any change of the plan withdraws all acceptances. */
   set(finding: Finding, of: Document, vehicle: string | null, accepted: boolean): void {
     const before = this.given.of === of && this.given.vehicle === vehicle ? this.given.keys : [];
     const others = before.filter((key) => key !== keyOf(finding));
     this.given = { of, vehicle, keys: accepted ? [...others, keyOf(finding)] : others };
   }
 
-  /** Errors that stand in the way, and those that are flown despite. */
+  /** Separates the errors that prevent the start (`open`) from the accepted ones (`despite`). */
   split(findings: readonly Finding[], of: Document, vehicle: string | null): { open: readonly Finding[]; despite: readonly Finding[] } {
     const errors = findings.filter(isError);
     return { open: errors.filter((one) => !this.has(one, of, vehicle)), despite: errors.filter((one) => this.has(one, of, vehicle)) };
   }
 }
 
-/** Errors that the server found only when all vehicles were to start: it knows where they stand. */
+/** Errors that the server finds only when several vehicles start, because then it knows their positions. */
 export class FoundAtStart {
   private found = $state.raw<{ readonly of: Document; readonly vehicles: string; readonly problem: Problem } | null>(null);
-  /** A person flies despite all of them. */
+  /** A person has accepted all of them. */
   accepted = $state(false);
 
-  /** What came of a start; after any change of the plan or of its vehicles everything is asked anew. */
+  /** Keeps the errors of a refused start. Any change of the plan or of its vehicles withdraws the acceptance. */
   heard(outcome: Outcome<unknown>, of: Document, vehicles: Readonly<Record<string, string>>): void {
     const found = !outcome.ok && outcome.problem.codes !== undefined;
     this.found = found ? { of, vehicles: JSON.stringify(vehicles), problem: outcome.problem } : null;
@@ -50,7 +50,7 @@ export class FoundAtStart {
     return this.isOf(of, vehicles) ? (this.found?.problem.reasons ?? []) : [];
   }
 
-  /** Codes for the next start; none unless they are accepted. */
+  /** The accepted codes, for the next start; empty if they are not accepted. */
   codes(of: Document, vehicles: Readonly<Record<string, string>>): readonly string[] {
     return this.accepted && this.isOf(of, vehicles) ? (this.found?.problem.codes ?? []) : [];
   }
@@ -66,7 +66,7 @@ export function codesOf(findings: readonly Finding[]): string[] {
 
 export const findingText = ({ text, place }: Finding): string => (place.step === null ? text : `${place.step}: ${text}`);
 
-/** For a confirmation: each of them by name; empty without any. */
+/** Text for a confirmation, which lists each accepted error; empty if there are none. */
 export function despiteText(findings: readonly string[]): string {
   return findings.length === 0 ? '' : `Despite ${findings.length === 1 ? 'an error' : `${findings.length} errors`}: ${findings.join(' ')}`;
 }

@@ -1,4 +1,4 @@
-/** The server's calls about plans. */
+/** API calls about plans. */
 
 import type { ApiClient, Outcome } from '../../api/client';
 import type { components } from '../../api/schema';
@@ -12,7 +12,7 @@ import type { Mission } from './offboard/mission';
 
 type Schemas = components['schemas'];
 
-/** A version of a plan, without the plan. */
+/** Metadata of one version of a plan. */
 export type PlanVersion = Readonly<Schemas['PlanVersion']>;
 export type Pattern = Schemas['SurveyPattern'];
 export type Estimates = Readonly<Schemas['PlanEstimates']>;
@@ -20,9 +20,9 @@ export type Estimates = Readonly<Schemas['PlanEstimates']>;
 export interface Check {
   readonly findings: readonly Finding[];
   readonly estimates: Estimates;
-  /** Of an offboard mission: its path, and what each step takes. */
+  /** Of an offboard mission: its path and the duration of each step; null for a waypoint plan. */
   readonly flight: Flight | null;
-  /** Below the flight: along it [m], and its height above home or above the start [m]. */
+  /** Terrain below the path: distance along the path [m], terrain height above home or above the start [m]. */
   readonly ground: readonly (readonly [number, number | null])[];
   readonly not_known: readonly string[];
 }
@@ -40,7 +40,7 @@ export interface Imported {
 
 export interface GroundPlan {
   readonly plan: Plan;
-  /** Altitudes that were resolved, those that were not, and waypoints added. */
+  /** Numbers of resolved altitudes, unresolved altitudes and added waypoints. */
   readonly resolved: number;
   readonly unknown: number;
   readonly added: number;
@@ -50,7 +50,7 @@ export interface GroundPlan {
 type Format = Schemas['ImportedPlan']['format'];
 export type { Format };
 
-/** Files that can be written, as people know them. */
+/** File formats for export, with their displayed names. */
 const WAYPOINT_FORMATS = [
   { value: 'plan', text: 'QGroundControl .plan' },
   { value: 'waypoints', text: '.waypoints' },
@@ -70,7 +70,7 @@ export const FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Forma
 
 export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz,.yaml,.yml';
 
-/** Documents as this room edits them: more kinds of items and steps than it knows are kept as they are. */
+/** Casts between the API's types and the editor's, which also keep unknown kinds of items and steps. */
 export const sent = <D extends Document>(plan: D) => plan as unknown as D extends Mission ? Schemas['OffboardMission'] : Schemas['Plan'];
 const edited = <T>(answer: Promise<Outcome<unknown>>) => answer as Promise<Outcome<T>>;
 
@@ -81,12 +81,12 @@ export class PlanApi {
     return this.api.get('/plans');
   }
 
-  /** @param version the newest unless named. */
+  /** @param version null: the newest. */
   open(id: string, version: number | null = null): Promise<Outcome<PlanVersion & { plan: Document }>> {
     return edited(this.api.get('/plans/{plan}', { params: { path: { plan: id }, query: version === null ? {} : { version } } }));
   }
 
-  /** Newest first. */
+  /** All versions of a plan, newest first. */
   versions(id: string): Promise<Outcome<{ versions: readonly PlanVersion[] }>> {
     return this.api.get('/plans/{plan}/versions', { params: { path: { plan: id } } });
   }
@@ -107,17 +107,20 @@ export class PlanApi {
     return edited(this.api.post('/plans/check', { body: { plan: sent(plan), vehicle, power } }));
   }
 
-  /** The mission that flies a waypoint plan. */
+  /** Converts a waypoint plan to an offboard mission. */
   convert(plan: Plan, name: string, vehicle: string | null): Promise<Outcome<{ plan: Mission; notes: readonly string[] }>> {
     return edited(this.api.post('/plans/convert', { body: { plan: sent(plan), name, vehicle } }));
   }
 
-  /** @param tolerance_m waypoints are added between items above the ground until lines are within it; null: none. */
+  /**
+   * @param tolerance_m largest deviation of the lines from their height above ground; waypoints are added to meet it.
+   * Null: none are added.
+   */
   followGround(plan: Plan, tolerance_m: number | null): Promise<Outcome<GroundPlan>> {
     return edited(this.api.post('/plans/ground', { body: { plan: sent(plan), tolerance_m } }));
   }
 
-  /** @param altitude_m above home, of points that have none. */
+  /** @param altitude_m altitude above home for points without an altitude. */
   import(file: File, altitude_m: number | null): Promise<Outcome<Imported>> {
     const query = { filename: file.name, ...(altitude_m === null ? {} : { altitude_m }) };
     const headers = { 'Content-Type': 'application/octet-stream' };

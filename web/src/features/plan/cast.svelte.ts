@@ -1,4 +1,4 @@
-/** Who flies which role of the mission that is edited: chosen once, for the flight and for the dry run. */
+/** Which vehicle flies which role of the edited mission; used for the flight and for the dry run. */
 
 export class Cast {
   vehicles = $state.raw<Readonly<Record<string, string>>>({});
@@ -12,7 +12,7 @@ export class Cast {
     this.vehicles = { ...others, [name]: vehicle };
   }
 
-  /** Of these roles alone; an empty text where none is chosen. */
+  /** The vehicles of these roles; an empty text where none is chosen. */
   of(roles: readonly string[]): Record<string, string> {
     return Object.fromEntries(roles.map((role) => [role, this.vehicles[role] ?? '']));
   }

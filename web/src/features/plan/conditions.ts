@@ -1,4 +1,4 @@
-/** What a flight meets and what flies it, as a person states it: for the dry run and for the estimates. Pure. */
+/** Wind, payload, battery and similar conditions of a flight, for the dry run and for the estimates. Pure. */
 
 import type { components } from '../../api/schema';
 
@@ -7,21 +7,21 @@ export type Power = Schemas['Power'];
 
 export interface Conditions {
   readonly wind_m_s: number;
-  /** Where it comes from, clockwise from north. */
+  /** Direction that the wind comes from, clockwise from north. */
   readonly from_deg: number;
-  /** One sigma. */
+  /** Standard deviation (1 σ). */
   readonly gusts_m_s: number;
-  /** 100: as the simulated airframe. */
+  /** 100: the mass of the simulated airframe. */
   readonly mass_percent: number;
-  /** 100: its whole capacity. */
+  /** 100: the full capacity. */
   readonly battery_percent: number;
-  /** 0: once, in just these conditions. */
+  /** Number of Monte Carlo flights; 0: one flight under exactly these conditions. */
   readonly flights: number;
-  /** Of the real vehicle; null: not known. */
+  /** Of the real vehicle; null if it is not known. */
   readonly hover_power_w: number | null;
   readonly battery_wh: number | null;
   readonly mass_kg: number | null;
-  /** Of the battery, that is to be left at the end. */
+  /** Battery charge to be left at the end. */
   readonly reserve_percent: number;
 }
 
@@ -45,11 +45,11 @@ export interface ConditionRow {
   readonly min: number;
   readonly max: number;
   readonly step?: number;
-  /** It may be left empty. */
+  /** The field may be empty. */
   readonly optional?: boolean;
 }
 
-/** The rows of the form; bounds as the server's. */
+/** The rows of the form. Their bounds are those of the server. */
 export const ROWS: readonly ConditionRow[] = [
   { name: 'wind_m_s', label: 'Wind', unit: 'm/s', min: 0, max: 30 },
   { name: 'from_deg', label: 'Wind from', unit: '°', min: 0, max: 360, step: 10 },
@@ -63,25 +63,25 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
 ];
 
-/** With a value typed into a row; an empty one that may not be empty stays as it was. */
+/** The conditions with one value changed. An empty value is ignored unless the row is optional. */
 export function withCondition(conditions: Conditions, { name, optional }: ConditionRow, value: number | null): Conditions {
   if (value === null && optional !== true) return conditions;
   return { ...conditions, [name]: name === 'flights' && value !== null ? Math.round(value) : value };
 }
 
-/** Where the air moves to, north, east, down [m/s]. */
+/** Wind velocity as a vector, north, east, down [m/s]. */
 export function windOf({ wind_m_s, from_deg }: Conditions): [number, number, number] {
   const from_rad = (from_deg * Math.PI) / 180;
   return [-wind_m_s * Math.cos(from_rad) + 0, -wind_m_s * Math.sin(from_rad) + 0, 0];
 }
 
-/** For the estimate of energy; null where one of its three figures is missing: then no energy is estimated. */
+/** Values for the energy estimate; null if one of the three is missing, because then there is no estimate. */
 export function powerOf({ hover_power_w, battery_wh, mass_kg, reserve_percent }: Conditions): Power | null {
   if (hover_power_w === null || battery_wh === null || mass_kg === null) return null;
   return { hover_power_w, battery_wh, mass_kg, reserve: reserve_percent / 100 };
 }
 
-/** The conditions as a dry run takes them. */
+/** The conditions in the format of the API's dry run. */
 export function asDryRun(conditions: Conditions) {
   const { flights, hover_power_w, battery_wh } = conditions;
   return {
@@ -98,7 +98,7 @@ export function asDryRun(conditions: Conditions) {
   };
 }
 
-/** What differs from a calm day with the vehicle as it is; empty where nothing does. */
+/** Text about all conditions that differ from the defaults; empty if none do. */
 export function conditionsText(conditions: Conditions): string {
   const said: string[] = [];
   const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, flights } = conditions;

@@ -1,4 +1,4 @@
-/** The one plan of this page, and its ways to the server. */
+/** The plan room's controllers, one of each on this page. */
 
 import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
@@ -20,12 +20,12 @@ export const plans = new Plans(
 
 export const mission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);
-// Also while another room is open: a dry run goes on.
+// Also while another room is open, because a dry run continues.
 page.onEvent.push((event) => void dryRun.heard(event));
 export const accepted = new Accepted();
 export const cast = new Cast();
 
-/** Of the selected vehicle, where it is known and no recording. */
+/** Home of the selected vehicle; null if it is not known or the vehicle is a replay. */
 export function vehicleHome(): Home | null {
   const home = page.facts === null || page.facts.replayed ? null : page.facts.home;
   return home === null ? null : { lat_deg: home.value.lat_deg, lon_deg: home.value.lon_deg, alt_amsl_m: home.value.alt_amsl_m };

@@ -1,4 +1,4 @@
-/** A waypoint plan as the server reads and writes it (`docs/missions.md`), and where its parts are. */
+/** The document of a waypoint plan (`docs/missions.md`) and the positions of its parts. */
 
 import type { components } from '../../api/schema';
 import type { Place } from '../../vehicle/geo';
@@ -9,13 +9,13 @@ export type Altitude = Readonly<Schemas['Altitude']>;
 export type Reference = Altitude['reference'];
 export type Kind = Schemas['Plan']['items'][number]['kind'];
 
-/** A mission item. Its other fields depend on `kind`; those that are edited one by one are found by name (`fields.ts`). */
+/** A mission item. Its other fields depend on `kind`; `fields.ts` finds them by name. */
 export interface Item {
   readonly kind: Kind;
   readonly lat_deg?: number;
   readonly lon_deg?: number;
   readonly altitude?: Altitude;
-  /** Of a pattern of another program. */
+  /** The items of a pattern from another program. */
   readonly items?: readonly Item[];
   readonly [field: string]: unknown;
 }
@@ -51,14 +51,14 @@ export function isPlaced(item: Item): item is PlacedItem {
   return item.lat_deg !== undefined && item.lon_deg !== undefined && item.altitude !== undefined;
 }
 
-/** Placed items that are looked at, not flown to. */
+/** Items with a position that the camera looks at and the vehicle does not fly to. */
 const LOOKED_AT: ReadonlySet<Kind> = new Set(['roi_location', 'roi']);
 
 export function isFlownTo(item: Item): item is PlacedItem {
   return isPlaced(item) && !LOOKED_AT.has(item.kind);
 }
 
-/** One of the simple items, with the row of the plan that it is in: a pattern's items share one. */
+/** A simple item with its row in the plan. All items of a pattern have the same row. */
 export interface RowItem {
   readonly row: number;
   readonly item: Item;
@@ -68,19 +68,22 @@ export function simpleItems(plan: Plan): RowItem[] {
   return plan.items.flatMap((item, row) => (item.kind === 'complex' ? (item.items ?? []).map((inner) => ({ row, item: inner })) : [{ row, item }]));
 }
 
-/** Where the flight leads through, in the order of the rows; jumps are not followed. */
+/** The items that the vehicle flies through, in the order of their rows. Jumps are not followed. */
 export function path(plan: Plan): (RowItem & { item: PlacedItem })[] {
   return simpleItems(plan).filter((one): one is RowItem & { item: PlacedItem } => isFlownTo(one.item));
 }
 
-/** Above home [m]; null where it cannot be said. */
+/** Altitude above home [m]; null if it cannot be computed. */
 export function alt_home_m(altitude: Altitude, home: Home | null): number | null {
   if (altitude.reference === 'home') return altitude.value_m;
   const amsl_m = altitude.reference === 'amsl' ? altitude.value_m : (altitude.resolved_amsl_m ?? null);
   return amsl_m === null || home === null ? null : amsl_m - home.alt_amsl_m;
 }
 
-/** What can be selected, dragged and shown: a row of the plan, a corner or circle of the fence, a rally point, home. */
+/**
+ * Ids of everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a rally
+ * point, home.
+ */
 export type PointId = `item:${number}` | `corner:${number}:${number}` | `circle:${number}` | `rally:${number}` | 'home';
 
 export type PointRef =
@@ -100,7 +103,7 @@ export function refOf(id: string): PointRef | null {
   return of === 'home' ? { of } : null;
 }
 
-/** Where it is; null: it has no place, or is gone. */
+/** Position of the point with this id; null if it has none or no longer exists. */
 export function placeOf(plan: Plan, id: string): Place | null {
   const ref = refOf(id);
   if (ref === null) return null;
@@ -115,14 +118,14 @@ export function placeOf(plan: Plan, id: string): Place | null {
   return zone?.shape === 'polygon' ? (zone.polygon[ref.corner] ?? null) : null;
 }
 
-/** Every place of the plan, for showing all of it. */
+/** All positions of the plan, to fit them into the view. */
 export function places(plan: Plan): Place[] {
   const zones = plan.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
   const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as Place] : []));
   return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...zones, ...plan.rally_points];
 }
 
-/** A new item flies as high as the one before it. */
+/** Altitude for a new item: that of the item before it. */
 export function altitudeBefore(plan: Plan, row: number): Altitude {
   const before = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
   const altitude = before?.altitude ?? DEFAULT_ALTITUDE;

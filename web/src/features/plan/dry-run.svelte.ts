@@ -1,4 +1,4 @@
-/** A plan flown in simulation before it is flown: asked for, followed, looked at moment by moment. */
+/** A dry run of a plan: starts it, follows its progress, and keeps the time that map and 3D view show. */
 
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -18,24 +18,24 @@ export class DryRun {
   operation = $state.raw<Operation | null>(null);
   problem = $state.raw<Problem | null>(null);
   private view = $state.raw<DryRunView | null>(null);
-  /** What `view` is of. */
+  /** The document that `view` belongs to. */
   private flown = $state.raw<Document | null>(null);
   private asked: Document | null = null;
-  /** The moment that is looked at [s]. */
+  /** The time that is shown [s]. */
   t_s = $state(0);
 
   constructor(private readonly api: ApiClient) {}
 
   readonly running: boolean = $derived.by(() => this.operation?.state === 'running');
 
-  /** What came of this very document; null: it has not been flown as it is now. */
+  /** Result of the dry run of exactly this document; null if it has none. */
   of(document: Document): DryRunView | null {
     return this.flown === document ? this.view : null;
   }
 
   /**
-   * With a vehicle: by its parameters, from where it stands, with its charge. A mission with roles takes a vehicle for each; null:
-   * its planned places.
+   * With a vehicle the dry run uses its parameters, position and battery charge. A mission with roles needs a vehicle
+   * for each role; null: it uses the planned start positions.
    */
   async start(document: Document, flownBy: FlownBy, conditions: Conditions): Promise<void> {
     this.problem = null;
@@ -51,7 +51,7 @@ export class DryRun {
     if (!answer.ok) this.problem = answer.problem;
   }
 
-  /** The operation that was started here says how far it is. */
+  /** Handles the progress event of the operation that this page started. */
   async heard(event: WireEvent): Promise<void> {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
     const document = this.asked;

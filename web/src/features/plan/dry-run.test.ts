@@ -98,7 +98,7 @@ describe('a dry run', () => {
     const p95 = position_ned_m.map(() => 2);
     const corridor = { t_s: p95, position_ned_m, horizontal_m: { p95 }, vertical_m: { p5: p95, p95 } };
     const { areas } = flownPicture({ ...MANY, monte_carlo: { ...MANY.monte_carlo, corridor } } as unknown as DryRunView);
-    expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // standing at the start is one place
+    expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // the samples before the start are one point
     const east_m = (place: { lat_deg: number; lon_deg: number }) => groundDistance_m(place, { ...place, lon_deg: ORIGIN.lon_deg });
     expect(Math.max(...(areas[0]?.ring ?? []).map(east_m))).toBeLessThan(2.1);
     expect(Math.min(...(areas[3]?.ring ?? []).map(east_m))).toBeGreaterThan(7.9);

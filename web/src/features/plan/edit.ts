@@ -1,9 +1,9 @@
-/** Changes of a plan: a plan in, another plan out. Pure; nothing is changed in place. */
+/** Edits of a waypoint plan. Pure: each function returns a new plan. */
 
 import { eastNorth, placeAt, type Place } from '../../vehicle/geo';
 import { isPlaced, refOf, type Altitude, type FenceZone, type Home, type Item, type Plan } from './document';
 
-/** What plans of both kinds have. */
+/** Properties that waypoint plans and missions share. */
 export interface Fenced {
   readonly fence: readonly FenceZone[];
 }
@@ -16,7 +16,10 @@ function onGround({ lat_deg, lon_deg }: Place): Place {
   return { lat_deg, lon_deg };
 }
 
-/** A foreign file's text of an item or zone still holds its unknown keys; the values that changed win when it is written. */
+/**
+ * Text of an item or zone from an imported file keeps its unknown keys; changed values replace it when the file is
+ * written.
+ */
 export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
   const item = plan.items[row];
   return item === undefined ? plan : { ...plan, items: replaced(plan.items, row, { ...item, ...fields }) };
@@ -27,7 +30,7 @@ export function setZone<D extends Fenced>(plan: D, zone: number, fields: Partial
   return old === undefined ? plan : { ...plan, fence: replaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
 }
 
-/** Puts one point somewhere. */
+/** Moves the point with this id. */
 export function place(plan: Plan, id: string, at: Place): Plan {
   const ref = refOf(id);
   const to = onGround(at);
@@ -45,12 +48,12 @@ export function place(plan: Plan, id: string, at: Place): Plan {
   return placeShared(plan, id, at);
 }
 
-/** At another place the ground has another altitude. */
+/** Removes the resolved terrain altitude, because the terrain differs at another position. */
 function unresolved(altitude: Altitude): Altitude {
   return altitude.reference === 'terrain' ? { ...altitude, resolved_amsl_m: null } : altitude;
 }
 
-/** Home and geofence, which plans of both kinds have. */
+/** Moves home or a part of the geofence. */
 export function placeShared<D extends Fenced>(plan: D, id: string, at: Place): D {
   const ref = refOf(id);
   const to = onGround(at);
@@ -76,13 +79,13 @@ export function insertCorner<D extends Fenced>(plan: D, zone: number, corner: nu
   return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), onGround(at), ...old.polygon.slice(corner)] });
 }
 
-/** Half way, for the point that is inserted there. */
+/** The midpoint, for a point that is inserted there. */
 export function middle(a: Place, b: Place): Place {
   const { east_m, north_m } = eastNorth(a, b);
   return placeAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
 }
 
-/** Removes what is selected. A fence polygon of which fewer than three corners are left goes whole. */
+/** Removes the selected parts. A fence polygon with fewer than three remaining corners is removed completely. */
 export function remove(plan: Plan, ids: readonly string[]): Plan {
   const refs = ids.flatMap((id) => refOf(id) ?? []);
   const rows = new Set(refs.flatMap((ref) => (ref.of === 'item' ? [ref.row] : [])));
@@ -93,7 +96,7 @@ export function remove(plan: Plan, ids: readonly string[]): Plan {
     items: plan.items.filter((_, row) => !rows.has(row)),
     rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
   };
-  // A jump to an item that is gone leads to what comes after it.
+  // A jump to a removed item goes to the item after it.
   return shiftJumps(next, (target) => (target >= plan.items.length ? target : kept.filter((row) => row < target).length));
 }
 
@@ -115,7 +118,7 @@ export function removeZone<D extends Fenced>(plan: D, zone: number): D {
   return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
 }
 
-/** Moves the rows, kept in their order, before another row of the plan as it is now. */
+/** Moves the rows, in their order, before another row of the present plan. */
 export function reorder(plan: Plan, rows: readonly number[], before: number): { plan: Plan; rows: number[] } {
   const chosen = new Set(rows);
   const order = plan.items.map((_, row) => row);
@@ -128,7 +131,10 @@ export function reorder(plan: Plan, rows: readonly number[], before: number): { 
   return { plan: result, rows: moved.map((row) => next.indexOf(row)) };
 }
 
-/** Jumps name their target by index: they follow it when rows come, go or move. Plans with patterns count otherwise and stay as they are. */
+/**
+ * Adapts the target indexes of jumps when rows are inserted, removed or moved. Plans with patterns count items
+ * differently and are not changed.
+ */
 function shiftJumps(plan: Plan, to: (target: number) => number, inserted = -1): Plan {
   if (!plan.items.some((item) => item.kind === 'jump') || plan.items.some((item) => item.kind === 'complex')) return plan;
   const items = plan.items.map((item, row) => {

@@ -1,4 +1,4 @@
-/** The plan that is being edited: its history, what is selected, what the next click on the map adds. */
+/** The plan editor: the document with its history, the selection, and what the next click on the map adds. */
 
 import type { LayerEditor } from '../../app/map-layers.svelte';
 import { eastNorth, type Place } from '../../vehicle/geo';
@@ -14,15 +14,15 @@ import { isMission, type Mission, type StepKind } from './offboard/mission';
 import { frameOf, type Frame } from './offboard/places';
 import { freshMission, titleOf as stepKindTitle } from './offboard/words';
 
-/** Undone and redone together. */
+/** One state of the history. */
 export interface Draft {
-  /** Tells one opened or new plan from the next in the history. */
+  /** Identifies the opened or new plan that this state belongs to. */
   readonly document: number;
   readonly name: string;
   readonly plan: Document;
 }
 
-/** What the next clicks on the map are for. */
+/** What the next clicks on the map add. */
 export type Placing =
   | { readonly of: 'item'; readonly kind: Kind }
   | { readonly of: 'step'; readonly kind: StepKind }
@@ -33,9 +33,9 @@ export type AreaUse = 'inclusion' | 'exclusion' | 'survey';
 
 const NEW_NAME = 'New plan';
 const NEW_MISSION = 'New mission';
-/** Of a new fence circle. */
+/** Radius of a new fence circle. */
 const CIRCLE_RADIUS_M = 50;
-/** Nothing is flown after them. */
+/** Items that end the flight: no item is added after them. */
 const ENDS: ReadonlySet<Kind> = new Set(['land', 'return_home']);
 const NONE: ReadonlySet<string> = new Set();
 
@@ -50,13 +50,13 @@ export class PlanEditor implements LayerEditor {
   private grabbed: { group: string; base: Document; at: Place; from: ReadonlyMap<string, Place>; selected: ReadonlySet<string> } | null = null;
 
   readonly draft = $derived(this.history.now);
-  /** What is edited, of either kind. */
+  /** The edited document, a waypoint plan or a mission. */
   readonly document = $derived(this.history.now.plan);
-  /** Of a waypoint plan; an empty one while a mission is edited. */
+  /** The edited waypoint plan; empty while a mission is edited. */
   readonly plan: Plan = $derived(isMission(this.history.now.plan) ? EMPTY : this.history.now.plan);
-  /** Null while a waypoint plan is edited. */
+  /** The edited mission; null while a waypoint plan is edited. */
   readonly mission: Mission | null = $derived(isMission(this.history.now.plan) ? this.history.now.plan : null);
-  /** Where a mission lies on the earth, and how it is flown as far as the server has said. */
+  /** The mission's position on the earth, and its compiled path if the server has sent one. */
   frame = $state.raw<Frame>(frameOf(null, null, null));
   compiled = $state.raw<kinds.Compiled>({ flight: null, isCurrent: false });
   readonly canUndo = $derived(this.history.past.length > 0);
@@ -79,7 +79,7 @@ export class PlanEditor implements LayerEditor {
     this.history = history.change(this.history, plan === this.document ? this.draft : { ...this.draft, plan }, group);
   }
 
-  /** A finding's fix: rows may have come and gone. */
+  /** Applies a finding's fix, which may insert or remove rows. */
   mend(plan: Document): void {
     this.change(plan);
     this.select([]);
@@ -89,7 +89,7 @@ export class PlanEditor implements LayerEditor {
     this.history = history.change(this.history, { ...this.draft, name }, 'name');
   }
 
-  /** A field has been left: what is typed next is undone for itself. */
+  /** A field lost the focus: later changes are undone separately. */
   seal(): void {
     this.history = history.seal(this.history);
   }
@@ -104,7 +104,7 @@ export class PlanEditor implements LayerEditor {
     this.keepSelection();
   }
 
-  /** Another document; undo brings the one before back. @returns its number. */
+  /** Opens another document; undo restores the one before. @returns the number of the new document. */
   replace(name: string, plan: Document): number {
     this.documents += 1;
     this.history = history.change(this.history, { document: this.documents, name, plan });
@@ -113,7 +113,7 @@ export class PlanEditor implements LayerEditor {
     return this.documents;
   }
 
-  /** What was edited before the page was loaded anew; nothing to undo yet. @returns its number. */
+  /** Restores the draft from before a reload, with an empty history. @returns the number of the document. */
   load(name: string, plan: Document): number {
     this.documents += 1;
     this.history = history.begin({ document: this.documents, name, plan });
@@ -135,7 +135,7 @@ export class PlanEditor implements LayerEditor {
     this.selected = new Set(ids);
   }
 
-  /** Also by the list: one, one more, or all up to it. */
+  /** Selects one entry, adds it to the selection, or selects a range. */
   pick(id: string, more: boolean): void {
     if (kinds.isInsertion(id)) {
       const at = this.picture.points.find((point) => point.id === id);
@@ -149,7 +149,7 @@ export class PlanEditor implements LayerEditor {
     this.selected = next;
   }
 
-  /** From the row that was chosen last to this one. */
+  /** Selects the range from the last selected row to this one. */
   pickTo(row: number): void {
     const from = this.rows.at(-1) ?? row;
     const [low, high] = [Math.min(from, row), Math.max(from, row)];
@@ -170,7 +170,7 @@ export class PlanEditor implements LayerEditor {
     this.corners = [];
   }
 
-  /** A click on the ground. */
+  /** Handles a click on the ground. */
   press(at: Place): boolean {
     const placing = this.placing;
     if (placing === null) this.select([]);
@@ -189,7 +189,7 @@ export class PlanEditor implements LayerEditor {
     return true;
   }
 
-  /** After what is selected, else at the end; a landing or return stays last. */
+  /** Adds the item after the selection, else at the end, but before a final landing or return. */
   addItem(kind: Kind, at: Place | null): void {
     const { items } = this.plan;
     const last = items.at(-1);
@@ -200,7 +200,9 @@ export class PlanEditor implements LayerEditor {
     if (kind !== 'waypoint' && this.placing?.of === 'item') this.stopPlacing();
   }
 
-  /** Of a mission: after what is selected, else at the end; a click goes on with the selected trajectory. */
+  /**
+   * Adds a step of a mission after the selection, else at the end. A click adds a point to the selected trajectory.
+   */
   addStep(kind: StepKind, at: Place | null): void {
     if (this.mission === null) return;
     const added = offboard.addStep(this.mission, kind, at, [...this.selected], this.frame);
@@ -209,14 +211,14 @@ export class PlanEditor implements LayerEditor {
     if (kind !== 'fly' && this.placing?.of === 'step') this.stopPlacing();
   }
 
-  /** What was drawn becomes part of the geofence. */
+  /** Adds the drawn area to the geofence. */
   addZone(inclusion: boolean, polygon: readonly Place[]): void {
     this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
     this.select([]);
     this.stopPlacing();
   }
 
-  /** @returns false: nothing was selected. */
+  /** @returns false if nothing was selected. */
   remove(): boolean {
     if (this.corners.length > 0) {
       this.corners = this.corners.slice(0, -1);
@@ -297,14 +299,14 @@ export class PlanEditor implements LayerEditor {
     return inserted.id;
   }
 
-  /** What is selected and has gone by undo is not selected any more. */
+  /** Removes ids from the selection that no longer exist after an undo. */
   private keepSelection(): void {
     const there = [...this.selected].filter((id) => kinds.isThere(this.document, id, this.frame));
     this.select(there);
   }
 }
 
-/** What the next click adds, as the hint says it. */
+/** The hint's text about what the next click adds. */
 export function placingText(placing: Placing, corners: number): string {
   if (placing.of === 'item')
     return placing.kind === 'waypoint' ? 'Click the map to add waypoints.' : `Click the map where to put “${titleOf({ kind: placing.kind })}”.`;

@@ -103,7 +103,7 @@ describe('the editor', () => {
   });
 });
 
-/** A server that answers in turn, and what it was asked. */
+/** A fake server: gives these answers in order and records the requests. */
 function server(...answers: readonly [number, unknown][]) {
   const asked: { call: string; body: unknown }[] = [];
   let turn = 0;

@@ -1,4 +1,4 @@
-/** The fields of an item as they are edited: label and unit follow from the field's name (`acceptance_radius_m`). Pure. */
+/** The editor's fields of an item. Label and unit follow from the field's name (`acceptance_radius_m`). Pure. */
 
 import type { Item } from './document';
 
@@ -7,12 +7,12 @@ export interface Field {
   readonly label: string;
   readonly unit: string;
   readonly value: number | null;
-  /** May be left empty: the autopilot decides. */
+  /** The field may be empty: the autopilot then chooses the value. */
   readonly optional: boolean;
   readonly step: number;
 }
 
-/** Endings of names with their units; the longest first. */
+/** Suffixes of field names with their units, the longest first. */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_deg_s', '°/s', 1],
   ['_m_s', 'm/s', 0.5],
@@ -42,7 +42,10 @@ const LABELS: Readonly<Record<string, string>> = {
   speed_type: 'Speed type (0 air, 1 ground, 2 climb, 3 descent)',
   distance_m: 'Distance',
 };
-/** Kept in the document, of no use to a person here: places have fields of their own, the others are written as they came. */
+/**
+ * Fields of the document that the editor does not show: positions have their own fields, the others are kept
+ * unchanged.
+ */
 const NOT_SHOWN: ReadonlySet<string> = new Set([
   'lat_deg',
   'lon_deg',
@@ -55,7 +58,7 @@ const NOT_SHOWN: ReadonlySet<string> = new Set([
   'abort_altitude_m',
   'pitch_deg@takeoff',
 ]);
-/** Fields that count from 0 in the document and from 1 for people. */
+/** Fields that count from 0 in the document and from 1 on the page. */
 const FROM_ONE: ReadonlySet<string> = new Set(['target_index']);
 
 export function fieldsOf(item: Item): Field[] {
@@ -74,7 +77,7 @@ export function fieldsOf(item: Item): Field[] {
 
 export type Parsed = { ok: true; value: number | null } | { ok: false; problem: string };
 
-/** What was typed, with comma or point; empty is null where that means something. */
+/** Parses typed text, with a comma or a point. Empty text is null if the field is optional. */
 export function parseNumber(text: string, limits: { optional?: boolean; min?: number; max?: number } = {}): Parsed {
   const plain = text.trim().replace(',', '.').replace('−', '-');
   if (plain === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
@@ -85,7 +88,7 @@ export function parseNumber(text: string, limits: { optional?: boolean; min?: nu
   return { ok: true, value };
 }
 
-/** A field's number as the document has it. */
+/** Converts a field's value to the document's unit. */
 export function toDocument(name: string, value: number | null): number | null {
   return value !== null && FROM_ONE.has(name) ? Math.round(value) - 1 : name === 'repeat' && value !== null ? Math.round(value) : value;
 }

@@ -1,4 +1,4 @@
-/** Findings that the page can mend by itself: code and place in, a changed plan out. Pure; null where a person has to decide. */
+/** Fixes that the page can make for a finding. Pure: returns a changed plan, or null if a person has to decide. */
 
 import type { components } from '../../api/schema';
 import { DEFAULT_ALTITUDE, isPlaced, path, type Home, type Plan } from './document';
@@ -8,15 +8,15 @@ import { freshItem } from './items';
 export type Finding = Readonly<components['schemas']['FindingModel']>;
 
 export interface Fix<D = Plan> {
-  /** On the button. */
+  /** Text of the button. */
   readonly text: string;
   readonly plan: D;
 }
 
-/** The operator's limit of the server's check [m above home]. */
+/** The operator's altitude limit, as in the server's check [m above home]. */
 const HIGHEST_M = 120;
 
-/** @param home of the vehicle, where it is known. */
+/** @param home home of the vehicle; null if it is not known. */
 export function fixOf(plan: Plan, finding: Finding, home: Home | null): Fix | null {
   const { row, zone } = finding.place;
   const item = row === null ? undefined : plan.items[row];
@@ -57,7 +57,7 @@ export function fixOf(plan: Plan, finding: Finding, home: Home | null): Fix | nu
   }
 }
 
-/** A take-off where the plan starts, to the altitude of its first point. */
+/** Adds a take-off at the plan's start, to the altitude of its first point. */
 function takeoff(plan: Plan): Fix | null {
   const first = path(plan)[0]?.item;
   const at = plan.planned_home ?? first;

@@ -1,4 +1,7 @@
-/** A dry run on the map and in words: the flown path, the corridor of many flights, vehicle and gimbal at one moment. Pure. */
+/**
+ * A dry run on the map and as text: the flown path, the corridor of many flights, vehicle and gimbal at one time.
+ * Pure.
+ */
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { duration, fixed, metres } from '../../ui/format';
@@ -9,29 +12,29 @@ type Vector = readonly number[];
 type Flight = DryRunView['nominal'];
 
 export interface Ghost extends Place {
-  /** Above where it started. */
+  /** Height above the start. */
   readonly up_m: number;
   readonly speed_m_s: number;
   readonly step: string;
-  /** Where nose and camera point, clockwise from north [deg]. */
+  /** Directions of nose and camera, clockwise from north. */
   readonly yaw_deg: number;
   readonly look_deg: number;
-  /** Of the camera, up is positive [deg]. */
+  /** Pitch of the camera, positive up. */
   readonly pitch_deg: number;
 }
 
 const DEG = 180 / Math.PI;
-/** Half the camera's field of view that is drawn [deg]. */
+/** Half the drawn field of view of the camera [deg]. */
 const HALF_VIEW_DEG = 27;
-/** How far the camera's look is drawn over the ground [m]. */
+/** Limits of the drawn length of the camera's view on the ground [m]. */
 const LOOK_M = { least: 4, most: 15 } as const;
-/** The corridor is drawn from places at least so far apart [m], so many of them in one area. */
+/** Shortest distance between two samples of the corridor [m], and samples per area. */
 const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
 
-/** Of several vehicles that flew together each one's flight, else the one. */
+/** The flights of all vehicles, or the one flight. */
 const flights = (view: DryRunView): readonly Flight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
 
-/** Where the vehicle is at a moment, between the samples; null: it never flew. */
+/** The vehicle at a time, interpolated between the samples; null if it never flew. */
 export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): Ghost | null {
   const { path, origin } = nominal;
   const last = (path?.t_s.length ?? 0) - 1;
@@ -62,7 +65,7 @@ function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
   return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEG;
 }
 
-/** What the camera sees over the ground: to where it meets the ground, as far as is drawn; nothing while it looks straight down. */
+/** The camera's view on the ground, up to a maximum length; empty while the camera points straight down. */
 function lookRing(ghost: Ghost): Place[] {
   const down = Math.tan(-ghost.pitch_deg / DEG);
   const far_m = down > 1e-3 ? Math.max(0, ghost.up_m) / down : LOOK_M.most;
@@ -76,8 +79,8 @@ function lookRing(ghost: Ghost): Place[] {
 }
 
 /**
- * The 95th percentile over the ground, to both sides of the path: in short pieces, since one ring about a path that turns back
- * crosses itself; where the vehicle stands and trembles there is one place of it.
+ * The 95th percentile of the horizontal deviation, on both sides of the path. It is drawn in short pieces, because
+ * one ring about a path that turns back would cross itself. Samples at the same position count once.
  */
 function corridorRings({ nominal, monte_carlo }: DryRunView): Place[][] {
   const corridor = monte_carlo?.corridor;
@@ -104,7 +107,7 @@ function corridorRings({ nominal, monte_carlo }: DryRunView): Place[][] {
   return rings;
 }
 
-/** What stays while one scrubs: all in the colour of what is planned. */
+/** The parts of the picture that do not depend on the time, all in the colour of planned things. */
 export function flownPicture(view: DryRunView): LayerPicture {
   const paths = flights(view).map(({ path, origin }) =>
     ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => placeAt(origin, { north_m, east_m })),
@@ -116,7 +119,7 @@ export function flownPicture(view: DryRunView): LayerPicture {
   };
 }
 
-/** The vehicles at a moment, and what their cameras see. */
+/** The vehicles at a time, and the views of their cameras. */
 export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null {
   const ghosts = flights(view).flatMap((nominal) => ghostAt({ nominal }, t_s) ?? []);
   if (ghosts.length === 0) return null;

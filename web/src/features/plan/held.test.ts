@@ -19,7 +19,7 @@ describe('the plan on the vehicle', () => {
   });
   const named = { id: 'abc', version: 2, name: 'Tower' };
   const event = (over: object) => ({ kind: 'operation', vehicle: '1', unix_s: 0, severity: null, text: '', operation: operation(over) });
-  /** Until what was asked has been answered. */
+  /** Waits until pending requests have been answered. */
   const settled = () => new Promise((done) => setTimeout(done));
 
   function vehicle(...answers: readonly [number, unknown][]) {

@@ -1,4 +1,4 @@
-/** What a vehicle holds, and what differs from the plan that is edited, in words. Pure. */
+/** The plan on a vehicle, and its differences from the edited plan, as text. Pure. */
 
 import type { components } from '../../api/schema';
 import { fixed } from '../../ui/format';
@@ -16,7 +16,7 @@ const FIELDS: Readonly<Record<string, string>> = {
   autocontinue: 'autocontinue',
 };
 
-/** What the vehicle holds, as a sentence. */
+/** Sentence about the plan on the vehicle. */
 export function holdsText(name: string, holds: Holds | undefined, current: { readonly id: string; readonly version: number } | null): string {
   if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan ${name} holds.`;
   if (holds.state === 'another') return `${name} holds a different plan from the one last uploaded.`;
@@ -28,13 +28,13 @@ export function holdsText(name: string, holds: Holds | undefined, current: { rea
   return `${name} holds ${older}.`;
 }
 
-/** Whether the vehicle holds just this version. */
+/** Whether exactly this version is on the vehicle. */
 export function isHeld(holds: Holds | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
   const plan = holds?.state === 'plan' ? holds.plan : null;
   return current !== null && plan?.id === current.id && plan.version === current.version;
 }
 
-/** What came of reading the vehicle's plan back. */
+/** Result of the comparison after reading the vehicle's plan back. */
 export function comparisonText(name: string, { equal, differences, still_held }: Comparison): string {
   if (still_held === false) return `The plan on ${name} has changed since it was read. Read it back again.`;
   if (equal && differences.length === 0) return `Read back: ${name} holds exactly this plan.`;
@@ -50,7 +50,7 @@ export function differenceText({ part, seq, field, planned, held }: Difference):
   return `Item ${seq + 1} of the ${PARTS[part]}, ${words ?? FIELDS[field] ?? field.replace('param', 'parameter ')}: ${inPlan} in the plan, ${onVehicle} on the vehicle.`;
 }
 
-/** Places are sent in 1e-7 degrees; of items without a place these fields are small numbers. */
+/** MAVLink sends positions in 1e-7 degrees. Items without a position have small numbers in these fields. */
 function isPlace(field: string, value: number | null): boolean {
   return (field === 'x' || field === 'y') && value !== null && Math.abs(value) > 1000;
 }

@@ -1,4 +1,4 @@
-/** Undo and redo of whatever is edited: every state is kept whole (states share what did not change). Pure. */
+/** Undo and redo. Every state is stored completely; states share their unchanged parts. Pure. */
 
 const MOST = 300;
 
@@ -6,7 +6,7 @@ export interface History<T> {
   readonly past: readonly T[];
   readonly now: T;
   readonly future: readonly T[];
-  /** Changes of one gesture or one field belong together and are undone at once. */
+  /** Changes of one gesture or one field have the same group and are undone together. */
   readonly group: string | null;
 }
 
@@ -14,14 +14,14 @@ export function begin<T>(now: T): History<T> {
   return { past: [], now, future: [], group: null };
 }
 
-/** @param group what the change belongs to; null: it stands alone. */
+/** @param group null: the change is undone alone. */
 export function change<T>(history: History<T>, next: T, group: string | null = null): History<T> {
   if (next === history.now) return history;
   const joins = group !== null && group === history.group;
   return { past: joins ? history.past : [...history.past, history.now].slice(-MOST), now: next, future: [], group };
 }
 
-/** The gesture is over: the next change is undone for itself. */
+/** Ends a group: the next change is undone separately. */
 export function seal<T>(history: History<T>): History<T> {
   return history.group === null ? history : { ...history, group: null };
 }
@@ -38,7 +38,7 @@ export function redo<T>(history: History<T>): History<T> {
   return { past: [...history.past, history.now], now: next, future, group: null };
 }
 
-/** The gesture is cancelled: as if its changes had never been. */
+/** Removes the changes of a cancelled gesture. */
 export function cancel<T>(history: History<T>, group: string): History<T> {
   return history.group === group ? { ...undo(history), future: [] } : history;
 }

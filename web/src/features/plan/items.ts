@@ -1,4 +1,4 @@
-/** The steps of a plan in words, and new ones as they begin. */
+/** Titles and details of a plan's items, and the default values of new ones. */
 
 import { fixed } from '../../ui/format';
 import type { Place } from '../../vehicle/geo';
@@ -48,7 +48,7 @@ export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: u
 
 const number = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
 
-/** What is said below the title. */
+/** Text below the title. */
 export function detailOf(item: Item): string {
   const said: string[] = [];
   const add = (field: string, words: (value: number) => string): void => {
@@ -74,7 +74,7 @@ export function detailOf(item: Item): string {
   return said.join(' · ');
 }
 
-/** What the person chooses from; `placed`: then a click on the map says where. */
+/** One kind of item to add; `placed`: it needs a click on the map. */
 export interface Choice {
   readonly kind: Kind;
   readonly placed: boolean;
@@ -94,7 +94,7 @@ const OTHERS: readonly Kind[] = [
 ];
 export const CHOICES: readonly Choice[] = [...PLACED.map((kind) => ({ kind, placed: true })), ...OTHERS.map((kind) => ({ kind, placed: false }))];
 
-/** Fields of a new item, whole: what is not said here has no field in the editor. */
+/** All fields of a new item. The editor shows only these fields. */
 const FRESH: Readonly<Partial<Record<Kind, object>>> = {
   takeoff: { pitch_deg: 0, yaw_ned_deg: null },
   waypoint: { hold_s: 0, acceptance_radius_m: 0, pass_radius_m: 0, yaw_ned_deg: null },
@@ -112,7 +112,7 @@ const FRESH: Readonly<Partial<Record<Kind, object>>> = {
   jump: { target_index: 0, repeat: 1 },
 };
 
-/** @param at for a placed kind. */
+/** @param at position of a placed kind. */
 export function freshItem(kind: Kind, at: Place | null, altitude: Altitude): Item {
   const where =
     at === null

@@ -1,4 +1,4 @@
-/** Plans of both kinds alike: a waypoint plan and an offboard mission answer the same questions. Pure. */
+/** One interface for both kinds of documents: waypoint plans and offboard missions. Pure. */
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { placeAt, type EastNorth, type Place } from '../../vehicle/geo';
@@ -30,7 +30,7 @@ export function withHome<D extends Document>(document: D, home: Home): D {
   return isMission(document) ? { ...document, home } : { ...document, planned_home: home };
 }
 
-/** Of something that can be selected; null: it has no place, or is gone. */
+/** Position of a selectable part; null if it has none or no longer exists. */
 export function placeIn(document: Document, id: string, frame: Frame): Place | null {
   if (!isMission(document)) return placeOf(document, id);
   const ref = pointOf(id);
@@ -47,7 +47,7 @@ export function placeIn(document: Document, id: string, frame: Frame): Place | n
   return zone?.shape === 'polygon' ? (zone.polygon[shared.corner] ?? null) : null;
 }
 
-/** What an entry of the list shows on the map: of a step all its places. */
+/** The positions that a list entry shows on the map; for a step, all its points. */
 export function placesOfId(document: Document, id: string, frame: Frame): Place[] {
   if (isMission(document) && id.startsWith('step:')) {
     const node = offboard.nodeOf(document, id);
@@ -56,7 +56,7 @@ export function placesOfId(document: Document, id: string, frame: Frame): Place[
   return [placeIn(document, id, frame) ?? []].flat();
 }
 
-/** Moves several points by the same way over the ground. */
+/** Moves several points by the same horizontal offset. */
 export function move<D extends Document>(document: D, from: ReadonlyMap<string, Place>, by: EastNorth, frame: Frame): D {
   let moved: Document = document;
   for (const [id, at] of from) {
@@ -70,7 +70,7 @@ export function remove(document: Document, ids: readonly string[]): Document {
   return isMission(document) ? offboard.remove(document, ids) : edit.remove(document, ids);
 }
 
-/** A point between two others, as the map shows them. @returns null: the id names none. */
+/** Inserts a point between two others. @returns null: the id is not an insertion point. */
 export function insertAt(document: Document, id: string, at: Place, frame: Frame): { document: Document; id: string } | null {
   const between = missionPicture.betweenOf(id);
   if (between !== null && isMission(document)) {
@@ -90,7 +90,7 @@ export function isInsertion(id: string): boolean {
 
 export interface Compiled {
   readonly flight: Flight | null;
-  /** False: of the document before the last change. */
+  /** False: the flight was compiled before the last change. */
   readonly isCurrent: boolean;
 }
 
@@ -103,7 +103,7 @@ export function entriesOf(document: Document, flight: Flight | null): TreeEntry[
   return isMission(document) ? missionPicture.treeOf(document, flight?.steps ?? []) : treeOf(document);
 }
 
-/** Every place, for showing all of it. */
+/** All positions, to fit them into the view. */
 export function allPlaces(document: Document, frame: Frame, flight: Flight | null = null): Place[] {
   if (!isMission(document)) return places(document);
   const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
@@ -112,12 +112,12 @@ export function allPlaces(document: Document, frame: Frame, flight: Flight | nul
   return [frame.start, ...own, ...flown, ...zones];
 }
 
-/** All steps, for selecting them. */
+/** Ids of all steps, to select them. */
 export function allSteps(document: Document): string[] {
   return isMission(document) ? nodesOf(document).map((node) => stepId(node.place)) : document.items.map((_, row) => `item:${row}`);
 }
 
-/** Whether what was selected is still there. */
+/** Whether the selected part still exists. */
 export function isThere(document: Document, id: string, frame: Frame): boolean {
   if (isMission(document) && id.startsWith('step:')) return offboard.nodeOf(document, id) !== null;
   const ref = refOf(id);
@@ -125,7 +125,7 @@ export function isThere(document: Document, id: string, frame: Frame): boolean {
   return placeIn(document, id, frame) !== null;
 }
 
-/** What is selected after something was deleted: what comes in its place. */
+/** The part to select after a deletion: the one that takes its position in the list. */
 export function neighbourOf(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
   if (!isMission(before) || !isMission(after)) return [];
   const first = ids.find((id) => isThere(after, id, frame));

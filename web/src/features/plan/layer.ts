@@ -1,23 +1,25 @@
-/** A plan as the map draws and edits it. Pure. */
+/** A waypoint plan as an editable map layer. Pure. */
 
 import type { LayerArea, LayerLine, LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
 import type { Place } from '../../vehicle/geo';
 import { isFlownTo, isPlaced, path, type FenceZone, type Plan } from './document';
 import { middle, type Fenced } from './edit';
 
-/** With more legs than this only those beside the selection show their middles. */
+/** Above this number of legs, midpoints are shown only beside the selection. */
 const MOST_MIDDLES = 60;
 const CIRCLE_CORNERS = 72;
 const EARTH_M_PER_DEG = 111_194.9;
 
-/** A point in the middle of a leg: `middle:` and the row before which it inserts; of a fence's side: zone and corner. */
+/**
+ * Parses the id of a leg's midpoint: `middle:` and the row before which it inserts; of a fence edge, zone and corner.
+ */
 export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | null {
   const [of, a, b] = id.split(':');
   if (of === 'middle') return { row: Number(a) };
   return of === 'side' ? { zone: Number(a), corner: Number(b) } : null;
 }
 
-/** What is being drawn corner by corner, not part of the plan yet. */
+/** An area that is being drawn and is not yet part of the plan. */
 export interface Sketch {
   readonly corners: readonly Place[];
   readonly tone: Tone;
@@ -46,7 +48,7 @@ function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
     void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
 }
 
-/** The geofence and what is being drawn, which plans of both kinds have. */
+/** Draws the geofence and the area that is being drawn. */
 export function fencePicture(
   plan: Fenced,
   selected: ReadonlySet<string>,
@@ -70,12 +72,12 @@ export function fencePicture(
   return { points, lines: fences, areas: areas(plan, sketch) };
 }
 
-/** An inclusion is a limit, an exclusion is forbidden. */
+/** An inclusion zone is a limit, an exclusion zone is forbidden. */
 function toneOf(zone: FenceZone): Tone {
   return zone.inclusion ? 'caution' : 'danger';
 }
 
-/** A fence zone's edge. */
+/** The outline of a fence zone. */
 export function ringOf(zone: FenceZone): Place[] {
   if (zone.shape === 'polygon') return [...zone.polygon];
   const { lat_deg, lon_deg } = zone.center;

@@ -1,4 +1,7 @@
-/** Which plan the selected vehicle holds, and the transfer that is under way; both are the server's, and found again after a reload. */
+/**
+ * The plan on the selected vehicle, and its upload or download. Both states come from the server, so a reload keeps
+ * them.
+ */
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -10,17 +13,17 @@ import { isHeld, type Comparison } from './held';
 type View = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;
 export type Downloaded = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
-/** A version that the server keeps, or a plan as it is. */
+/** A saved version, or a plan without one. */
 type Which = Readonly<components['schemas']['WhichPlan']>;
 
 const TRANSFERS = ['mission/upload', 'mission/download'];
 
 export class VehicleMission {
   view = $state.raw<View | null>(null);
-  /** The upload or download that runs or ended last. */
+  /** The latest upload or download, running or ended. */
   transfer = $state.raw<Operation | null>(null);
   private compared = $state.raw<{ readonly to: Plan; readonly found: Comparison } | null>(null);
-  /** What is compared once the download has ended. */
+  /** The plan to compare after the download has ended. */
   private wanted: { readonly download: string; readonly to: Plan; readonly which: Which } | null = null;
   problem = $state.raw<Problem | null>(null);
   private vehicle: string | null = null;
@@ -29,7 +32,7 @@ export class VehicleMission {
 
   readonly running: boolean = $derived.by(() => this.transfer?.state === 'running');
 
-  /** Another vehicle was selected. */
+  /** Called when another vehicle is selected. */
   show(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
@@ -49,7 +52,7 @@ export class VehicleMission {
     if (vehicle === this.vehicle && found !== undefined) this.transfer = found;
   }
 
-  /** Whether the vehicle holds just this version. */
+  /** Whether exactly this version is on the vehicle. */
   holds(id: string, version: number): boolean {
     return isHeld(this.view?.holds, { id, version });
   }
@@ -64,16 +67,16 @@ export class VehicleMission {
     this.compared = this.wanted = null;
     const download = await this.begin((of) => this.api.post('/vehicles/{v}/mission/download', of));
     if (download !== null) this.wanted = { download, to, which };
-    // A short plan may have been read before the answer came.
+    // A short download may have ended before the answer came.
     if (this.transfer?.id === download && this.transfer?.state === 'succeeded') await this.compare();
   }
 
-  /** What reading back has shown of just this plan. */
+  /** Result of the comparison with exactly this plan. */
   comparison(plan: Plan): Comparison | null {
     return this.compared?.to === plan ? this.compared.found : null;
   }
 
-  /** The plan that the vehicle held when it was read; null: `problem` says why not. */
+  /** The plan that was last read from the vehicle; null: see `problem`. */
   async held(): Promise<Downloaded | null> {
     const answer = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(this.vehicle ?? ''));
     this.problem = answer.ok ? null : answer.problem;
@@ -95,7 +98,7 @@ export class VehicleMission {
     else void this.ask();
   }
 
-  /** @returns the operation's id; null: it was refused. */
+  /** @returns the operation's id; null: the server refused it. */
   private async begin(send: (of: ReturnType<typeof ofVehicle>) => Promise<Outcome<Operation>>): Promise<string | null> {
     this.problem = null;
     const answer = await send(ofVehicle(this.vehicle ?? ''));
@@ -103,7 +106,7 @@ export class VehicleMission {
       this.problem = answer.problem;
       return null;
     }
-    // Its end may have been heard before.
+    // Its end event may have come before the answer.
     if (this.transfer?.id !== answer.value.id) this.transfer = answer.value;
     return answer.value.id;
   }

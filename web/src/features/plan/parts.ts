@@ -1,4 +1,4 @@
-/** What the plan room is made of, in one piece that is loaded when it is opened. */
+/** The parts of the plan room, loaded together when it is first opened. */
 
 import { registry, rooms, type RoomParts } from '../../app/registry.svelte';
 import { editor } from './controllers';

@@ -1,4 +1,4 @@
-/** Plans on the server: which one is edited, whether it is saved, what the server finds in it, files in and out. */
+/** Plans on the server: the edited one, its save state, the server's findings, import and export. */
 
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -20,20 +20,20 @@ interface Kept {
   readonly plan: Document;
 }
 
-/** What the person is told below the name; with what can be done about it. */
+/** A message below the plan's name, with the possible next steps. */
 export interface Notice {
   readonly tone: 'danger' | 'caution' | 'ok';
   readonly text: string;
-  /** Somebody else saved: theirs can be opened, ours saved beside it. */
+  /** Another client saved the plan: the person can open that version, or save this one as a new plan. */
   readonly conflict?: boolean;
-  /** An older version is looked at: saved, it becomes the newest. */
+  /** An older version is open: saving makes it the newest. */
   readonly older?: boolean;
-  /** The file has points without an altitude. */
+  /** The imported file has points without an altitude. */
   readonly file?: File;
   readonly areas?: readonly Area[];
 }
 
-/** Kept in the browser, so that a reload loses nothing. */
+/** Stored in the browser, so that a reload keeps it. */
 interface Stored {
   readonly name: string;
   readonly plan: Document;
@@ -46,20 +46,20 @@ const STORED = 'gcs.plan-draft';
 const STORED_CONDITIONS = 'gcs.plan-conditions';
 
 export class Plans {
-  /** By document of the history: undo goes back to a document that is kept elsewhere. */
+  /** Saved versions by document of the history, because undo can return to an earlier document. */
   private kept = $state.raw<Readonly<Record<number, Kept>>>({});
   list = $state.raw<readonly PlanVersion[] | null>(null);
   notice = $state.raw<Notice | null>(null);
   busy = $state(false);
   private answer = $state.raw<Check | null>(null);
-  /** What `check` was made of. */
+  /** The document that `check` belongs to. */
   private checked = $state.raw<Document | null>(null);
   private checkedFor = $state.raw(-1);
   private checkedBy = $state.raw('');
   checkProblem = $state.raw<string | null>(null);
-  /** A question is under way; what changes meanwhile is asked after it. */
+  /** A check is running; later changes are checked after it. */
   checking = $state(false);
-  /** For whose parameters and home plans are checked; null: nobody's. */
+  /** The vehicle whose parameters and home the check uses; null: none. */
   vehicle = $state.raw<string | null>(null);
   conditions = $state.raw<Conditions>(CONDITIONS);
 
@@ -79,9 +79,9 @@ export class Plans {
     if (this.current === null) return false;
     return this.current.plan === plan && this.current.name === name;
   });
-  /** What the server said of this document, as it is now or before its last changes. */
+  /** The server's check of this document, in its present or an earlier state. */
   readonly check: Check | null = $derived.by(() => (this.checkedFor === this.editor.draft.document ? this.answer : null));
-  /** By which vehicle and which figures of it. */
+  /** The vehicle and the power values that the check used. */
   private readonly by: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
   readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document && this.checkedBy === this.by);
 
@@ -95,7 +95,7 @@ export class Plans {
     this.notice = null;
   }
 
-  /** Makes an offboard mission of the waypoint plan that is edited; undo brings the plan back. */
+  /** Converts the edited waypoint plan to an offboard mission; undo restores the plan. */
   async convert(vehicle: string | null): Promise<boolean> {
     const { name } = this.editor.draft;
     const answer = await this.call(this.api.convert(this.editor.plan, nameOf(name), vehicle));
@@ -128,7 +128,7 @@ export class Plans {
     return true;
   }
 
-  /** The versions of a plan that are kept, newest first; null: the notice says why not. */
+  /** The saved versions of a plan, newest first; null: see `notice`. */
   async versions(id: string): Promise<readonly PlanVersion[] | null> {
     const answer = await this.call(this.api.versions(id));
     if (answer.ok) return answer.value.versions;
@@ -136,7 +136,7 @@ export class Plans {
     return null;
   }
 
-  /** Opens an older version of a plan, not saved: to save it adds it as the newest, based on what is the newest now. */
+  /** Opens an older version without saving it. To save it adds a new version after the newest. */
   async look({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
     const answer = await this.call(this.api.open(id, version));
     if (!answer.ok) {
@@ -150,7 +150,7 @@ export class Plans {
     return true;
   }
 
-  /** @param asNew beside the one that is kept. */
+  /** @param asNew saves it as another plan. */
   async save(asNew = false): Promise<void> {
     const draft = this.editor.draft;
     const kept = asNew ? null : this.current;
@@ -172,7 +172,7 @@ export class Plans {
     await this.refresh();
   }
 
-  /** @param altitude_m above home, of points that have none; null: such a file is refused. */
+  /** @param altitude_m altitude above home for points without one; null: the server refuses such a file. */
   async import(file: File, altitude_m: number | null = null): Promise<boolean> {
     const answer = await this.call(this.api.import(file, altitude_m));
     if (!answer.ok) {
@@ -185,14 +185,14 @@ export class Plans {
     return true;
   }
 
-  /** The plan that a vehicle holds, as a new one; undo brings back what was edited. */
+  /** Opens the vehicle's plan as a new plan; undo restores the edited one. */
   takeHeld(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: Home | null): void {
     this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
     const text = [`The plan that ${vehicleName} holds, not saved yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
   }
 
-  /** @returns the file; null: it could not be written, the notice says why. */
+  /** @returns the file; null: the server could not write it, see `notice`. */
   async export(format: Format): Promise<Blob | null> {
     const answer = await this.call(this.api.export(this.editor.document, format));
     if (!answer.ok) {
@@ -205,8 +205,9 @@ export class Plans {
   }
 
   /**
-   * Lines over an area, with pictures, at the end of the plan.
-   * @param tolerance_m of lines above the ground; null: the pattern does not follow the ground.
+   * Adds a survey pattern at the end of the plan.
+   * @param tolerance_m largest deviation of its lines from their height above ground; null: the pattern does not
+   * follow the terrain.
    */
   async pattern(pattern: Pattern, tolerance_m: number | null = null): Promise<boolean> {
     const answer = await this.call(this.api.pattern(pattern));
@@ -224,8 +225,9 @@ export class Plans {
   }
 
   /**
-   * Resolves altitudes above the ground with the server's elevation files.
-   * @param tolerance_m waypoints are added where a straight line leaves its height above the ground; null: none.
+   * Resolves altitudes above terrain with the server's elevation files.
+   * @param tolerance_m waypoints are added where a straight line deviates more from its height above ground; null:
+   * none are added.
    */
   async followGround(tolerance_m: number | null, plan: Plan = this.editor.plan): Promise<boolean> {
     const { draft } = this.editor;
@@ -243,7 +245,7 @@ export class Plans {
     return true;
   }
 
-  /** Asks the server what is wrong with the plan as it is now; one question at a time. */
+  /** Checks the present plan on the server; one check at a time. */
   async ask(): Promise<void> {
     const { document: number, plan } = this.editor.draft;
     const by = this.by;
@@ -256,20 +258,20 @@ export class Plans {
     this.checkProblem = answer.ok ? null : sentence('Not checked.', answer.problem);
   }
 
-  /** Kept in the browser: they are of the aircraft at hand. */
+  /** Stored in the browser, because they belong to the operator's aircraft. */
   setConditions(conditions: Conditions): void {
     this.conditions = conditions;
     this.memory.setItem(STORED_CONDITIONS, JSON.stringify(conditions));
   }
 
-  /** Where the mission lies and how it is flown, for the map; the path of another document is not shown. */
+  /** Updates the mission's position and compiled path for the map; the path of another document is removed. */
   compile(vehicleHome: Home | null): void {
     const flight = this.check?.flight ?? null;
     this.editor.compiled = { flight, isCurrent: this.isChecked };
     this.editor.frame = frameOf(this.editor.mission, vehicleHome ?? homeOf(this.editor.document), flight?.origin ?? null);
   }
 
-  /** Somebody saved or deleted a plan. */
+  /** Handles the event that a client saved or deleted a plan. */
   heard(event: WireEvent, ownKey: string | null): void {
     if (event.kind !== 'plan_changed') return;
     if (this.list !== null) void this.refresh();
@@ -288,13 +290,13 @@ export class Plans {
       };
   }
 
-  /** Keeps the draft for the next load of the page. */
+  /** Stores the draft for the next load of the page. */
   store(draft: Draft): void {
     const stored: Stored = { name: draft.name, plan: draft.plan, kept: this.current, saved: this.saved };
     try {
       this.memory.setItem(STORED, JSON.stringify({ ...stored, kept: stored.kept === null ? null : { id: stored.kept.id, version: stored.kept.version } }));
     } catch {
-      this.memory.removeItem(STORED); // too large for this browser: an older draft would be the wrong one
+      this.memory.removeItem(STORED); // too large for this browser: an older draft would be wrong
     }
   }
 
@@ -353,7 +355,7 @@ function grounded({ resolved, unknown, added, notes }: GroundPlan): Notice {
 }
 
 function sentence(what: string, problem: Problem): string {
-  // An address that nobody answers is no command that may have been obeyed.
+  // Without an answer it is unknown whether a command was executed; a request about plans can simply be repeated.
   const why = problem.code === 'unreachable' ? ['The server did not answer.', 'Is it still running?'] : [problem.detail, problem.remedy];
   return [what, ...why].filter((part) => part !== null && part !== '').join(' ');
 }

@@ -1,4 +1,4 @@
-/** Altitude along the way: what the strip below the map shows. Pure. */
+/** The altitude profile along the path. Pure. */
 
 import { groundDistance_m } from '../../vehicle/geo';
 import { alt_home_m, path, type Plan } from './document';
@@ -6,13 +6,13 @@ import type { Flight } from './offboard/flight';
 
 export interface ProfilePoint {
   readonly row: number;
-  /** What is selected with it; of the points of a mission's path only the first of a step has one. */
+  /** Id that a click on the point selects. Of the points of a mission's path only the first of a step has one. */
   readonly id: string | null;
-  /** Since the flight began, where that is known [s]. */
+  /** Time since the start of the flight; null if it is not known. */
   readonly t_s?: number;
-  /** Along the ground from the first point [m]. */
+  /** Horizontal distance from the first point. */
   readonly along_m: number;
-  /** Above home [m]; null: it cannot be said. */
+  /** Altitude above home; null if it cannot be computed. */
   readonly alt_home_m: number | null;
 }
 
@@ -23,12 +23,14 @@ export interface Profile {
   readonly bottom_m: number;
 }
 
-/** Of the server's check: along the flight [m], and height of the ground above home or above the start [m]. */
+/**
+ * The terrain from the server's check: distance along the path [m], terrain height above home or above the start [m].
+ */
 export type Ground = readonly (readonly [number, number | null])[];
 
 const ROUND_M = 10;
 
-/** From home, where it is planned, through everything that is flown to. */
+/** Profile of a waypoint plan, from home (if planned) through all points that are flown to. */
 export function profile(plan: Plan, ground: Ground = []): Profile {
   let along_m = 0;
   const home = plan.planned_home;
@@ -42,7 +44,7 @@ export function profile(plan: Plan, ground: Ground = []): Profile {
   return scaled(points, ground);
 }
 
-/** Of a mission: its path as it will be flown, on the way that takes longest; heights above the start. */
+/** Profile of a mission: its compiled path through the longest branches; heights above the start. */
 export function missionProfile(flight: Flight, ground: Ground = []): Profile {
   const points: ProfilePoint[] = [];
   const start_down_m = flight.start_ned_m[2] ?? 0;
@@ -88,7 +90,7 @@ export function polylines({ points, length_m, top_m, bottom_m }: Profile, width:
   return parts.filter((part) => part.length > 0);
 }
 
-/** The ground as areas down to the plot's lower edge, for the path of an SVG; places where it is not known are left out. */
+/** The terrain as SVG path data, filled down to the plot's lower edge; unknown parts are left out. */
 export function groundAreas({ length_m, top_m, bottom_m }: Profile, ground: Ground, width: number, height: number): string {
   const runs: string[][] = [[]];
   for (const [along_m, height_m] of ground) {

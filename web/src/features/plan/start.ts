@@ -1,16 +1,16 @@
-/** Starting the mission that a vehicle holds: at its beginning, where it stands, or at an item. Pure. */
+/** Starts the mission on a vehicle: at its beginning, at the current item, or at a chosen item. Pure. */
 
 import type { Question } from '../../app/actions/actions';
 import { codesOf, despiteText, findingText } from './accepted.svelte';
 import { simpleItems, type Plan } from './document';
 import type { Finding } from './fixes';
 
-/** The index under which the vehicle holds the first item of a row: a pattern's row is several items. */
+/** The vehicle's index of the first item of a row. A pattern is one row with several items. */
 export function itemOfRow(plan: Plan, row: number): number {
   return simpleItems({ ...plan, items: plan.items.slice(0, row) }).length;
 }
 
-/** @param row where it begins; null: at the beginning, in flight where it stood. */
+/** @param row the row to start at; null: the beginning, or the current item in flight. */
 export function startQuestion(vehicleName: string, inAir: boolean, row: number | null, despite: readonly Finding[]): Question {
   const from = row === null ? (inAir ? 'its current step' : 'its first step') : `step ${row + 1}`;
   const flies = inAir ? `Flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;

@@ -1,9 +1,9 @@
-/** A survey of a drawn area, as the server makes it. */
+/** A survey of a drawn area, in the API's format. */
 
 import type { Place } from '../../vehicle/geo';
 import type { Pattern } from './api';
 
-/** A common 20-megapixel camera with a one-inch sensor; overlaps as photogrammetry programs ask for. */
+/** A common 20-megapixel camera with a one-inch sensor, and overlaps that photogrammetry programs recommend. */
 export const SURVEY = {
   height_m: 40,
   front_percent: 75,
@@ -14,11 +14,11 @@ export const SURVEY = {
   turnaround_m: 0,
   follows_ground: false,
 };
-/** Of a survey above the ground: its lines stay this near to their height [m]. */
+/** Largest deviation of the lines of a survey from their height above ground [m]. */
 export const GROUND_TOLERANCE_M = 5;
 const IMAGE_WIDTH_PX = 5472;
 
-/** Unless it follows the ground, the ground is taken as level with home: the camera's distance to it is the altitude above home. */
+/** If the survey does not follow the terrain, the ground is assumed to be level with home. */
 export function surveyOf(outer: readonly Place[], values: typeof SURVEY): Pattern {
   const { height_m, sensor_width_mm, sensor_height_mm, focal_length_mm } = values;
   const image_height_px = Math.round((IMAGE_WIDTH_PX * sensor_height_mm) / sensor_width_mm);

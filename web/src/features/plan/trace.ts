@@ -1,4 +1,4 @@
-/** What a dry run shows over time: a quantity of the flight, and where many flights lie. Pure. */
+/** A quantity of a dry run over time, and its distribution over many flights. Pure. */
 
 import type { DryRunView } from './dry-run.svelte';
 
@@ -9,9 +9,9 @@ export interface Trace {
   readonly unit: string;
   readonly decimals: number;
   readonly end_s: number;
-  /** Moment [s] and value; null: it is not known. */
+  /** Time [s] and value; null if it is not known. */
   readonly points: readonly (readonly [number, number])[];
-  /** Moment [s], lower and upper value: where 90 % of many flights lie. */
+  /** Time [s], lower and upper bound of 90 % of the flights. */
   readonly band: readonly (readonly [number, number, number])[];
   readonly top: number;
   readonly bottom: number;
@@ -32,7 +32,7 @@ function tilt_deg([, x, y]: readonly number[]): number {
   return Math.acos(Math.min(1, Math.max(-1, 1 - 2 * ((x ?? 0) ** 2 + (y ?? 0) ** 2)))) * DEG;
 }
 
-/** @returns null: the vehicle never flew, or this quantity is not known. */
+/** @returns null: the vehicle never flew, or the quantity is not known. */
 export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity): Trace | null {
   const { path } = nominal;
   if (path === null || path.t_s.length === 0) return null;
@@ -51,7 +51,7 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
   return { unit, decimals, end_s: path.t_s.at(-1) ?? 0, points, band, top: Math.max(round, Math.ceil(Math.max(...values) / round) * round), bottom };
 }
 
-/** The value at a moment, between the points. */
+/** The value at a time, interpolated. */
 export function valueAt({ points }: Trace, t_s: number): number {
   const after = points.findIndex(([t]) => t >= t_s);
   const [to, from] = [points[after] ?? points.at(-1), points[Math.max(0, after - 1)]];
@@ -61,12 +61,12 @@ export function valueAt({ points }: Trace, t_s: number): number {
 
 export interface Drawing {
   readonly line: string;
-  /** Empty without many flights. */
+  /** The band of many flights; empty if there was only one. */
   readonly band: string;
   readonly zero_y: number;
 }
 
-/** As paths in a box of this size, y downwards. */
+/** SVG paths in a box of this size, y downwards. */
 export function drawn({ points, band, end_s, top, bottom }: Trace, width: number, height: number): Drawing {
   const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
   const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);
@@ -79,7 +79,7 @@ export function drawn({ points, band, end_s, top, bottom }: Trace, width: number
   };
 }
 
-/** Where a key moves the moment to; null: the key moves nothing. */
+/** The time that a key selects; null for other keys. */
 export function movedBy(key: string, isFine: boolean, t_s: number, end_s: number): number | null {
   const step_s: Readonly<Record<string, number>> = {
     ArrowRight: isFine ? 0.1 : 1,

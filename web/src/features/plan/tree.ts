@@ -6,26 +6,26 @@ import type { FenceZone, Home, Plan } from './document';
 import { altitudeText, detailOf, titleOf } from './items';
 
 export interface TreeEntry {
-  /** All points that it is made of: the corners of a fence. */
+  /** Ids of all points of the entry, such as the corners of a fence. */
   readonly ids: readonly string[];
-  /** Of an item. */
+  /** Row of an item. */
   readonly row: number | null;
   readonly mark: string;
   readonly icon: IconName | null;
   readonly tone: 'target' | 'caution' | 'danger' | 'actual' | 'dim';
   readonly title: string;
   readonly detail: string;
-  /** Of a mission's step: as the server names it. */
+  /** The server's name of a mission's step. */
   readonly step?: string;
-  /** How deep it is nested. */
+  /** Nesting depth. */
   readonly depth?: number;
-  /** What the list that begins here is for: `then`, `otherwise`, the mission that is called. */
+  /** Heading of the list that begins here: `then`, `otherwise`, or the called mission. */
   readonly heading?: string;
-  /** What it takes. */
+  /** Duration. */
   readonly side?: string;
 }
 
-/** A fence zone's points. */
+/** Ids of the points of a fence zone. */
 export function zoneIds(zone: FenceZone, index: number): string[] {
   return zone.shape === 'circle' ? [`circle:${index}`] : zone.polygon.map((_, corner) => `corner:${index}:${corner}`);
 }

@@ -1,4 +1,4 @@
-/** Changes of a mission: a mission in, another one out. Pure; nothing is changed in place. */
+/** Edits of a mission. Pure: each function returns a new mission. */
 
 import { placeShared, removeShared } from '../edit';
 import type { Place } from '../../../vehicle/geo';
@@ -33,7 +33,7 @@ export function setStep(mission: Mission, node: StepNode, step: Step): Mission {
   return withValue(mission, node.path, step);
 }
 
-/** Puts one point somewhere. */
+/** Moves the point with this id. */
 export function put(mission: Mission, id: string, at: Place, frame: Frame): Mission {
   const ref = pointOf(id);
   const node = ref === null ? null : nodeOf(mission, id);
@@ -51,7 +51,7 @@ const listOf = (path: Path): Path => path.slice(0, -1);
 const indexOf = (path: Path): number => Number(path.at(-1));
 const key = (path: Path): string => JSON.stringify(path);
 
-/** Removes steps and points; a step of which no point is left goes whole, and so does one whose centre goes. */
+/** Removes steps and points. A step is removed completely if its last point or its centre is. */
 export function remove(mission: Mission, ids: readonly string[]): Mission {
   const steps = new Map<string, Path>();
   const points = new Map<string, { node: StepNode; indexes: Set<number> }>();
@@ -71,7 +71,7 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
     if (left.length === 0) steps.set(text, node.path);
     else next = withValue(next, [...node.path, 'points'], left);
   }
-  // The deepest and the last first: what comes before keeps its path.
+  // The deepest and last steps first, so that the remaining paths stay valid.
   const paths = [...steps.values()].sort((a, b) => b.length - a.length || indexOf(b) - indexOf(a));
   for (const path of paths) {
     const list = valueAt(next, listOf(path));
@@ -80,7 +80,7 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
   return next;
 }
 
-/** Inserts a point before one of a step's; the way it is said and its height are those of the one before. */
+/** Inserts a point before another one of the step, with the frame and height of the point before it. */
 export function insertPoint(mission: Mission, place: string, index: number, at: Place, frame: Frame): { mission: Mission; id: string } | null {
   const node = nodeOf(mission, stepId(place));
   const points = node?.step.points;
@@ -91,13 +91,13 @@ export function insertPoint(mission: Mission, place: string, index: number, at: 
   return { mission: next, id: pointId({ place, field: 'points', index }) };
 }
 
-/** A place without what else its point had. */
+/** The position without the point's other fields. */
 function plain(point: MissionPlace): MissionPlace {
   const { yaw_ned_rad: _yaw, hold_s: _hold, stop: _stop, ...place } = point;
   return place;
 }
 
-/** How new places are said: as the others of the mission, else on the earth where it is known where that is. */
+/** A new position, in the frame that the mission uses; else on the earth if its origin is known. */
 function newPlace(mission: Mission, at: Place | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPlace {
   const before = nodes
     .slice(0, after)
@@ -111,8 +111,8 @@ function newPlace(mission: Mission, at: Place | null, frame: Frame, after: numbe
 }
 
 /**
- * A new step after what is selected, into a selected empty list, else at the end; a landing stays last.
- * A further point goes to the trajectory that is selected.
+ * Adds a step after the selection, into a selected empty list, or at the end, but before a final landing. A further
+ * point is added to the selected trajectory.
  */
 export function addStep(mission: Mission, kind: StepKind, at: Place | null, selected: readonly string[], frame: Frame): { mission: Mission; id: string } {
   const nodes = nodesOf(mission);
@@ -149,14 +149,14 @@ export function addStep(mission: Mission, kind: StepKind, at: Place | null, sele
   return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };
 }
 
-/** A first step for a branch that has none, or one more at its end. */
+/** Adds a first step to an empty branch, or one more at its end. */
 export function addToBranch(mission: Mission, node: StepNode, list: 'then' | 'otherwise'): { mission: Mission; id: string } {
   const steps = (node.step[list] ?? []) as readonly Step[];
   const next = withValue(mission, [...node.path, list], [...steps, freshStep('hold')]);
   return { mission: next, id: stepId(`${node.place} ${list} ${steps.length + 1}`) };
 }
 
-/** A list of steps of its own, which a call names from now on. */
+/** Adds a list of steps of its own, which the call step then names. */
 export function addCalled(mission: Mission, node: StepNode): Mission {
   let number = 1;
   while (mission.missions[`part ${number}`] !== undefined) number += 1;
@@ -165,7 +165,9 @@ export function addCalled(mission: Mission, node: StepNode): Mission {
   return setStep(called, node, { ...node.step, mission: name });
 }
 
-/** Moves steps of one list up (−1) or down (1). @returns null: they are at the edge, or of several lists. */
+/**
+ * Moves steps of one list up (−1) or down (1). @returns null: they are at the end of the list, or in several lists.
+ */
 export function reorder(mission: Mission, ids: readonly string[], by: -1 | 1): { mission: Mission; ids: string[] } | null {
   const paths = [
     ...new Map(

@@ -1,4 +1,7 @@
-/** Every field of every step in one table: label, unit, bounds; what belongs together (a heading, a place, a condition) becomes several. Pure. */
+/**
+ * Every field of every step in one table: label, unit, bounds. A heading, a position and a condition each have
+ * several rows. Pure.
+ */
 
 import { placeFields } from './place-fields';
 import type { Frame } from './places';
@@ -15,7 +18,7 @@ export interface Field<T> {
   readonly value: FieldValue;
   readonly set: (target: T, value: FieldValue) => T;
   readonly unit?: string;
-  /** May be left empty: then what the placeholder says counts. */
+  /** The field may be empty: the placeholder's value then applies. */
   readonly placeholder?: string;
   readonly min?: number;
   readonly max?: number;
@@ -24,10 +27,10 @@ export interface Field<T> {
   readonly options?: readonly { readonly value: string; readonly text: string }[];
 }
 
-/** What a row shows of it. */
+/** The part of a field that a row displays. */
 export type ShownField = Omit<Field<never>, 'name' | 'set'>;
 
-/** What fields of a step depend on besides it. */
+/** The values besides the step that its fields depend on. */
 export interface Context {
   readonly mission: Mission;
   readonly frame: Frame;
@@ -35,7 +38,9 @@ export interface Context {
 
 type Spec = (step: Step, context: Context) => Field<Step>[];
 
-/** Endings of names with their units; the longest first. Angles are radians in the document and degrees here. */
+/**
+ * Suffixes of field names with their units, the longest first. Angles are radians in the document and degrees here.
+ */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_m_s2', 'm/s²', 0.5],
   ['_m_s3', 'm/s³', 0.5],
@@ -54,7 +59,7 @@ export interface Bounds {
   readonly placeholder?: string;
 }
 
-/** A number of any object by its name, with the unit that the name ends in. */
+/** A number field of any object; the suffix of its name gives the unit. */
 export function numberField<T extends object>(target: T, name: string, label: string, bounds: Bounds = {}): Field<T> {
   const [ending, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
   const scale = ending.startsWith('_rad') ? DEG : 1;
@@ -66,7 +71,7 @@ export function numberField<T extends object>(target: T, name: string, label: st
     unit,
     step,
     value: typeof value === 'number' ? value * scale : null,
-    // Left out, it has the value that the placeholder says.
+    // A missing value means the placeholder's value.
     set: (old, next) =>
       typeof next === 'number' ? { ...old, [name]: next / scale } : (Object.fromEntries(Object.entries(old).filter(([key]) => key !== name)) as T),
     ...bounds,
@@ -112,7 +117,7 @@ const ANGLE: Bounds = { min: -360, max: 360 };
 const KEPT: Bounds = { ...ANGLE, placeholder: 'kept' };
 export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
 
-/** Where the nose points: one of four ways, of which the document has at most one. */
+/** The heading: one of four alternatives; the document has at most one of them. */
 const heading: Spec = (step, context) => {
   const now = step['look_at'] != null ? 'look_at' : step['yaw_ned_rad'] != null ? 'yaw' : step['heading'] === 'along_path' ? 'along_path' : 'keep';
   const rows: Field<Step>[] = [
@@ -141,7 +146,7 @@ const heading: Spec = (step, context) => {
   return rows;
 };
 
-/** Left out, it is as the mission says. */
+/** A missing value means the mission's setting. */
 const avoidance: Spec = (step) => [
   {
     name: 'avoidance',
@@ -170,7 +175,7 @@ const ROUND: readonly Spec[] = [
   number('start_angle_ned_rad', 'Begin at bearing', { ...ANGLE, placeholder: 'nearest' }),
 ];
 
-/** One line about a value: which, above or below what, for how long. */
+/** A condition: which value, above or below which threshold, for how long. */
 function condition(of: string): Spec {
   return (step) => {
     const now = (step[of] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
@@ -255,7 +260,7 @@ const gimbal: Spec = (step, context) => {
   const rows: Field<Step>[] = [
     {
       ...choiceField(step, 'track', 'Track', TRACKS),
-      // A place belongs to look_at, and only there.
+      // Only look_at has a position.
       set: (old, next) => ({ ...old, track: next, place: next === 'look_at' ? (old['place'] ?? { offset_ned_m: [0, 0, 0] }) : null }),
     },
   ];
@@ -315,7 +320,7 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   land: [number('timeout_s', 'At most', { ...SECONDS, placeholder: '300' })],
   meet: [text('meeting', 'Meeting'), number('timeout_s', 'At most', { ...SECONDS, placeholder: '120' })],
 };
-/** Counted, not measured: typed fractions are rounded. */
+/** Integer fields: typed fractions are rounded. */
 const WHOLE: ReadonlySet<string> = new Set(['times', 'count']);
 
 /** The rows of a step's editor, its name first. */
@@ -324,7 +329,7 @@ export function fieldsOf(step: Step, context: Context): Field<Step>[] {
   return rows.map((row) => (WHOLE.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
 }
 
-/** The rows of one point to fly through. */
+/** The rows of one point of a trajectory. */
 export function pointFields(point: MissionPlace, { frame }: Context): Field<MissionPlace>[] {
   return [
     ...placeFields<MissionPlace>(point, frame, (_, next) => next, 'Place', 'point'),
@@ -342,7 +347,7 @@ const ON: Readonly<Record<string, string>> = {
   control_lost: 'Control expired',
 };
 
-/** The rows of the whole mission: what happens when something goes wrong, and its own limits. */
+/** The rows of the whole mission: failsafe actions and limits. */
 export function missionFields(mission: Mission): Field<Mission>[] {
   const actions = mission.actions as unknown as Readonly<Record<string, string>>;
   const limits = mission.limits as unknown as Readonly<Record<string, number | null>>;

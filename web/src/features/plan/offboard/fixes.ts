@@ -1,4 +1,4 @@
-/** Findings of a mission that the page can mend by itself. Pure; null where a person has to decide. */
+/** Fixes that the page can make for a finding of a mission. Pure; null if a person has to decide. */
 
 import type { Finding, Fix } from '../fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
@@ -55,7 +55,7 @@ function heights(mission: Mission, node: StepNode, frame: Frame, text: string, t
   return { text, plan: setStep(mission, node, { ...node.step, points: node.step.points.map(moved) }) };
 }
 
-/** What a finding is about. */
+/** Ids of the parts that a finding concerns. */
 export function idsOf(mission: Mission, finding: Finding): string[] {
   const place = finding.place.step;
   return place !== null && nodesOf(mission).some((node) => node.place === place) ? [stepId(place)] : [];

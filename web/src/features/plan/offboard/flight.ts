@@ -1,4 +1,4 @@
-/** A mission as it will be flown, compiled by the server. */
+/** A mission's path and times, compiled by the server. */
 
 import type { components } from '../../../api/schema';
 

@@ -1,4 +1,4 @@
-/** An offboard mission that the server flies, in the words and numbers that a person needs. Pure. */
+/** An offboard mission in flight, as texts and numbers. Pure. */
 
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
@@ -11,7 +11,7 @@ import { nodesOf, type Mission } from './mission';
 
 export type Flown = components['schemas']['OffboardMissionStatus'];
 type State = Flown['state'];
-/** The server refuses to compare a flight with a dry run that began farther away than this [m]. */
+/** The server compares a flight with a dry run only if their starts are closer than this [m]. */
 const SAME_START_M = 5;
 export type Order = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
 
@@ -42,24 +42,24 @@ export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' 
   return { text, tone: flown.state === 'paused' ? 'dim' : 'target' };
 }
 
-/** What a person may order now. */
+/** The commands that are possible in the present state. */
 export function orders(flown: Flown): readonly Order[] {
   if (isOver(flown)) return [];
   const stands = flown.state === 'paused' || flown.state === 'suspended' || flown.state === 'pausing';
   const answer: Order[] = flown.question === null || stands ? [] : ['go_on'];
-  const skip: Order[] = flown.others.length > 0 ? [] : ['skip']; // vehicles that fly together would lose each other
+  const skip: Order[] = flown.others.length > 0 ? [] : ['skip']; // vehicles that fly together would lose their common timing
   return [...answer, stands ? 'resume' : 'pause', ...skip, 'abort'];
 }
 
 export const ORDER_NAMES: Readonly<Record<Order, string>> = { pause: 'Pause', resume: 'Resume…', skip: 'Skip step…', go_on: 'Continue', abort: 'Abort…' };
 
-/** How much of the flight time is over, 0 to 1; null where it is not known. */
+/** Elapsed part of the flight time, 0 to 1; null if it is not known. */
 export function progress(flown: Flown): number | null {
   if (flown.remaining_s === null || !(flown.duration_s > 0)) return null;
   return Math.min(1, Math.max(0, 1 - flown.remaining_s / flown.duration_s));
 }
 
-/** What is asked before an order that moves the vehicle; null: it is sent at once. */
+/** The confirmation of a command that moves the vehicle; null: it is sent at once. */
 export function orderQuestion(order: Order, flown: Flown, vehicleName: string): Question | null {
   const step = flown.title === null ? 'the current step' : `“${flown.title}”`;
   switch (order) {
@@ -88,8 +88,8 @@ export function orderQuestion(order: Order, flown: Flown, vehicleName: string): 
 const ACTIONS: Readonly<Record<string, string>> = { continue: 'continues', hold: 'holds', return: 'returns', land: 'lands' };
 
 /**
- * Why a mission cannot be started from the page; null: it can.
- * @param open errors that nobody has accepted; null: it has not been checked.
+ * Why this page cannot start a mission; null if it can.
+ * @param open errors that are not accepted; null: the mission has not been checked.
  */
 export function notFlyable(open: readonly Finding[] | null, flown: Flown | null): string | null {
   if (flown !== null && !isOver(flown)) return 'The vehicle is already flying a mission. Abort it first.';
@@ -98,7 +98,7 @@ export function notFlyable(open: readonly Finding[] | null, flown: Flown | null)
   return `${open.length === 1 ? 'An error' : `${open.length} errors`} to fix or accept below: ${open[0]?.text ?? ''}`;
 }
 
-/** What is asked before the start: how long it flies, what is wrong with it, and what happens when something is lost. */
+/** The confirmation of the start: duration, warnings, failsafe actions. */
 export function startQuestion(
   mission: Mission,
   vehicleName: string,
@@ -119,19 +119,22 @@ export function startQuestion(
   return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.filter((part) => part !== '').join(' '), verb: 'Fly', danger: despite.length > 0 };
 }
 
-/** The dry run that a flight is compared with: one with a corridor, of this vehicle, from where it stands. Null: none. */
+/**
+ * The dry run to compare a flight with: one with a corridor, of this vehicle, with the same start. Null if there is
+ * none.
+ */
 export function corridorFor(view: DryRunView | null, vehicle: string, here: Place | null): string | null {
   if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
   return groundDistance_m(here, view.nominal.origin) < SAME_START_M ? view.id : null;
 }
 
-/** How far the vehicle is outside the corridor, in words; null: inside, or none is watched. */
+/** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */
 export function corridorWords(flown: Flown): string | null {
   const out_m = flown.outside_corridor_m ?? 0;
   return out_m > 0 ? `${fixed(out_m, 1)} m outside the corridor of the dry run` : null;
 }
 
-/** How far the vehicle is from the setpoint, in words; null where it is not known. */
+/** Text about the distance from the setpoint; null if it is not known. */
 export function deviationWords(flown: Flown): string | null {
   return flown.deviation_m === null ? null : `${fixed(flown.deviation_m, 1)} m from its setpoint`;
 }

@@ -1,4 +1,4 @@
-/** An offboard mission as the server reads and writes it (`docs/missions.md`), and its steps as one tree. Pure. */
+/** The document of an offboard mission (`docs/missions.md`), and its steps as one tree. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { FenceZone, Home } from '../document';
@@ -10,7 +10,7 @@ export type StepKind = Wire['steps'][number]['step'];
 export type Action = Schemas['Actions']['link_loss'];
 export type Vector = readonly [number, number, number];
 
-/** A place, said in one of three ways: from the local origin, from where the mission starts, on the earth. */
+/** A position in one of several frames: from the local origin, from the start of the mission, or on the earth. */
 export interface MissionPlace {
   readonly position_ned_m?: Vector | null;
   readonly offset_ned_m?: Vector | null;
@@ -18,11 +18,11 @@ export interface MissionPlace {
   readonly lon_deg?: number | null;
   readonly alt_amsl_m?: number | null;
   readonly alt_home_m?: number | null;
-  /** Of a point to fly through: `yaw_ned_rad`, `stop`, `hold_s`, `corner_m`. */
+  /** Of a trajectory point: `yaw_ned_rad`, `stop`, `hold_s`, `corner_m`. */
   readonly [field: string]: unknown;
 }
 
-/** A step. Its other fields depend on `step` and are found by name (`fields.ts`). */
+/** A step. Its other fields depend on `step`; `fields.ts` finds them by name. */
 export interface Step {
   readonly step: StepKind;
   readonly name?: string | null;
@@ -34,7 +34,7 @@ export interface Step {
   readonly [field: string]: unknown;
 }
 
-/** What one of several vehicles flies. */
+/** The steps of one of several vehicles. */
 export interface Role {
   readonly start_ned_m?: Vector | null;
   readonly steps: readonly Step[];
@@ -44,7 +44,7 @@ export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fenc
   readonly home?: Home | null;
   readonly fence: readonly FenceZone[];
   readonly steps: readonly Step[];
-  /** Of a mission for several vehicles, by name; it has no steps of its own. */
+  /** Of a mission for several vehicles, by name; such a mission has no steps of its own. */
   readonly roles?: Readonly<Record<string, Role>>;
   readonly missions: Readonly<Record<string, readonly Step[]>>;
 };
@@ -55,26 +55,26 @@ export function isMission(document: { readonly format: string }): document is Mi
   return document.format === FORMAT;
 }
 
-/** Keys and indexes that lead to a value of the mission. */
+/** Keys and indexes of a value in the mission. */
 export type Path = readonly (string | number)[];
 
 export interface StepNode {
-  /** As the server names it in findings and times: "step 3", "step 4.2", "step 6, round 1", "lead, step 2". */
+  /** The server's name of the step in findings and times: "step 3", "step 4.2", "step 6, round 1", "lead, step 2". */
   readonly place: string;
-  /** The same step of a called mission stands wherever it is called. */
+  /** A step of a called mission has the same path at each call. */
   readonly path: Path;
   readonly step: Step;
   readonly depth: number;
   readonly mark: string;
-  /** What the list that it is the first of is for. */
+  /** Heading of the list that begins with this step. */
   readonly heading: string;
 }
 
-/** More are not shown: calls multiply what is in them. */
+/** Larger trees are cut off: calls multiply their steps. */
 const MOST_NODES = 3000;
 const DEEPEST = 24;
 
-/** All steps in the order in which they stand, nested ones below the step that they belong to. */
+/** All steps in order, nested ones below their parent. */
 export function nodesOf(mission: Mission): StepNode[] {
   const found: StepNode[] = [];
   const walk = (steps: readonly Step[], path: Path, prefix: string, depth: number, heading: string, called: readonly string[]): void => {
@@ -98,10 +98,10 @@ export function nodesOf(mission: Mission): StepNode[] {
   return found;
 }
 
-/** Names of the roles; none of a mission for one vehicle. */
+/** Names of the roles; empty for a mission for one vehicle. */
 export const roleNames = (mission: Mission): string[] => Object.keys(mission.roles ?? {});
 
-/** Why these vehicles cannot fly the roles; null: each role has one of its own. */
+/** Why these vehicles cannot fly the roles; null: each role has its own vehicle. */
 export function notCast(roles: readonly string[], cast: Readonly<Record<string, string>>): string | null {
   const open = roles.find((role) => (cast[role] ?? '') === '');
   if (open !== undefined) return `Choose a vehicle for the role ${open}.`;
@@ -109,7 +109,7 @@ export function notCast(roles: readonly string[], cast: Readonly<Record<string, 
   return twice === undefined ? null : `Vehicle ${cast[twice] ?? ''} has two roles: choose another one for ${twice}.`;
 }
 
-/** A place of a step: of its points by index, else the only one of its field. */
+/** One position of a step: a point by its index, or the only position of a field. */
 export interface PointRef {
   readonly place: string;
   readonly field: 'points' | 'center' | 'look_at' | 'place';
@@ -119,7 +119,7 @@ export interface PointRef {
 export const stepId = (place: string): string => `step:${place}`;
 export const pointId = ({ field, index, place }: PointRef): string => `point:${field}:${index}:${place}`;
 
-/** The step that is named by an id of the list or the map. */
+/** The step name in an id of the list or the map. */
 export function placeOfId(id: string): string | null {
   if (id.startsWith('step:')) return id.slice(5);
   return pointOf(id)?.place ?? null;
@@ -130,12 +130,12 @@ export function pointOf(id: string): PointRef | null {
   return match === null ? null : { field: match[1] as PointRef['field'], index: Number(match[2]), place: match[3] ?? '' };
 }
 
-/** Where the places of a step are: a path below the step. */
+/** Path to the position inside the mission. */
 export function pathOf(node: StepNode, ref: PointRef): Path {
   return ref.field === 'points' ? [...node.path, 'points', ref.index] : [...node.path, ref.field];
 }
 
-/** All places of a step with their ids. */
+/** All positions of a step with their ids. */
 export function placesOf(node: StepNode): { ref: PointRef; at: MissionPlace }[] {
   const found = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
   for (const field of ['center', 'look_at', 'place'] as const) {
@@ -152,7 +152,7 @@ export function valueAt(document: unknown, path: Path): unknown {
   );
 }
 
-/** Another document with another value there; nothing is changed in place. */
+/** A copy of the document with one value changed. */
 export function withValue<T>(document: T, path: Path, value: unknown): T {
   const [key, ...rest] = path;
   if (key === undefined) return value as T;

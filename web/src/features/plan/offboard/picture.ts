@@ -1,4 +1,4 @@
-/** A mission as the map draws and edits it, and as the list shows it. Pure. */
+/** A mission as a map layer and as list entries. Pure. */
 
 import type { LayerLine, LayerPicture, LayerPoint } from '../../../app/map-layers.svelte';
 import { duration } from '../../../ui/format';
@@ -11,10 +11,10 @@ import { geoPointOf, type Frame } from './places';
 import type { Flight, StepTime } from './flight';
 import { detailOf, stepTitle } from './words';
 
-/** With more points than this only those beside the selection show their middles. */
+/** Above this number of points, midpoints are shown only beside the selection. */
 const MOST_MIDDLES = 60;
 
-/** "2b": the step's number and its point's letter; after z they go on with numbers. */
+/** "2b": the step's number and the point's letter, from the 27th point on its number. */
 export function pointMark(node: StepNode, index: number, count: number): string {
   if (count === 1) return node.mark;
   return node.mark + (index < 26 ? String.fromCharCode(97 + index) : ` ${index + 1}`);
@@ -37,7 +37,7 @@ export function picture(
   add('home', frame.start, 'home', 'text2');
   const drawn = new Set<string>();
   for (const node of nodes) {
-    // A mission that is called twice has its points once.
+    // A mission that is called twice shows its points once.
     const key = JSON.stringify(node.path);
     if (drawn.has(key)) continue;
     drawn.add(key);
@@ -57,13 +57,13 @@ export function picture(
   return { points, lines, areas };
 }
 
-/** Until the server has compiled it: from point to point. */
+/** Straight lines between the points, used until the server has compiled the path. */
 function straight(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
   const places = nodes.flatMap((node) => (node.step.points ?? []).map((point) => geoPointOf(point, frame)));
   return places.length === 0 ? [] : [{ places: [frame.start, ...places], tone: 'target', style: 'dotted' }];
 }
 
-/** The path as it will be flown; the other way of a branch, and a path of an older mission, dotted. */
+/** The compiled path. Alternative branches and outdated paths are dotted. */
 function flightLines(flight: Flight, frame: Frame, isCurrent: boolean): LayerLine[] {
   const found: { main: boolean; places: Place[] }[] = [];
   for (const { main, points } of flight.legs) {
@@ -79,13 +79,13 @@ function same(a: Place | undefined, b: Place | undefined): boolean {
   return a !== undefined && b !== undefined && Math.abs(a.lat_deg - b.lat_deg) < 1e-7 && Math.abs(a.lon_deg - b.lon_deg) < 1e-7;
 }
 
-/** A point in the middle of a leg: the step, and the point before which it inserts. */
+/** Parses the id of a leg's midpoint: the step, and the index of the point before which it inserts. */
 export function betweenOf(id: string): { index: number; place: string } | null {
   const match = /^between:(\d+):(.*)$/s.exec(id);
   return match === null ? null : { index: Number(match[1]), place: match[2] ?? '' };
 }
 
-/** Steps with what they take; a step that holds others takes what they take together. */
+/** The steps with their durations; a step with nested steps has the sum of theirs. */
 export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[] {
   const taken = new Map(times.map((time) => [time.place, time]));
   const seconds = (node: StepNode, below: readonly StepNode[]): number | null => {
@@ -121,7 +121,7 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
   ];
 }
 
-/** Whether an entry of the list stands for what is selected: the step itself, or one of its points. */
+/** Whether a list entry is selected: the step itself or one of its points. */
 export function isChosen(entry: TreeEntry, selected: ReadonlySet<string>): boolean {
   return entry.step !== undefined && [...selected].some((id) => pointOf(id)?.place === entry.step);
 }

@@ -1,4 +1,4 @@
-/** A place as rows of the editor: how it is said, how high, where. Pure. */
+/** The editor's rows of a position: frame, height, coordinates. Pure. */
 
 import type { Field } from './fields';
 import type { MissionPlace } from './mission';
@@ -8,8 +8,8 @@ const WAYS: Readonly<Record<Way, string>> = { offset: 'from the start', home: 'l
 const HEIGHTS: Readonly<Record<Way, string>> = { offset: 'Height above start', home: 'Height above home', amsl: 'Altitude AMSL', local: 'Height above origin' };
 
 /**
- * @param put gives the target with the place changed.
- * @param label what the place is; `key` tells its rows from those of another.
+ * @param put returns the target with the changed position. @param label name of the position. @param key makes the
+ * names of its rows unique.
  */
 export function placeFields<T>(place: MissionPlace, frame: Frame, put: (target: T, place: MissionPlace) => T, label: string, key: string): Field<T>[] {
   const way = wayOf(place);

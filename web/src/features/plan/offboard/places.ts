@@ -1,22 +1,22 @@
-/** Places of a mission on the map and back: each keeps the way in which it is said. Pure. */
+/** Converts positions between the map and a mission; each position keeps its frame. Pure. */
 
 import { eastNorth, placeAt, type Place } from '../../../vehicle/geo';
 import type { Home } from '../document';
 import type { Mission, MissionPlace, Vector } from './mission';
 
-/** Where a mission lies on the earth. */
+/** The mission's position on the earth. */
 export interface Frame {
-  /** Where it starts: the vehicle's home, else the mission's. */
+  /** Start of the mission: the vehicle's home, else the mission's planned home. */
   readonly start: Home;
-  /** Of the vehicle's local frame. */
+  /** Origin of the vehicle's local frame. */
   readonly origin: Home;
-  /** False: nothing says where it starts, so it is drawn at a place that means nothing. */
+  /** False: the start is not known, and the mission is drawn at an arbitrary position. */
   readonly known: boolean;
 }
 
 const NOWHERE: Home = { lat_deg: 0, lon_deg: 0, alt_amsl_m: 0 };
 
-/** @param origin of the local frame as the server's check knows it. */
+/** @param origin the local origin that the server's check used. */
 export function frameOf(mission: Mission | null, vehicleHome: Home | null, origin: Home | null): Frame {
   const start = vehicleHome ?? mission?.home ?? null;
   return { start: start ?? NOWHERE, origin: origin ?? start ?? NOWHERE, known: start !== null };
@@ -24,14 +24,14 @@ export function frameOf(mission: Mission | null, vehicleHome: Home | null, origi
 
 export type Way = 'offset' | 'home' | 'amsl' | 'local';
 
-/** How the place is said. */
+/** The frame of a position. */
 export function wayOf(place: MissionPlace): Way {
   if (place.offset_ned_m != null) return 'offset';
   if (place.position_ned_m != null) return 'local';
   return place.alt_amsl_m != null ? 'amsl' : 'home';
 }
 
-/** On the earth, and above the start [m]. */
+/** A position on the earth with its height above the start [m]. */
 export interface GeoPoint extends Place {
   readonly up_m: number;
 }
@@ -49,7 +49,7 @@ export function geoPointOf(place: MissionPlace, frame: Frame): GeoPoint {
 const cm = (value_m: number): number => Number(value_m.toFixed(2));
 const NO_PLACE = { position_ned_m: undefined, offset_ned_m: undefined, lat_deg: undefined, lon_deg: undefined, alt_amsl_m: undefined, alt_home_m: undefined };
 
-/** The point said in a way; what else a point has is kept. */
+/** The point in another frame; its other fields are kept. */
 export function saidAs(way: Way, geoPoint: GeoPoint, frame: Frame, rest: MissionPlace = {}): MissionPlace {
   const kept: MissionPlace = Object.fromEntries(Object.entries({ ...rest, ...NO_PLACE }).filter(([, value]) => value !== undefined));
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
@@ -63,12 +63,12 @@ export function saidAs(way: Way, geoPoint: GeoPoint, frame: Frame, rest: Mission
   return way === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
 }
 
-/** Moved over the ground, as high as before, said as before. */
+/** Moves a point horizontally; height and frame are kept. */
 export function movedTo(place: MissionPlace, at: Place, frame: Frame): MissionPlace {
   const way = wayOf(place);
   const { up_m } = geoPointOf(place, frame);
   const moved = saidAs(way, { ...at, up_m }, frame, place);
-  // The height stays the very number that was typed.
+  // Keeps the typed height exactly, without rounding.
   if (way === 'home') return { ...moved, alt_home_m: place.alt_home_m ?? 0 };
   if (way === 'amsl') return { ...moved, alt_amsl_m: place.alt_amsl_m ?? 0 };
   const field = way === 'offset' ? 'offset_ned_m' : 'position_ned_m';

@@ -1,10 +1,10 @@
-/** Roles of a mission: added, renamed, removed. Pure; a mission in, another one out. */
+/** Adds, renames and removes roles of a mission. Pure: each function returns a new mission. */
 
 import { roleNames, type Mission, type Role, type Step } from './mission';
 import { freshStep } from './words';
 
 export const MAX_ROLES = 10;
-/** Where a new role's vehicle is planned to stand, beside the last one [m]. */
+/** Distance of a new role's start from the last one [m]. */
 const BESIDE_M = 10;
 
 function freshName(mission: Mission, wanted: string): string {
@@ -15,13 +15,13 @@ function freshName(mission: Mission, wanted: string): string {
   return `role ${number}`;
 }
 
-/** Up, the meetings of the others, down. */
+/** Steps of a new role: take-off, the "meet" steps of the other roles, landing. */
 function freshSteps(like: readonly Step[]): readonly Step[] {
   const meetings = like.filter((step) => step.step === 'meet').map((step) => ({ ...step }));
   return [freshStep('take_off'), ...meetings, freshStep('land')];
 }
 
-/** One more role; a mission for one vehicle becomes the first role of two. */
+/** Adds a role. A mission for one vehicle becomes the first of two roles. */
 export function addRole(mission: Mission): Mission {
   const roles: Readonly<Record<string, Role>> =
     roleNames(mission).length > 0 ? (mission.roles ?? {}) : { lead: { start_ned_m: [0, 0, 0], steps: mission.steps } };
@@ -34,7 +34,7 @@ export function addRole(mission: Mission): Mission {
   return { ...named, roles: { ...roles, [freshName(named, 'wing')]: role } };
 }
 
-/** Why a role cannot have this name; null: it can. */
+/** Why a role cannot have this name; null if it can. */
 export function nameProblem(mission: Mission, old: string, name: string): string | null {
   if (name.trim() === '') return 'A role needs a name.';
   if (name !== old && roleNames(mission).includes(name)) return `There already is a role ${name}.`;
@@ -51,7 +51,7 @@ export function setRole(mission: Mission, name: string, fields: Partial<Role>): 
   return role === undefined ? mission : { ...mission, roles: { ...mission.roles, [name]: { ...role, ...fields } } };
 }
 
-/** Of two roles the other one's steps become those of a mission for one vehicle, which meets nobody. */
+/** Removes a role. If one role is left, its steps become a mission for one vehicle without "meet" steps. */
 export function removeRole(mission: Mission, name: string): Mission {
   const { [name]: _gone, ...roles } = mission.roles ?? {};
   const [last, ...others] = Object.values(roles);

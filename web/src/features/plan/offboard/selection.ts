@@ -1,4 +1,4 @@
-/** Which step of a mission is edited. Pure. */
+/** The step of a mission that is edited. Pure. */
 
 import { nodeOf } from './edit';
 import { placeOfId, pointOf, type Mission, type PointRef, type StepNode } from './mission';
@@ -7,13 +7,13 @@ import { stepTitle } from './words';
 
 export interface ChosenStep {
   readonly node: StepNode;
-  /** Null: the step itself. */
+  /** The edited point; null: the step itself. */
   readonly ref: PointRef | null;
-  /** What is edited. */
+  /** Title of the editor. */
   readonly title: string;
 }
 
-/** @returns null: nothing of a mission is selected, or of several steps. */
+/** @returns null: no step is selected, or several are. */
 export function stepOf(mission: Mission, ids: readonly string[]): ChosenStep | null {
   const [first, ...more] = ids;
   const node = first === undefined ? null : nodeOf(mission, first);

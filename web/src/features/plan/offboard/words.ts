@@ -1,4 +1,4 @@
-/** Steps of a mission in words, and new ones as they begin. Pure. */
+/** Titles and details of a mission's steps, and the default values of new ones. Pure. */
 
 import { fixed } from '../../../ui/format';
 import type { Home } from '../document';
@@ -34,7 +34,7 @@ export const TRACKS: Readonly<Record<string, string>> = {
   release: 'release',
 };
 
-/** Values that a condition compares, with unit. */
+/** Values that a condition can compare, with their units. */
 export const VALUES: Readonly<Record<string, readonly [string, string]>> = {
   battery_share: ['battery', '%'],
   wind_speed_m_s: ['wind', 'm/s'],
@@ -43,12 +43,12 @@ export const VALUES: Readonly<Record<string, readonly [string, string]>> = {
   satellites: ['satellites', ''],
   horizontal_error_m: ['position error', 'm'],
 };
-/** A share is shown in per cent. */
+/** Fractions are shown in per cent. */
 export const PER_CENT = 100;
 
 export const titleOf = (kind: StepKind): string => TITLES[kind];
 
-/** The person's name for it, else what it is. */
+/** The person's name for the step, else its kind. */
 export function stepTitle(step: Step): string {
   return step.name != null && step.name !== '' ? step.name : TITLES[step.step];
 }
@@ -65,7 +65,7 @@ export function conditionText(condition: unknown): string {
   return `${words} ${above != null ? 'above' : 'below'} ${fixed(shown, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${last}`;
 }
 
-/** What is said below the title. */
+/** Text below the title. */
 export function detailOf(step: Step): string {
   const said: string[] = step.name != null && step.name !== '' ? [TITLES[step.step]] : [];
   const metres = (field: string, words: string): void => {
@@ -133,7 +133,7 @@ export function detailOf(step: Step): string {
 
 const HERE: MissionPlace = { offset_ned_m: [0, 0, -10] };
 
-/** Fields of a new step; `at` is where a click put it. */
+/** Fields of a new step; `at` is the clicked position. */
 export function freshStep(kind: StepKind, at: MissionPlace = HERE): Step {
   const round = { center: at, radius_m: 10, turns: 1, clockwise: true };
   const condition = { value: 'battery_share', above: 0.5 };
@@ -160,10 +160,10 @@ export function freshStep(kind: StepKind, at: MissionPlace = HERE): Step {
   return { step: kind, ...fields[kind] };
 }
 
-/** Steps that a click on the map places. */
+/** Kinds of steps that a click on the map places. */
 export const PLACED: ReadonlySet<StepKind> = new Set<StepKind>(['fly', 'orbit', 'helix', 'spiral', 'figure_eight']);
 
-/** Up and down; what is flown comes between. */
+/** A mission with take-off and landing; new steps are inserted between them. */
 export function freshMission(home: Home | null): Mission {
   return {
     format: 'offboard-gcs-mission',
