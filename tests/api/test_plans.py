@@ -249,7 +249,7 @@ def test_a_plan_is_converted_to_a_mission_with_notes(client):
     made = client.post("plans/convert", json={"plan": rally, "name": "Mast"}).json()
     assert [step["step"] for step in made["plan"]["steps"]] == ["take_off", "fly", "fly", "land"]
     assert made["plan"]["name"] == "Mast"
-    assert "Rally points are left out" in made["notes"][0]
+    assert "Rally points are omitted" in made["notes"][0]
     refused = client.post("plans/convert", json={"plan": {"items": []}, "name": "Mast"})
     assert (refused.status_code, refused.json()["field"]) == (422, "plan")
 

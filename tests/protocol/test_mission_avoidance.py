@@ -43,6 +43,11 @@ def through_the_box(jump, tmp_path, story, avoidance):
     jump(run)
 
 
+def estimated_down_m(vehicle):
+    """What the mission's heights count by; the estimate drifts from the truth by some decimetres."""
+    return vehicle.topic("local_position").value.position_ned_m[2]
+
+
 def hit(vehicle):
     return any("Collision" in event.text for event in vehicle.events.since())
 
@@ -62,10 +67,11 @@ async def highest_over_the_box_m(missions, at):
 def test_a_step_with_avoidance_climbs_over_the_box_comes_down_behind_and_leaves_it_off(jump, tmp_path):
     async def story(missions, vehicle, at):
         assert vehicle.offboard.status().avoidance.on
+        start_down_m = estimated_down_m(vehicle)
         assert 4.4 < await highest_over_the_box_m(missions, at) < 7.0
         assert missions.state == "done"
         assert math.dist(at[:2], BEHIND) < 1.0
-        assert -at[2] == pytest.approx(2.0, abs=0.6)
+        assert estimated_down_m(vehicle) == pytest.approx(start_down_m, abs=0.4)
         assert not hit(vehicle)
         view = vehicle.offboard.status().avoidance
         assert (view.on, view.state) == (False, None)

@@ -197,7 +197,7 @@ def test_the_next_waypoint_is_looked_at_while_there_is_one() -> None:
     s.fly_to(10.0)
     item = s.item(192, 40.0, 0.0)
     s.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, s.sim.autopilots[0].home.alt_amsl_m + 4)
-    s.run(1.5)
+    s.run(2.5)
     north, _ = s.place
     goal = s.sim.autopilots[0].waypoint
     assert goal is not None

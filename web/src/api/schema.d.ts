@@ -3018,9 +3018,8 @@ export interface components {
             readonly since_unix_s: number | null;
             /**
              * Expires In S
-             * @description Time until control ends if the holder sends no request [s]. A request renews it; with an open
-             *     telemetry socket
-             *     it does not expire.
+             * @description Time until control ends if the holder sends no request [s]. A request renews it; with an open telemetry
+             *     socket it does not expire.
              */
             readonly expires_in_s: number | null;
             /**
@@ -3158,9 +3157,8 @@ export interface components {
             readonly since_unix_s: number | null;
             /**
              * Expires In S
-             * @description Time until control ends if the holder sends no request [s]. A request renews it; with an open
-             *     telemetry socket
-             *     it does not expire.
+             * @description Time until control ends if the holder sends no request [s]. A request renews it; with an open telemetry
+             *     socket it does not expire.
              */
             readonly expires_in_s: number | null;
             /**

@@ -65,7 +65,8 @@ def fleet_after(records, until_us, begin_us, *, ticks):
 def picture(vehicle):
     topics = {name: vehicle.topic(name) for name in TOPICS}
     events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
-    story = sorted(e for e in events if e[1] != "link")
+    # Links and components connect, for a jump, where its records begin.
+    story = sorted(e for e in events if e[1] not in ("link", "component"))
     return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, story
 
 

@@ -73,7 +73,7 @@ def test_rays_turn_with_the_vehicle_and_say_when_they_were_measured():
     sensors = sample(distance_sensors(sensor(300, orientation=25, time_ms=500) | sensor(2500, sensor_id=1)))
     sectors = sample(obstacle_distance(around([500, 2001], frame=12)))
     down, ahead, circle = scans_of((sensors, sectors), east, 100.5)
-    assert (down.directions_ned[0], down.distances_m, down.heard_s) == (
+    assert (down.directions_ned[0], down.distances_m, down.measured_s) == (
         pytest.approx((0.0, 0.0, 1.0)), (3.0,), 99.5,
     )  # fmt: skip
     assert ahead.directions_ned[0] == pytest.approx((0.0, 1.0, 0.0))
