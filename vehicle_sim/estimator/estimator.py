@@ -1,10 +1,10 @@
 """Estimates of attitude, velocity and position from the sensors, like PX4's EKF2.
 
-A strapdown prediction at half the IMU rate (PX4's filter also takes two samples at a time) and a Kalman
-filter (`kalman.py`) are corrected by one module for each sensor: `gnss.py`, `barometer.py`,
-`magnetometer.py`, `vision.py`, and `standing.py` without any aiding. Outputs follow corrections
-smoothly (EKF2_TAU_POS, EKF2_TAU_VEL), and resets at once. Without aiding the estimate drifts by the errors of
-the IMU, and becomes invalid after EKF2_NOAID_TOUT.
+A strapdown prediction runs at half the IMU rate, because PX4's filter also combines two samples. A Kalman
+filter (`kalman.py`) is corrected by one module for each sensor: `gnss.py`, `barometer.py`, `magnetometer.py`
+and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections
+smoothly (EKF2_TAU_POS, EKF2_TAU_VEL) and follow resets at once. Without aiding the estimate drifts with the
+errors of the IMU, and becomes invalid after EKF2_NOAID_TOUT.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.estimator.barometer import Barometer
-from vehicle_sim.estimator.fusion import HORIZON_S, blank_fusion, forget
+from vehicle_sim.estimator.constraints import EVERY_S as CONSTRAIN_EVERY_S
+from vehicle_sim.estimator.constraints import Constraints
+from vehicle_sim.estimator.fusion import HORIZON_S, blank_fusion, reset_fusion
 from vehicle_sim.estimator.gnss import Gnss
 from vehicle_sim.estimator.gyro_filter import GyroFilter
 from vehicle_sim.estimator.kalman import POSITION, VELOCITY, YAW, Kalman
 from vehicle_sim.estimator.magnetometer import ABOVE_ANOMALIES_M, Magnetometer
-from vehicle_sim.estimator.outputs import blank_estimate, blank_row
-from vehicle_sim.estimator.standing import EVERY_S as STANDING_EVERY_S
-from vehicle_sim.estimator.standing import Standing
+from vehicle_sim.estimator.outputs import blank_estimate, reset_row
 from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
 from vehicle_sim.estimator.yaw_estimator import EVERY_PREDICTIONS as YAW_EVERY_PREDICTIONS
@@ -44,13 +44,13 @@ DEAD_RECKONING_AFTER_S = 1.0
 _SAMPLES_A_PREDICTION = 2
 _ALIGN_SAMPLES = 25
 _BARO_EVERY = 2
-"""Of the barometer's samples so many make one that is fused; accuracies come out as recorded."""
+"""One of this many barometer samples is fused; the resulting accuracies match the recorded ones."""
 _PUBLISH_EVERY_PREDICTIONS = 5
-_WATCH_EVERY_PREDICTIONS = 10
+_TIMEOUTS_EVERY_PREDICTIONS = 10
 _MAG_SAMPLES = 4
 """Number of magnetometer samples that are averaged (SENS_MAG_RATE)."""
 _RESIDUALS = ((0, slice(0, 2)), (0, slice(2, 3)), (1, slice(0, 2)), (1, slice(2, 3)))
-"""Where the smoothing of horizontal and vertical velocity and position is kept."""
+"""Row and axes of the smoothing residual: horizontal and vertical velocity, then position."""
 
 
 class Estimator:
@@ -68,16 +68,16 @@ class Estimator:
         self.fusion = blank_fusion(count)
         self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
         self._yaw = YawEstimator(count, self.state.q_ned_frd)
-        self._turned, self._gained = np.zeros((count, 3)), np.zeros((count, 3))
+        self._angle_sum, self._velocity_sum = np.zeros((count, 3)), np.zeros((count, 3))
         self._gnss = Gnss(count, self.kalman, self.fusion, self._yaw)
         self._barometer = Barometer(count, self.kalman, self.fusion)
         self._magnetometer = Magnetometer(count, self.kalman, self.fusion)
-        self._standing = Standing(count, self.kalman, self.fusion)
+        self._constraints = Constraints(count, self.kalman, self.fusion)
         self._vision = Vision(count)
         self._terrain = Terrain(count, dt_s * RANGE_EVERY_STEPS)
         self._gyro = GyroFilter(count, dt_s)
         self._samples = self._predictions = 0
-        self._standing_every = round(STANDING_EVERY_S / self._predict_s)
+        self._constrain_every = round(CONSTRAIN_EVERY_S / self._predict_s)
         self._started = np.zeros(count, dtype=np.bool_)
         self._first_force, self._first_field = np.zeros((count, 3)), np.zeros((count, 3))
         self._first_samples = np.zeros(count, dtype=np.int64)
@@ -101,14 +101,14 @@ class Estimator:
         return self._samples * self._dt_s
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read IMU_* and EKF2_* of vehicle `i`."""
+        """Reads IMU_* and EKF2_* of vehicle `i`."""
         value = parameters.usable
         for part in (
             self.kalman,
             self._gnss,
             self._barometer,
             self._magnetometer,
-            self._standing,
+            self._constraints,
             self._vision,
             self._terrain,
         ):
@@ -120,11 +120,11 @@ class Estimator:
 
     def reset(self, i: int) -> None:
         """Resets vehicle `i`, as after a reboot."""
-        blank_row(self.state, i)
-        forget(self.fusion, i, self._now_s)
+        reset_row(self.state, i)
+        reset_fusion(self.fusion, i, self._now_s)
         self.kalman.reset(i)
         self._gnss.reset(i, self._now_s)
-        self._standing.reset(i)
+        self._constraints.reset(i)
         self._vision.reset(i)
         self._terrain.reset(i)
         self._gyro.reset(i)
@@ -137,7 +137,7 @@ class Estimator:
         self.kalman.matrix[:] = rotation_matrix(self.state.q_ned_frd)
 
     def update(self, sensors: SensorState) -> None:
-        """Take this step's samples."""
+        """Processes the sensor samples of this step."""
         state = self.state
         if not all_of(self._started):
             self._align(sensors)
@@ -156,12 +156,18 @@ class Estimator:
             return
         self._predict()
         counts = [sensors.gps_count, sensors.baro_count, sensors.mag_count]
-        stands = self._predictions % self._standing_every == 0
-        if counts != self._counts or stands or self._vision.waits:
-            self._fuse(sensors, counts, stands)
+        constrain = self._predictions % self._constrain_every == 0
+        if counts != self._counts or constrain or self._vision.has_samples:
+            self._fuse(sensors, counts, constrain)
 
     def take_ranges(self, range_m: FloatArray, in_air: BoolArray, armed: BoolArray) -> None:
-        """Ranges (N,) [m] every RANGE_EVERY_STEPS samples (NaN: none), who is in the air and armed (N,)."""
+        """Processes range measurements, every RANGE_EVERY_STEPS samples.
+
+        Args:
+            range_m: (N,) ranges; NaN: none.
+            in_air: (N,) vehicles in the air.
+            armed: (N,) armed vehicles.
+        """
         state, fusion = self.state, self.fusion
         height = self._terrain.update(
             range_m, self.kalman.matrix[:, 2, 2], in_air, state.position_ned_m[:, 2]
@@ -172,7 +178,7 @@ class Estimator:
         np.copyto(self._armed, armed)
 
     def take_vision(self, i: int, sample: VisionSample) -> None:
-        """A position, velocity or heading of vehicle `i` measured from outside (EKF2_EV_CTRL)."""
+        """Stores an external position, velocity or heading of vehicle `i` for fusion (EKF2_EV_CTRL)."""
         self._vision.put(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
@@ -189,7 +195,8 @@ class Estimator:
         state.origin_alt_amsl_m[i] = alt_amsl_m
 
     def _align(self, sensors: SensorState) -> None:
-        """Level by the accelerometer and turn by the magnetometer where an estimator has just started."""
+        """Initializes roll and pitch from the accelerometer and the heading from the magnetometer after a
+        start."""
         new = ~self._started
         self._first_force[new] += sensors.accel_frd_m_s2[new]
         self._first_field[new] += sensors.mag_frd_gauss[new]
@@ -211,17 +218,17 @@ class Estimator:
     def _predict(self) -> None:
         state, kalman = self.state, self.kalman
         kalman.predict(self._delta_angle, self._delta_velocity)
-        if self._standing.wanted:
-            self._standing.add(self._delta_angle, self._delta_velocity, self._predict_s)
-        _show_motion(
-            self._predict_s, self._delta_angle, self._delta_velocity, self._turned, self._gained, self._decay,
-            self._residual, kalman.vector, kalman.gained, state.q_ned_frd, state.velocity_ned_m_s,
-            state.position_ned_m, state.acceleration_ned_m_s2, state.heading_rad,
+        if self._constraints.wanted:
+            self._constraints.add(self._delta_angle, self._delta_velocity, self._predict_s)
+        _publish_motion(
+            self._predict_s, self._delta_angle, self._delta_velocity, self._angle_sum, self._velocity_sum,
+            self._decay, self._residual, kalman.vector, kalman.velocity_change, state.q_ned_frd,
+            state.velocity_ned_m_s, state.position_ned_m, state.acceleration_ned_m_s2, state.heading_rad,
         )  # fmt: skip
         if self._predictions % YAW_EVERY_PREDICTIONS == 0:
-            self._yaw.predict(self._turned, self._gained, self._predict_s * YAW_EVERY_PREDICTIONS)
-            self._turned.fill(0.0)
-            self._gained.fill(0.0)
+            self._yaw.predict(self._angle_sum, self._velocity_sum, self._predict_s * YAW_EVERY_PREDICTIONS)
+            self._angle_sum.fill(0.0)
+            self._velocity_sum.fill(0.0)
         self._predictions += 1
         if self._predictions % _PUBLISH_EVERY_PREDICTIONS == 0:
             self._publish()
@@ -237,63 +244,63 @@ class Estimator:
         state.horizontal_accuracy_m[:] = np.sqrt(variance[:, 3] + variance[:, 4])
         state.vertical_accuracy_m[:] = np.sqrt(variance[:, 5])
         state.speed_accuracy_m_s[:] = np.sqrt(variance[:, 0] + variance[:, 1])
-        if self._predictions % _WATCH_EVERY_PREDICTIONS == 0:
-            self._watch(now_s)
-        silent_s = now_s - self._aided_at_s
-        np.copyto(fusion.dead_reckoning, silent_s > DEAD_RECKONING_AFTER_S + HORIZON_S)
-        aided = silent_s < self._no_aid_limit_s
+        if self._predictions % _TIMEOUTS_EVERY_PREDICTIONS == 0:
+            self._stop_silent(now_s)
+        unaided_s = now_s - self._aided_at_s
+        np.copyto(fusion.dead_reckoning, unaided_s > DEAD_RECKONING_AFTER_S + HORIZON_S)
+        aided = unaided_s < self._no_aid_limit_s
         state.valid_position[:] = aided
         state.valid_velocity[:] = aided
         state.valid_altitude[:] = self._started & ~fusion.fake_hgt
 
-    def _watch(self, now_s: float) -> None:
+    def _stop_silent(self, now_s: float) -> None:
         """Stops the fusion of silent sensors; called about 12 times per second."""
-        self._gnss.watch(now_s)
-        self._barometer.watch(now_s)
-        self._magnetometer.watch(now_s, self.kalman.level_accel_m_s2)
+        self._gnss.stop_silent(now_s)
+        self._barometer.stop_silent(now_s)
+        self._magnetometer.stop_silent(now_s, self.kalman.horizontal_accel_m_s2)
         np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
 
-    def _fuse(self, sensors: SensorState, counts: list[int], stands: bool) -> None:
+    def _fuse(self, sensors: SensorState, counts: list[int], constrain: bool) -> None:
         """Fuses new samples; the outputs follow smoothly, except after a reset."""
         kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
         old, self._counts = self._counts, counts
-        located = counts[0] != old[0]
-        pressed = counts[1] != old[1] and counts[1] % _BARO_EVERY == 0
+        gnss_due = counts[0] != old[0]
+        baro_due = counts[1] != old[1] and counts[1] % _BARO_EVERY == 0
         if counts[2] != old[2]:
             self._add_mag(sensors)
-        turned = self._mag_samples == _MAG_SAMPLES
-        if not (located or pressed or turned or stands or self._vision.waits):
+        mag_due = self._mag_samples == _MAG_SAMPLES
+        if not (gnss_due or baro_due or mag_due or constrain or self._vision.has_samples):
             return
         before = kalman.motion.copy()
         resets = fusion.resets.tobytes()
-        kalman.catch_up()
-        if located:
+        kalman.propagate_covariance()
+        if gnss_due:
             aided = self._gnss.fuse(now_s, sensors, state, self._started)
             self._aided_at_s[aided] = now_s
             state.gps_rejected[:] = self._gnss.rejected
             state.valid_position |= aided
             state.valid_velocity |= aided
-        if pressed:
+        if baro_due:
             self._barometer.fuse(now_s, now_s - self._baro_at_s, sensors, self._started)
             self._baro_at_s = now_s
-        if pressed or located:
-            self._show_ratios(now_s)
-        if turned:
+        if baro_due or gnss_due:
+            self._publish_ratios(now_s)
+        if mag_due:
             self._fuse_mag()
-        if self._vision.waits:
+        if self._vision.has_samples:
             self._fuse_vision()
-        if stands:
+        if constrain:
             aided = fusion.gnss_pos | fusion.gnss_vel | self._vision.fresh(now_s)
             moving = self._armed | fusion.in_air
-            self._standing.update(self._standing_every, aided, moving, self._started)
+            self._constraints.update(self._constrain_every, aided, moving, self._started)
         self._residual -= kalman.motion - before
         if fusion.resets.tobytes() != resets:
             changed = np.frombuffer(resets, dtype=np.int64).reshape(fusion.resets.shape) != fusion.resets
             for k, (row, axes) in enumerate(_RESIDUALS):
                 self._residual[changed[k], row, axes] = 0.0
 
-    def _show_ratios(self, now_s: float) -> None:
-        """Updates the test ratios of ESTIMATOR_STATUS, and the check of the accelerometer."""
+    def _publish_ratios(self, now_s: float) -> None:
+        """Updates the test ratios of ESTIMATOR_STATUS and the check of the accelerometer."""
         state, fusion = self.state, self.fusion
         state.innovation_ratio_velocity[:] = np.where(fusion.gnss_vel, self._gnss.ratio[:, 0], 0.0)
         state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.ratio[:, 1], 0.0)
@@ -301,8 +308,8 @@ class Estimator:
         by_baro = np.where(fusion.baro_hgt, self._barometer.ratio, 0.0)
         sources = np.maximum(fusion.gps_hgt * 1 + fusion.baro_hgt * 1, 1)
         state.innovation_ratio_height[:] = (by_gps + by_baro) / sources
-        pressure = np.where(fusion.baro_hgt, self._barometer.falling, 0.0)
-        fusion.judge_accelerometer(now_s, pressure, np.where(fusion.gps_hgt, self._gnss.falling, 0.0))
+        baro_below = np.where(fusion.baro_hgt, self._barometer.below_ratio, 0.0)
+        fusion.check_accelerometer(now_s, baro_below, np.where(fusion.gps_hgt, self._gnss.below_ratio, 0.0))
         np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
 
     def _add_mag(self, sensors: SensorState) -> None:
@@ -328,20 +335,20 @@ class Estimator:
     def _fuse_vision(self) -> None:
         state, kalman, now_s = self.state, self.kalman, self._now_s
         gnss = self.fusion.gnss_pos | self.fusion.gnss_vel
-        for aid in self._vision.fuse(kalman, gnss & ~self.fusion.dead_reckoning, now_s):
-            i = aid.row
-            if aid.horizontal:
+        for result in self._vision.fuse(kalman, gnss & ~self.fusion.dead_reckoning, now_s):
+            i = result.row
+            if result.horizontal:
                 self._aided_at_s[i] = now_s
                 state.valid_position[i] = state.valid_velocity[i] = True
-            if aid.vertical:
+            if result.vertical:
                 self._vision_height_at_s[i] = now_s
             noise = self._vision.heading_variance(i)
-            if math.isfinite(noise) and math.isfinite(aid.heading_rad):
+            if math.isfinite(noise) and math.isfinite(result.heading_rad):
                 count = len(state.heading_rad)
-                off, variance = np.zeros(count), np.full(count, np.inf)
-                off[i] = math.remainder(aid.heading_rad - float(state.heading_rad[i]), math.tau)
+                innovation, variance = np.zeros(count), np.full(count, np.inf)
+                innovation[i] = math.remainder(result.heading_rad - float(state.heading_rad[i]), math.tau)
                 variance[i] = noise
-                kalman.fuse(YAW, off, variance)
+                kalman.fuse(YAW, innovation, variance)
 
 
 @kernel
@@ -353,16 +360,17 @@ def _add_sample(dt_s: float, gyro: Rows, accel: Rows, delta_angle: Rows, delta_v
 
 
 @kernel
-def _show_motion(
-    dt_s: float, delta_angle: Rows, delta_velocity: Rows, turned: Rows, gained: Rows, decay: Rows,
+def _publish_motion(
+    dt_s: float, delta_angle: Rows, delta_velocity: Rows, angle_sum: Rows, velocity_change: Rows, decay: Rows,
     residual: Blocks, vector: Rows, change_m_s: Rows, q: Rows, velocity: Rows, position: Rows,
     acceleration: Rows, heading_rad: Column,
 ) -> None:  # fmt: skip
-    """The outputs after a prediction, and what the second heading needs of it; the IMU's sums begin anew."""
+    """Writes the outputs after a prediction, adds the step to the sums of the yaw estimator and clears the
+    IMU sums."""
     for i in range(q.shape[0]):
         for k in range(3):
-            turned[i, k] += delta_angle[i, k]
-            gained[i, k] += delta_velocity[i, k]
+            angle_sum[i, k] += delta_angle[i, k]
+            velocity_change[i, k] += delta_velocity[i, k]
             delta_angle[i, k] = delta_velocity[i, k] = 0.0
             residual[i, 0, k] *= decay[i, 0]
             residual[i, 1, k] *= decay[i, 1]

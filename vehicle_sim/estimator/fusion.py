@@ -1,4 +1,4 @@
-"""What each estimator fuses, refuses and has reset: the flags and counters that PX4's EKF2 reports."""
+"""Flags and counters of each estimator, as PX4's EKF2 reports them: what it fuses, rejects and has reset."""
 
 from __future__ import annotations
 
@@ -12,21 +12,24 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 HEIGHT_TIMEOUT_S = 5.0
-"""A height source that was refused for so long is given up or believed (hgt_fusion_timeout_max)."""
+"""After this time of rejections a height source is stopped or the height is reset to it
+(hgt_fusion_timeout_max)."""
 RESET_TIMEOUT_S = 7.0
-"""A source of position, velocity or heading that was refused for so long (reset_timeout_max)."""
+"""After this time of rejections, position, velocity or heading is reset to its source (reset_timeout_max)."""
 HORIZON_S = 0.12
-"""PX4 fuses what is so old (its delayed time horizon), and so notices that late what is missing."""
+"""PX4 fuses samples of this age (its delayed time horizon), and detects missing ones that much later."""
 BAD_ACCEL_RESETS_AFTER_S = 0.5
 _BAD_ACCEL_LASTS_S = 3.0
 _COUNTERS = ("vxy_reset_counter", "vz_reset_counter", "xy_reset_counter", "z_reset_counter")
 _FAILS, _CONFIRMS = 3.0, 1.0
-"""Innovations over their sigma: one source fails, another of another kind bears it out."""
+"""Innovations in standard deviations: above the first a source indicates a fault, above the second a source
+of the other kind confirms it."""
 
 
 @dataclass(slots=True)
 class Fusion:
-    """Flags (N,) by the names of estimator_status_flags, counters (N,) by those of vehicle_local_position."""
+    """Flags (N,) with the names of estimator_status_flags, counters (N,) with those of
+    vehicle_local_position."""
 
     gnss_pos: BoolArray
     gnss_vel: BoolArray
@@ -46,64 +49,66 @@ class Fusion:
     vehicle_at_rest: BoolArray
     in_air: BoolArray
     aided_once: BoolArray
-    """GNSS has aided it since the start: what takes its place later is a reset."""
+    """GNSS has aided the estimate since the start; the first fusion of another source is then a reset."""
     vision_hgt: BoolArray
     dead_reckoning: BoolArray
     bad_acc_vertical: BoolArray
     heading_good_for_control: BoolArray
     gps_quality_bad: BoolArray
     """The newest fix does not meet EKF2_REQ_*."""
-    gps_heard: BoolArray
-    """Fixes arrive."""
+    gps_receiving: BoolArray
+    """The receiver sends fixes."""
     resets: IntArray
-    """(4, N) the next four."""
+    """(4, N) the next four counters."""
     vxy_reset_counter: IntArray
     vz_reset_counter: IntArray
     xy_reset_counter: IntArray
     z_reset_counter: IntArray
     heading_reset_counter: IntArray
     height_fused_at_s: FloatArray
-    """(N,) when any height was taken last."""
+    """(N,) time of the last accepted height of any source."""
     accel_good_at_s: FloatArray
-    """(N,) when vertical innovations last spoke for the accelerometer."""
+    """(N,) last time when the vertical innovations did not indicate an accelerometer fault."""
     accel_bad_at_s: FloatArray
     height_shift_m: FloatArray
-    """(N,) how far resets have moved the estimate down since the barometer was asked last."""
+    """(N,) how far resets have moved the estimate down since the last barometer fusion."""
 
     def height_reset_due(self, now_s: float) -> BoolArray:
-        """(N,) who has flown by inertia in height for too long, or by a bad accelerometer."""
-        silent = now_s - self.height_fused_at_s > HEIGHT_TIMEOUT_S
-        return silent | (now_s - self.accel_good_at_s > BAD_ACCEL_RESETS_AFTER_S)
+        """(N,) vehicles without an accepted height for too long, or with a faulty accelerometer."""
+        no_height = now_s - self.height_fused_at_s > HEIGHT_TIMEOUT_S
+        return no_height | (now_s - self.accel_good_at_s > BAD_ACCEL_RESETS_AFTER_S)
 
-    def judge_accelerometer(self, now_s: float, pressure: FloatArray, satellites: FloatArray) -> None:
-        """Two kinds of height sources that both find the estimate falling speak against the accelerometer.
+    def check_accelerometer(self, now_s: float, baro_below: FloatArray, gnss_below: FloatArray) -> None:
+        """Detects a faulty accelerometer: two kinds of height sources both measure a height above the
+        estimate.
 
         Args:
             now_s: since boot.
-            pressure: (N,) how far below the barometer's height it is, over the innovation's sigma.
-            satellites: (N,) the same of GNSS height or velocity, whichever is greater.
+            baro_below: (N,) how far the estimate is below the barometer's height, in standard deviations of
+                the innovation.
+            gnss_below: (N,) the same for GNSS height or velocity, whichever is greater.
         """
-        worse, other = np.maximum(pressure, satellites), np.minimum(pressure, satellites)
-        bad = (worse > _FAILS) & (other > _CONFIRMS)
+        larger, smaller = np.maximum(baro_below, gnss_below), np.minimum(baro_below, gnss_below)
+        bad = (larger > _FAILS) & (smaller > _CONFIRMS)
         self.accel_bad_at_s[bad] = now_s
         self.accel_good_at_s[~bad] = now_s
-        lasting = self.bad_acc_vertical & (now_s - self.accel_bad_at_s < _BAD_ACCEL_LASTS_S)
-        np.copyto(self.bad_acc_vertical, bad | lasting)
+        ongoing = self.bad_acc_vertical & (now_s - self.accel_bad_at_s < _BAD_ACCEL_LASTS_S)
+        np.copyto(self.bad_acc_vertical, bad | ongoing)
 
 
 def blank_fusion(count: int) -> Fusion:
-    """Nothing is fused yet."""
-    made: dict[str, np.ndarray] = {"resets": np.zeros((len(_COUNTERS), count), dtype=np.int64)}
-    made |= {name: made["resets"][k] for k, name in enumerate(_COUNTERS)}
-    made["heading_reset_counter"] = np.zeros(count, dtype=np.int64)
+    """Flags and counters before anything is fused."""
+    values: dict[str, np.ndarray] = {"resets": np.zeros((len(_COUNTERS), count), dtype=np.int64)}
+    values |= {name: values["resets"][k] for k, name in enumerate(_COUNTERS)}
+    values["heading_reset_counter"] = np.zeros(count, dtype=np.int64)
     for field in fields(Fusion):
-        if field.name not in made:
-            real = field.name.endswith(("_at_s", "_m"))
-            made[field.name] = np.zeros(count, dtype=np.float64 if real else np.bool_)
-    return Fusion(**made)
+        if field.name not in values:
+            is_float = field.name.endswith(("_at_s", "_m"))
+            values[field.name] = np.zeros(count, dtype=np.float64 if is_float else np.bool_)
+    return Fusion(**values)
 
 
-def forget(fusion: Fusion, i: int, now_s: float) -> None:
-    """Vehicle `i` starts anew."""
+def reset_fusion(fusion: Fusion, i: int, now_s: float) -> None:
+    """Clears the flags and counters of vehicle `i` when its estimator starts."""
     for field in fields(Fusion):
         getattr(fusion, field.name)[..., i] = now_s if field.name.endswith("_at_s") else 0

@@ -1,8 +1,9 @@
-"""GNSS in the filter: PX4's quality checks (EKF2_REQ_*), gates, timeouts, stops and resets.
+"""Fusion of GNSS: PX4's quality checks (EKF2_REQ_*), gates, timeouts, stops and resets.
 
-A fix must have been good for a second before it is used (for EKF2_REQ_GPS_H the first time). Position and
-velocity are refused as a whole when one axis lies outside its gate. Refused for 7 s both, or for 14 s the
-position alone, the estimate is reset to them; without a good fix for 7 s the fusion stops.
+A fix is used after the checks have passed for one second (the first time for EKF2_REQ_GPS_H). Position and
+velocity are each rejected as a whole when one axis is outside its gate. The estimate is reset to the fix
+after 7 s of rejected velocity and position, or after 14 s of rejected position alone. Fusion stops after 7 s
+without a good fix.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import HEIGHT_TIMEOUT_S, HORIZON_S, RESET_TIMEOUT_S, Fusion
 from vehicle_sim.estimator.kalman import POSITION, UNUSED, VELOCITY, Kalman
-from vehicle_sim.estimator.yaw_estimator import SURE_RAD, YawEstimator
+from vehicle_sim.estimator.yaw_estimator import MAX_HEADING_SIGMA_RAD, YawEstimator
 from vehicle_sim.frames import wrap_pi, yaw_of
 from vehicle_sim.geodesy import to_local
 from vehicle_sim.parameters import Parameters
@@ -24,56 +25,59 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 POSITION_BIT, HEIGHT_BIT, VELOCITY_BIT = 1, 2, 4
-"""EKF2_GPS_CTRL."""
+"""Bits of EKF2_GPS_CTRL."""
 GOOD_AGAIN_S = 1.0 + HORIZON_S
-SILENT_S = 1.0
-"""Height from a receiver that says nothing for so long is no more used."""
+FIX_TIMEOUT_S = 1.0
+"""The GNSS height is not used after this time without a fix."""
 YAW_RESET_AFTER_S = 1.0
 YAW_OFF_RAD = math.radians(25.0)
-"""With velocities refused for so long a heading that is so far from the second one is reset to it."""
+"""After rejected velocities for the time above, a heading that differs this much from the yaw estimator's is
+reset."""
 POSITION_RESET_S = 2.0 * RESET_TIMEOUT_S + HORIZON_S
 VERTICAL_SPEED_FACTOR = 1.5
-"""GNSS velocity is taken to be this much worse vertically, GNSS height than the least noise of a position."""
+"""Factor of vertical noise: on the noise of GNSS velocity, and on the least noise of a position for GNSS
+height."""
 LARGEST_RATIO = 2.0
-"""ESTIMATOR_STATUS shows no greater test ratio."""
+"""Upper limit of the test ratios in ESTIMATOR_STATUS."""
 _CHECKS = {"EKF2_REQ_NSATS": 1, "EKF2_REQ_PDOP": 2, "EKF2_REQ_EPH": 4, "EKF2_REQ_EPV": 8, "EKF2_REQ_SACC": 16}
 """Bits of EKF2_GPS_CHECK."""
 
 
 class Gnss:
-    """The GNSS aiding of N vehicles.
+    """GNSS fusion of N vehicles.
 
     Args:
         count: N.
         kalman: the filter.
-        fusion: its flags.
-        yaw: the second heading.
+        fusion: flags of the filter.
+        yaw: the yaw estimator.
     """
 
     def __init__(self, count: int, kalman: Kalman, fusion: Fusion, yaw: YawEstimator) -> None:
         self._kalman, self._fusion, self._yaw = kalman, fusion, yaw
         self.ratio = np.zeros((count, 3))
-        """(N, 3) innovation over gate of velocity, position and height."""
-        self.falling = np.zeros(count)
-        """(N,) how far the estimate lies below GNSS height or velocity, over the innovation's sigma."""
+        """(N, 3) innovation divided by gate, for velocity, position and height."""
+        self.below_ratio = np.zeros(count)
+        """(N,) how far the estimate is below GNSS height or velocity, in standard deviations of the
+        innovation."""
         self._control = np.zeros(count, dtype=np.int64)
         self._limits = np.zeros((count, len(_CHECKS)))
         self._first_wait_s = np.zeros(count)
         self._noise = np.zeros((count, 2))
         self._gates = np.ones((count, 2))
-        self._most_noise_m = np.full(count, np.inf)
+        self._max_noise_m = np.full(count, np.inf)
         self._passed_once = np.zeros(count, dtype=np.bool_)
-        self._heard_at_s = np.full(count, -math.inf)
+        self._received_at_s = np.full(count, -math.inf)
         self._failed_at_s = np.zeros(count)
         self._passed_at_s = np.full(count, -math.inf)
-        self._steady_since_s = np.zeros(count)
+        self._passing_since_s = np.zeros(count)
         self.position_at_s = np.full(count, -math.inf)
-        """(N,) when a position was fused last."""
+        """(N,) time when a position was last fused."""
         self.velocity_at_s = np.full(count, -math.inf)
         self._height_at_s = np.full(count, -math.inf)
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read EKF2_GPS_* and EKF2_REQ_* of vehicle `i`."""
+        """Reads EKF2_GPS_* and EKF2_REQ_* of vehicle `i`."""
         value = parameters.usable
         self._control[i] = int(parameters.get("EKF2_GPS_CTRL"))
         checks = int(parameters.get("EKF2_GPS_CHECK"))
@@ -82,15 +86,15 @@ class Gnss:
         self._first_wait_s[i] = value("EKF2_REQ_GPS_H")
         self._noise[i] = value("EKF2_GPS_P_NOISE"), value("EKF2_GPS_V_NOISE")
         self._gates[i] = max(value("EKF2_GPS_P_GATE"), 1.0), max(value("EKF2_GPS_V_GATE"), 1.0)
-        self._most_noise_m[i] = max(value("EKF2_NOAID_NOISE"), 0.01)
+        self._max_noise_m[i] = max(value("EKF2_NOAID_NOISE"), 0.01)
 
     def reset(self, i: int, now_s: float) -> None:
-        """Vehicle `i` starts anew."""
+        """Resets vehicle `i` when its estimator starts."""
         self._passed_once[i] = False
         self._failed_at_s[i] = now_s
-        self.ratio[i] = self.falling[i] = 0.0
+        self.ratio[i] = self.below_ratio[i] = 0.0
         for times in (
-            self._heard_at_s,
+            self._received_at_s,
             self._passed_at_s,
             self.position_at_s,
             self.velocity_at_s,
@@ -98,36 +102,36 @@ class Gnss:
         ):
             times[i] = -math.inf
 
-    def watch(self, now_s: float) -> None:
-        """Stop what has had no good fix for too long; a few times a second."""
+    def stop_silent(self, now_s: float) -> None:
+        """Stops the fusion of receivers without a good fix for too long; called a few times per second."""
         fusion = self._fusion
-        np.copyto(fusion.gps_heard, now_s - self._heard_at_s <= SILENT_S)
-        fusion.gps_hgt &= fusion.gps_heard
+        np.copyto(fusion.gps_receiving, now_s - self._received_at_s <= FIX_TIMEOUT_S)
+        fusion.gps_hgt &= fusion.gps_receiving
         stale = now_s - self._passed_at_s > RESET_TIMEOUT_S + HORIZON_S
         for flag in (fusion.gnss_pos, fusion.gnss_vel, fusion.gps_hgt):
             flag &= ~stale
 
     def fuse(self, now_s: float, sensors: SensorState, state: EstimateState, ready: BoolArray) -> BoolArray:
-        """Take the newest fixes.
+        """Fuses the newest fixes.
 
         Args:
             now_s: since boot.
-            sensors: whose `gps_fresh` says which receivers have a new fix.
-            state: whose origin is set by the first good fix.
-            ready: (N,) whose attitude is known.
+            sensors: `gps_fresh` marks the receivers with a new fix.
+            state: the first good fix sets its origin.
+            ready: (N,) vehicles with a known attitude.
 
         Returns:
-            (N,) who was aided.
+            (N,) vehicles that were aided.
         """
         fresh = sensors.gps_fresh & ready & (self._control != 0)
-        self._heard_at_s[fresh] = now_s
+        self._received_at_s[fresh] = now_s
         passed = self._check(now_s, sensors, fresh)
         missing = passed & np.isnan(state.origin_lat_deg)
         if missing.any():
             state.origin_lat_deg[missing] = sensors.gps_lat_deg[missing]
             state.origin_lon_deg[missing] = sensors.gps_lon_deg[missing]
             state.origin_alt_amsl_m[missing] = sensors.gps_alt_amsl_m[missing]
-        position = self._measured(sensors, state, passed)
+        position = self._local_position(sensors, state, passed)
         velocity = np.where(passed[:, None], sensors.gps_velocity_ned_m_s, 0.0)
         return self._fuse(now_s, sensors, passed, position, velocity)
 
@@ -144,15 +148,15 @@ class Gnss:
         )
         np.copyto(self._fusion.gps_quality_bad, ~good, where=fresh)
         self._failed_at_s[fresh & ~good] = now_s
-        self._steady_since_s[good & (now_s - self._passed_at_s > SILENT_S)] = now_s
-        waited_s = np.where(self._passed_once, GOOD_AGAIN_S, self._first_wait_s)
-        passed = good & (now_s - self._failed_at_s >= waited_s)
+        self._passing_since_s[good & (now_s - self._passed_at_s > FIX_TIMEOUT_S)] = now_s
+        required_s = np.where(self._passed_once, GOOD_AGAIN_S, self._first_wait_s)
+        passed = good & (now_s - self._failed_at_s >= required_s)
         self._passed_once |= passed
         self._passed_at_s[passed] = now_s
         return passed
 
-    def _measured(self, sensors: SensorState, state: EstimateState, passed: BoolArray) -> FloatArray:
-        """(N, 3) local position by GNSS; zero where there is none."""
+    def _local_position(self, sensors: SensorState, state: EstimateState, passed: BoolArray) -> FloatArray:
+        """(N, 3) local position from GNSS; zero without a usable fix."""
         position = np.zeros((len(passed), 3))
         if passed.any():
             lat, lon, alt = state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_amsl_m
@@ -171,118 +175,145 @@ class Gnss:
         velocity: FloatArray,
     ) -> BoolArray:
         kalman, fusion, control = self._kalman, self._fusion, self._control
-        places, moves = passed & (control & POSITION_BIT != 0), passed & (control & VELOCITY_BIT != 0)
+        use_position, use_velocity = (
+            passed & (control & POSITION_BIT != 0),
+            passed & (control & VELOCITY_BIT != 0),
+        )
         accuracy = np.maximum(sensors.gps_horizontal_accuracy_m, self._noise[:, 0])
-        level = np.minimum(accuracy, self._most_noise_m) ** 2
+        position_variance = np.minimum(accuracy, self._max_noise_m) ** 2
         speed = np.maximum(sensors.gps_speed_accuracy_m_s, self._noise[:, 1]) ** 2
-        climb = speed * VERTICAL_SPEED_FACTOR**2
-        upright = np.maximum(sensors.gps_vertical_accuracy_m, VERTICAL_SPEED_FACTOR * self._noise[:, 0]) ** 2
-        variances = np.stack([speed, speed, climb, level, level, upright], axis=1)
+        climb_variance = speed * VERTICAL_SPEED_FACTOR**2
+        height_variance = (
+            np.maximum(sensors.gps_vertical_accuracy_m, VERTICAL_SPEED_FACTOR * self._noise[:, 0]) ** 2
+        )
+        variances = np.stack(
+            [speed, speed, climb_variance, position_variance, position_variance, height_variance], axis=1
+        )
         measured = np.concatenate([velocity, position], axis=1)
 
-        starts = (places & ~fusion.gnss_pos) | (moves & ~fusion.gnss_vel)
-        lost = (now_s - self.velocity_at_s > RESET_TIMEOUT_S) & (now_s - self.position_at_s > RESET_TIMEOUT_S)
-        displaced = places & fusion.gnss_pos & (now_s - self.position_at_s > POSITION_RESET_S)
-        turned = self._turn(now_s, moves, velocity[:, :2], speed)
-        renewed = passed & (starts | lost | displaced | turned) & (places | moves)
-        if renewed.any():
-            self._renew(now_s, renewed, places, moves, measured, variances)
+        starting = (use_position & ~fusion.gnss_pos) | (use_velocity & ~fusion.gnss_vel)
+        both_timeout = (now_s - self.velocity_at_s > RESET_TIMEOUT_S) & (
+            now_s - self.position_at_s > RESET_TIMEOUT_S
+        )
+        position_timeout = use_position & fusion.gnss_pos & (now_s - self.position_at_s > POSITION_RESET_S)
+        heading_reset = self._reset_heading(now_s, use_velocity, velocity[:, :2], speed)
+        resetting = (
+            passed
+            & (starting | both_timeout | position_timeout | heading_reset)
+            & (use_position | use_velocity)
+        )
+        if resetting.any():
+            self._reset_to_fix(now_s, resetting, use_position, use_velocity, measured, variances)
 
-        believed = kalman.vector[:, :6]
+        predicted = kalman.vector[:, :6]
         covariance = kalman.variances(VELOCITY, POSITION + 3)
-        innovation = np.where(passed[:, None], measured - believed, 0.0)
+        innovation = np.where(passed[:, None], measured - predicted, 0.0)
         sigma = np.sqrt(covariance + variances)
-        over = innovation / sigma
-        ratio = np.abs(over)
+        normalized = innovation / sigma
+        ratio = np.abs(normalized)
         worst = np.stack([ratio[:, :3].max(axis=1), ratio[:, 3:5].max(axis=1), ratio[:, 5]], axis=1)
         worst /= self._gates[:, (1, 0, 0)]
         np.copyto(self.ratio, np.minimum(worst, LARGEST_RATIO), where=passed[:, None])
         # Down is positive: an estimate below the measurement has a negative innovation.
-        np.copyto(self.falling, -np.minimum(over[:, 2], over[:, 5]), where=passed)
+        np.copyto(self.below_ratio, -np.minimum(normalized[:, 2], normalized[:, 5]), where=passed)
 
-        speed_good, place_good = moves & (worst[:, 0] <= 1.0), places & (worst[:, 1] <= 1.0)
-        # With a bad accelerometer a vertical speed outside its gate is believed as far as the gate reaches.
-        bent = moves & fusion.bad_acc_vertical & (ratio[:, :2].max(axis=1) <= self._gates[:, 1])
-        if bent.any():
+        velocity_accepted, position_accepted = (
+            use_velocity & (worst[:, 0] <= 1.0),
+            use_position & (worst[:, 1] <= 1.0),
+        )
+        # With a faulty accelerometer, a vertical speed outside its gate is fused, clipped to the gate.
+        clipped = use_velocity & fusion.bad_acc_vertical & (ratio[:, :2].max(axis=1) <= self._gates[:, 1])
+        if clipped.any():
             limit = self._gates[:, 1] * sigma[:, 2]
-            near = believed[:, 2] + np.clip(innovation[:, 2], -limit, limit)
-            np.copyto(measured[:, 2], near, where=bent)
-            speed_good |= bent
-        height_good = passed & fusion.gps_hgt & (worst[:, 2] <= 1.0)
-        taken = np.stack([speed_good] * 3 + [place_good] * 2 + [height_good], axis=1)
-        if taken.any():
-            innovation = np.where(taken, measured - believed, 0.0)
-            kalman.fuse_states(VELOCITY, innovation, np.where(taken, variances, UNUSED))
-        self.velocity_at_s[speed_good] = now_s
-        self.position_at_s[place_good] = now_s
-        self._height_at_s[height_good] = now_s
-        fusion.height_fused_at_s[height_good] = now_s
-        self._keep_height(now_s, passed, measured, upright, climb)
-        return speed_good | place_good
+            clipped_speed = predicted[:, 2] + np.clip(innovation[:, 2], -limit, limit)
+            np.copyto(measured[:, 2], clipped_speed, where=clipped)
+            velocity_accepted |= clipped
+        height_accepted = passed & fusion.gps_hgt & (worst[:, 2] <= 1.0)
+        accepted = np.stack([velocity_accepted] * 3 + [position_accepted] * 2 + [height_accepted], axis=1)
+        if accepted.any():
+            innovation = np.where(accepted, measured - predicted, 0.0)
+            kalman.fuse_states(VELOCITY, innovation, np.where(accepted, variances, UNUSED))
+        self.velocity_at_s[velocity_accepted] = now_s
+        self.position_at_s[position_accepted] = now_s
+        self._height_at_s[height_accepted] = now_s
+        fusion.height_fused_at_s[height_accepted] = now_s
+        self._control_height(now_s, passed, measured, height_variance, climb_variance)
+        return velocity_accepted | position_accepted
 
-    def _turn(
-        self, now_s: float, moves: BoolArray, velocity_ne: FloatArray, variance: FloatArray
+    def _reset_heading(
+        self, now_s: float, use_velocity: BoolArray, velocity_ne: FloatArray, variance: FloatArray
     ) -> BoolArray:
-        """Ask the second heading; who was reset to it, since velocities are refused by the first."""
+        """Updates the yaw estimator. Returns the vehicles whose heading was reset to it because velocities
+        were rejected."""
         kalman, fusion, yaw = self._kalman, self._fusion, self._yaw
-        yaw.fuse(velocity_ne, variance, moves, fusion.in_air)
-        taken_at_s = np.maximum(self.velocity_at_s, self._steady_since_s)
-        refused = moves & fusion.gnss_vel & fusion.in_air & (now_s - taken_at_s > YAW_RESET_AFTER_S)
-        if not refused.any():
-            return refused
-        heading, sureness = yaw.headings()
-        off = wrap_pi(heading - yaw_of(kalman.q_ned_frd))
-        turned = refused & (sureness < SURE_RAD**2) & (np.abs(off) > YAW_OFF_RAD)
-        if turned.any():
-            kalman.reset_heading(turned, off, sureness)
-            fusion.heading_reset_counter += turned
-        return turned
+        yaw.fuse(velocity_ne, variance, use_velocity, fusion.in_air)
+        accepted_at_s = np.maximum(self.velocity_at_s, self._passing_since_s)
+        rejected_long = (
+            use_velocity & fusion.gnss_vel & fusion.in_air & (now_s - accepted_at_s > YAW_RESET_AFTER_S)
+        )
+        if not rejected_long.any():
+            return rejected_long
+        heading, heading_variance = yaw.headings()
+        difference = wrap_pi(heading - yaw_of(kalman.q_ned_frd))
+        heading_reset = (
+            rejected_long & (heading_variance < MAX_HEADING_SIGMA_RAD**2) & (np.abs(difference) > YAW_OFF_RAD)
+        )
+        if heading_reset.any():
+            kalman.reset_heading(heading_reset, difference, heading_variance)
+            fusion.heading_reset_counter += heading_reset
+        return heading_reset
 
-    def _renew(
-        self, now_s: float, renewed: BoolArray, places: BoolArray, moves: BoolArray, measured: FloatArray,
-        variances: FloatArray,
+    def _reset_to_fix(
+        self, now_s: float, resetting: BoolArray, use_position: BoolArray, use_velocity: BoolArray,
+        measured: FloatArray, variances: FloatArray,
     ) -> None:  # fmt: skip
-        """Take position and velocity as measured: the start of a fusion, or after being refused too long."""
+        """Resets position and velocity to the fix, at the start of a fusion or after a timeout."""
         kalman, fusion = self._kalman, self._fusion
-        placed, moved = renewed & places, renewed & moves
+        position_resets, velocity_resets = resetting & use_position, resetting & use_velocity
         for k in range(3):
-            kalman.reset_one(moved, VELOCITY + k, measured[:, k], variances[:, k])
+            kalman.reset_one(velocity_resets, VELOCITY + k, measured[:, k], variances[:, k])
         for k in (3, 4):
-            kalman.reset_one(placed, VELOCITY + k, measured[:, k], variances[:, k])
-        fusion.xy_reset_counter += placed
-        fusion.vxy_reset_counter += moved
-        fusion.vz_reset_counter += moved
-        fusion.aided_once |= renewed
-        fusion.gnss_pos |= placed
-        fusion.gnss_vel |= moved
-        self.position_at_s[placed] = now_s
-        self.velocity_at_s[moved] = now_s
+            kalman.reset_one(position_resets, VELOCITY + k, measured[:, k], variances[:, k])
+        fusion.xy_reset_counter += position_resets
+        fusion.vxy_reset_counter += velocity_resets
+        fusion.vz_reset_counter += velocity_resets
+        fusion.aided_once |= resetting
+        fusion.gnss_pos |= position_resets
+        fusion.gnss_vel |= velocity_resets
+        self.position_at_s[position_resets] = now_s
+        self.velocity_at_s[velocity_resets] = now_s
 
-    def _keep_height(
-        self, now_s: float, passed: BoolArray, measured: FloatArray, upright: FloatArray, climb: FloatArray
+    def _control_height(
+        self,
+        now_s: float,
+        passed: BoolArray,
+        measured: FloatArray,
+        height_variance: FloatArray,
+        climb_variance: FloatArray,
     ) -> None:
-        """Start, renew or give up the height of GNSS, by which the barometer's offset is learned."""
+        """Starts, resets or stops the fusion of GNSS height; the barometer's offset is corrected by each
+        reset."""
         kalman, fusion = self._kalman, self._fusion
-        wanted = passed & (self._control & HEIGHT_BIT != 0)
-        starts = wanted & ~fusion.gps_hgt
-        refused = fusion.gps_hgt & passed & (now_s - self._height_at_s > HEIGHT_TIMEOUT_S)
-        due = passed & fusion.gps_hgt & fusion.height_reset_due(now_s)
-        renewed = starts | due
-        fusion.gps_hgt &= ~(refused & ~due)
-        if not renewed.any():
+        enabled = passed & (self._control & HEIGHT_BIT != 0)
+        starting = enabled & ~fusion.gps_hgt
+        rejected_long = fusion.gps_hgt & passed & (now_s - self._height_at_s > HEIGHT_TIMEOUT_S)
+        reset_due = passed & fusion.gps_hgt & fusion.height_reset_due(now_s)
+        resetting = starting | reset_due
+        fusion.gps_hgt &= ~(rejected_long & ~reset_due)
+        if not resetting.any():
             return
-        fusion.height_shift_m += np.where(renewed, measured[:, 5] - kalman.position[:, 2], 0.0)
-        kalman.reset_one(renewed, POSITION + 2, measured[:, 5], upright)
-        kalman.reset_one(renewed & fusion.gnss_vel, VELOCITY + 2, measured[:, 2], climb)
-        fusion.z_reset_counter += renewed
-        fusion.vz_reset_counter += due
-        fusion.gps_hgt |= starts
-        self._height_at_s[renewed] = now_s
-        fusion.height_fused_at_s[renewed] = now_s
-        fusion.accel_good_at_s[renewed] = now_s
+        fusion.height_shift_m += np.where(resetting, measured[:, 5] - kalman.position[:, 2], 0.0)
+        kalman.reset_one(resetting, POSITION + 2, measured[:, 5], height_variance)
+        kalman.reset_one(resetting & fusion.gnss_vel, VELOCITY + 2, measured[:, 2], climb_variance)
+        fusion.z_reset_counter += resetting
+        fusion.vz_reset_counter += reset_due
+        fusion.gps_hgt |= starting
+        self._height_at_s[resetting] = now_s
+        fusion.height_fused_at_s[resetting] = now_s
+        fusion.accel_good_at_s[resetting] = now_s
 
     @property
     def rejected(self) -> BoolArray:
-        """(N,) whose newest position or velocity lay outside its gate."""
-        using = self._fusion.gnss_pos | self._fusion.gnss_vel
-        return using & (self.ratio[:, :2] > 1.0).any(axis=1)
+        """(N,) vehicles whose newest position or velocity was outside its gate."""
+        in_use = self._fusion.gnss_pos | self._fusion.gnss_vel
+        return in_use & (self.ratio[:, :2] > 1.0).any(axis=1)

@@ -1,8 +1,8 @@
-"""The filtered body rates that the rate controller flies on: PX4's low-pass and derivative as one product.
+"""Filtered body rates for the rate controller: PX4's low-pass filter and derivative as one matrix product.
 
-A second-order Butterworth low-pass (IMU_GYRO_CUTOFF) and, on its output, a difference with a first-order
-low-pass (IMU_DGYRO_CUTOFF). Both together are one linear map of five numbers an axis; a cutoff of zero or one
-above half the sample rate switches a filter off.
+A second-order Butterworth low-pass (IMU_GYRO_CUTOFF) is followed by a difference with a first-order low-pass
+(IMU_DGYRO_CUTOFF). Both together are one linear map of five numbers per axis. A cutoff of zero or above half
+the sample rate disables a filter.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class GyroFilter:
             self.configure(i, 0.0, 0.0)
 
     def configure(self, i: int, cutoff_hz: float, derivative_cutoff_hz: float) -> None:
-        """Set both cutoffs of vehicle `i`; its filter goes on from where it is."""
+        """Sets both cutoffs of vehicle `i`; the filter keeps its state."""
         b, a = _butterworth(cutoff_hz, 1.0 / self._dt_s)
         alpha = 1.0
         if derivative_cutoff_hz > 0.0:
@@ -54,18 +54,18 @@ class GyroFilter:
         new[_DERIVATIVE, _DERIVATIVE] = 1.0 - alpha
 
     def reset(self, i: int) -> None:
-        """Forget the past of vehicle `i`."""
+        """Clears the filter state of vehicle `i`."""
         self._state[i] = 0.0
 
     def update(self, gyro_frd_rad_s: FloatArray, rates_out: FloatArray, acceleration_out: FloatArray) -> None:
-        """Take samples (N, 3); write filtered rates and angular accelerations (N, 3)."""
+        """Filters samples (N, 3); writes filtered rates and angular accelerations (N, 3)."""
         _filter(gyro_frd_rad_s, self._map, self._state, rates_out, acceleration_out)
 
 
 def _butterworth(
     cutoff_hz: float, sample_hz: float
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Numerator and denominator (without its leading one) of a second-order low-pass, bilinear."""
+    """Numerator and denominator (without its leading one) of a second-order low-pass, bilinear transform."""
     if not 0.0 < cutoff_hz < 0.5 * sample_hz:
         return (1.0, 0.0, 0.0), (0.0, 0.0)
     omega = math.tan(math.pi * cutoff_hz / sample_hz)

@@ -1,4 +1,4 @@
-"""An estimate that knows nothing yet, for a whole fleet or for one vehicle that restarts."""
+"""An estimate without any information, for a whole fleet or for one vehicle that restarts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _VECTORS = frozenset(
 
 
 def blank_estimate(count: int) -> EstimateState:
-    """N vehicles that are level, at rest and know of no place on earth."""
+    """Estimates of N vehicles that are level, at rest and without a global position."""
     values: dict[str, np.ndarray] = {}
     for field in fields(EstimateState):
         if field.name in _VECTORS:
@@ -45,8 +45,8 @@ def blank_estimate(count: int) -> EstimateState:
     return EstimateState(**values)
 
 
-def blank_row(estimate: EstimateState, i: int) -> None:
-    """Make vehicle `i` forget."""
+def reset_row(estimate: EstimateState, i: int) -> None:
+    """Resets the estimate of vehicle `i`."""
     blank = blank_estimate(1)
     for field in fields(EstimateState):
         getattr(estimate, field.name)[i] = getattr(blank, field.name)[0]

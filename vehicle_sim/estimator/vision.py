@@ -1,7 +1,8 @@
-"""Position, velocity and heading from outside (cameras, motion capture), for vehicles that GPS does not help.
+"""Fusion of external position, velocity and heading (cameras, motion capture) for vehicles without GNSS.
 
-EKF2_EV_CTRL says what is taken: bit 0 horizontal position, 1 vertical position, 2 velocity, 3 heading. As
-long as GPS is fused, PX4 takes such positions only as changes; here they wait until GPS is gone.
+EKF2_EV_CTRL selects the measurements: bit 0 horizontal position, 1 vertical position, 2 velocity, 3 heading.
+While GNSS is fused, PX4 uses such positions only as changes. Here samples that arrive while GNSS is fused are
+dropped.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ FloatArray = NDArray[np.float64]
 
 HORIZONTAL, VERTICAL, SPEED, HEADING = 1, 2, 4, 8
 """Bits of EKF2_EV_CTRL."""
-LOST_S = 1.0
-"""After so long without a sample inside its gate the next one is believed as it is."""
+SAMPLE_TIMEOUT_S = 1.0
+"""After this time without an accepted sample the filter is reset to the next one."""
 Vector = tuple[float, float, float]
 UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
@@ -37,16 +38,16 @@ class VisionSample:
 
 
 @dataclass(frozen=True, slots=True)
-class Aid:
-    """What a measurement did for a vehicle."""
+class VisionResult:
+    """Result of a measurement for one vehicle."""
 
     row: int
     horizontal: bool
-    """Position or velocity is known by it."""
+    """Position or velocity was fused."""
     vertical: bool
-    """And the height."""
+    """The height was fused."""
     heading_rad: float
-    """NaN: none was given."""
+    """NaN: not measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +63,15 @@ class _Limits:
 
 
 class Vision:
-    """What was measured since the last look, and how it enters the filters."""
+    """Samples since the last fusion, and their fusion into the filters."""
 
     def __init__(self, count: int) -> None:
         self._limits: list[_Limits | None] = [None] * count
-        self._waiting: dict[int, VisionSample] = {}
-        self._taken_at_s = np.full(count, -math.inf)
+        self._samples: dict[int, VisionSample] = {}
+        self._accepted_at_s = np.full(count, -math.inf)
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read EKF2_EV* of vehicle `i`."""
+        """Reads EKF2_EV* of vehicle `i`."""
         value = parameters.usable
         self._limits[i] = _Limits(
             int(parameters.get("EKF2_EV_CTRL")),
@@ -82,79 +83,79 @@ class Vision:
         )
 
     def put(self, i: int, sample: VisionSample) -> None:
-        """A measurement of vehicle `i`; dropped where EKF2_EV_CTRL wants none."""
+        """Stores a sample of vehicle `i`; ignored if EKF2_EV_CTRL is zero."""
         limits = self._limits[i]
         if limits is not None and limits.control:
-            self._waiting[i] = sample
+            self._samples[i] = sample
 
     @property
-    def waits(self) -> bool:
-        """Whether there is anything to fuse."""
-        return bool(self._waiting)
+    def has_samples(self) -> bool:
+        """Whether there are samples to fuse."""
+        return bool(self._samples)
 
     def fresh(self, now_s: float) -> NDArray[np.bool_]:
-        """(N,) who has been aided within the last second."""
-        return now_s - self._taken_at_s <= LOST_S
+        """(N,) vehicles that were aided within the last second."""
+        return now_s - self._accepted_at_s <= SAMPLE_TIMEOUT_S
 
-    def fuse(self, kalman: Kalman, gps_aided: NDArray[np.bool_], now_s: float) -> list[Aid]:
-        """Correct the filters of those whom GPS does not aid, and say whose they were."""
-        waiting, self._waiting = self._waiting, {}
-        return [self._fuse_one(i, sample, kalman, now_s) for i, sample in waiting.items() if not gps_aided[i]]
+    def fuse(self, kalman: Kalman, gps_aided: NDArray[np.bool_], now_s: float) -> list[VisionResult]:
+        """Fuses the samples of vehicles without GNSS; returns one result for each."""
+        samples, self._samples = self._samples, {}
+        return [self._fuse_one(i, sample, kalman, now_s) for i, sample in samples.items() if not gps_aided[i]]
 
     def reset(self, i: int) -> None:
-        """Vehicle `i` starts anew."""
-        self._waiting.pop(i, None)
-        self._taken_at_s[i] = -math.inf
+        """Resets vehicle `i` when its estimator starts."""
+        self._samples.pop(i, None)
+        self._accepted_at_s[i] = -math.inf
 
     def heading_variance(self, i: int) -> float:
-        """Of a heading of vehicle `i` [rad²]; infinite where EKF2_EV_CTRL takes none."""
+        """Variance of a heading of vehicle `i` [rad²]; infinite if EKF2_EV_CTRL selects none."""
         limits = self._limits[i]
         if limits is None or not limits.control & HEADING:
             return math.inf
         return limits.heading_noise_rad**2
 
-    def _fuse_one(self, i: int, sample: VisionSample, kalman: Kalman, now_s: float) -> Aid:
+    def _fuse_one(self, i: int, sample: VisionSample, kalman: Kalman, now_s: float) -> VisionResult:
         limits = self._limits[i]
         if limits is None:
-            return Aid(i, False, False, math.nan)
-        new = now_s - self._taken_at_s[i] > LOST_S
+            return VisionResult(i, False, False, math.nan)
+        new = now_s - self._accepted_at_s[i] > SAMPLE_TIMEOUT_S
         level, upright = bool(limits.control & HORIZONTAL), bool(limits.control & VERTICAL)
-        placed, raised = self._take(
+        position_accepted, height_accepted = self._fuse_axes(
             i, kalman, POSITION, sample.position_ned_m, (level, level, upright), limits.position_gate,
             max(limits.position_noise_m**2, _finite(sample.position_variance_m2)), new,
         )  # fmt: skip
-        moved, _ = self._take(
+        velocity_accepted, _ = self._fuse_axes(
             i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(limits.control & SPEED),) * 3,
             limits.velocity_gate, max(limits.velocity_noise_m_s**2, _finite(sample.velocity_variance_m2_s2)),
             new,
         )  # fmt: skip
-        if placed or moved:
-            self._taken_at_s[i] = now_s
-        return Aid(i, placed or moved, raised, sample.heading_rad)
+        if position_accepted or velocity_accepted:
+            self._accepted_at_s[i] = now_s
+        return VisionResult(i, position_accepted or velocity_accepted, height_accepted, sample.heading_rad)
 
-    def _take(
-        self, i: int, kalman: Kalman, first: int, measured: Vector, wanted: tuple[bool, ...], gate: float,
+    def _fuse_axes(
+        self, i: int, kalman: Kalman, first: int, measured: Vector, selected: tuple[bool, ...], gate: float,
         variance: float, new: bool,
     ) -> tuple[bool, bool]:  # fmt: skip
-        """Fuse the wanted axes; whether both horizontal ones were believed, and the vertical one."""
+        """Fuses the selected axes. Returns whether both horizontal axes, and the vertical one, were accepted."""
         count = len(kalman.vector)
-        believed = [False, False, False]
+        accepted = [False, False, False]
         one = np.zeros(count, dtype=np.bool_)
         one[i] = True
         for axis in range(3):
-            if not wanted[axis] or not math.isfinite(measured[axis]):
+            if not selected[axis] or not math.isfinite(measured[axis]):
                 continue
             index = first + axis
-            off = measured[axis] - float(kalman.vector[i, index - VELOCITY])
+            innovation = measured[axis] - float(kalman.vector[i, index - VELOCITY])
             sigma = math.sqrt(float(kalman.variance(index)[i]) + variance)
             if new:
                 kalman.reset_one(one, index, measured[axis], np.full(count, variance))
-            elif abs(off) <= gate * sigma:
-                kalman.fuse(index, np.where(one, off, 0.0), np.where(one, variance, np.inf))
+            elif abs(innovation) <= gate * sigma:
+                kalman.fuse(index, np.where(one, innovation, 0.0), np.where(one, variance, np.inf))
             else:
                 continue
-            believed[axis] = True
-        return believed[0] and believed[1], believed[2]
+            accepted[axis] = True
+        return accepted[0] and accepted[1], accepted[2]
 
 
 def _finite(value: float) -> float:

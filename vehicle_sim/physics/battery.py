@@ -1,8 +1,9 @@
-"""Batteries that drain while armed, as PX4's battery simulator does: linearly, SIM_BAT_DRAIN seconds long.
+"""Batteries that drain linearly while armed, within SIM_BAT_DRAIN seconds, as in PX4's battery simulator.
 
-From full to SIM_BAT_MIN_PCT while armed, full again as soon as disarmed; a floor that rises lifts the charge.
-The voltage is linear in the charge between BAT1_V_EMPTY and BAT1_V_CHARGED a cell; the autopilot's estimate
-of what remains follows it within a second. A current is not measured (-1), so nothing is counted.
+While armed the charge falls from full to SIM_BAT_MIN_PCT; disarming restores full charge at once. A raised
+minimum raises the charge. The voltage is linear in the charge, from BAT1_V_EMPTY to BAT1_V_CHARGED per cell.
+The autopilot's estimate of the remaining charge follows it within a second. The current is not measured (-1),
+so consumption is not counted.
 """
 
 from __future__ import annotations
@@ -39,45 +40,46 @@ class Batteries:
             cell_count=np.ones(count, dtype=np.int64),
         )
         self._charge = np.ones(count)
-        """(N,) 0..1, what the batteries hold; `state.remaining` is the estimate of it."""
+        """(N,) 0..1, true charge; `state.remaining` is the autopilot's estimate of it."""
         self._empty = np.zeros(count, dtype=np.bool_)
-        """Whose battery shows the voltage of an empty one, whatever it holds."""
-        self._by_hand = np.zeros(count, dtype=np.bool_)
-        """Whose charge was set, and may lie below the floor."""
-        self._follow = dt_s / (dt_s + ESTIMATE_LAG_S)
+        """(N,) the battery shows the voltage of an empty one, whatever its charge."""
+        self._set_manually = np.zeros(count, dtype=np.bool_)
+        """(N,) the charge was set by a command, and may be below the minimum."""
+        self._estimate_gain = dt_s / (dt_s + ESTIMATE_LAG_S)
         self._drain_per_s = np.zeros(count)
-        self._lowest = np.zeros(count)
+        self._minimum = np.zeros(count)
         self._empty_v = np.zeros(count)
         self._span_v = np.zeros(count)
         self._was_armed = np.zeros(count, dtype=np.bool_)
         self._shown = self._charge
-        """(N,) what the voltage says of the charge."""
+        """(N,) charge that the voltage shows."""
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read SIM_BAT_* and BAT1_* of vehicle `i`."""
+        """Reads SIM_BAT_* and BAT1_* of vehicle `i`."""
         cells = max(1, int(parameters.get("BAT1_N_CELLS")))
         empty, charged = parameters.usable("BAT1_V_EMPTY"), parameters.usable("BAT1_V_CHARGED")
         drain_s = parameters.usable("SIM_BAT_DRAIN")
         drains = parameters.get("SIM_BAT_ENABLE") != 0 and drain_s > 0.0
         self.state.cell_count[i] = cells
         self._drain_per_s[i] = 1.0 / drain_s if drains else 0.0
-        self._lowest[i] = min(1.0, max(0.0, parameters.usable("SIM_BAT_MIN_PCT") / 100.0))
+        self._minimum[i] = min(1.0, max(0.0, parameters.usable("SIM_BAT_MIN_PCT") / 100.0))
         self._empty_v[i] = empty * cells
         self._span_v[i] = (charged - empty) * cells
         self._update_voltage()
 
     def refill(self, i: int) -> None:
-        """Full charge for vehicle `i`."""
+        """Restores full charge of vehicle `i`."""
         self.set_remaining(i, 1.0)
-        self._by_hand[i] = False
+        self._set_manually[i] = False
 
     def set_empty(self, i: int, empty: bool) -> None:
-        """Let the battery of vehicle `i` show the voltage of an empty one, or its own again."""
+        """Makes the battery of vehicle `i` show the voltage of an empty one, or its own again."""
         self._empty[i] = empty
         self._update_voltage()
 
     def set_remaining(self, i: int, remaining: float) -> None:
-        """Set the charge of vehicle `i`, and the estimate of it; below SIM_BAT_MIN_PCT it stays there.
+        """Sets the charge of vehicle `i` and the estimate of it; a charge below SIM_BAT_MIN_PCT stays
+        constant.
 
         Raises:
             ValueError: not within 0..1.
@@ -85,24 +87,25 @@ class Batteries:
         if not 0.0 <= remaining <= 1.0:
             raise ValueError(f"remaining is {remaining}; a battery's charge lies within 0..1")
         self._charge[i] = self.state.remaining[i] = remaining
-        self._by_hand[i] = True
+        self._set_manually[i] = True
         self._update_voltage()
 
     def step(self, armed: BoolArray) -> None:
-        """Drain the armed ones by one step; fill the one that was just disarmed."""
+        """Drains the batteries of armed vehicles by one step; refills those of vehicles that were just
+        disarmed."""
         charge, remaining = self._charge, self.state.remaining
         if any_of(armed):
-            floor = np.where(self._by_hand, np.minimum(self._lowest, charge), self._lowest)
+            floor = np.where(self._set_manually, np.minimum(self._minimum, charge), self._minimum)
             drained = np.maximum(charge - self._drain_per_s * self._dt_s, floor)
             np.copyto(charge, drained, where=armed)
         if any_of(self._was_armed):
             disarmed = self._was_armed & ~armed
             if any_of(disarmed):
                 charge[disarmed] = 1.0
-                self._by_hand[disarmed] = False
+                self._set_manually[disarmed] = False
         self._was_armed[:] = armed
         self._update_voltage()
-        remaining += self._follow * (self._shown - remaining)
+        remaining += self._estimate_gain * (self._shown - remaining)
 
     def _update_voltage(self) -> None:
         self._shown = np.where(self._empty, 0.0, self._charge)

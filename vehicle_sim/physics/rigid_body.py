@@ -1,8 +1,8 @@
-"""Six degrees of freedom for N quadrotors: rotors with lag, linear drag, gravity, and ground that holds.
+"""Six degrees of freedom of N quadrotors: rotors with lag, linear drag, gravity, and ground contact.
 
-The model is that of PX4's SIH: thrust and moments proportional to a rotor's lagged signal, drag linear in
-speed and body rate, and ground contact that stops the vehicle dead while its weight exceeds its lift.
-A vehicle's accelerations are one matrix times its rotor thrusts, body rates and their products.
+The model is that of PX4's SIH. Thrust and moments are proportional to a rotor's lagged signal, and drag is
+linear in speed and body rate. Ground contact stops the vehicle while its weight exceeds its lift. A vehicle's
+accelerations are one matrix times its rotor thrusts, its body rates and the products of its body rates.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PRODUCTS = slice(ROTOR_COUNT + 3, ROTOR_COUNT + 12)
 
 
 class RigidBodies:
-    """The bodies of N vehicles; `state` is the truth.
+    """The bodies of N vehicles; `state` is the true state.
 
     Args:
         count: N.
@@ -43,17 +43,17 @@ class RigidBodies:
             on_ground=np.ones(count, dtype=np.bool_),
         )
         self.matrix = rotation_matrix(self.state.q_ned_frd)
-        """(N, 3, 3) of `state.q_ned_frd`."""
+        """(N, 3, 3) rotation matrices of `state.q_ned_frd`."""
         self.wind_ned_m_s = np.zeros((count, 3))
         self.ground_ned_m = np.zeros(count)
-        """(N,) down coordinate of what carries each body; 0: flat ground at home's level."""
+        """(N,) down coordinate of the surface below each body; 0: flat ground at home's level."""
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
         """(N, 16, 4) thrust [m/s²] and angular accelerations [rad/s²] for each input."""
         self._lag = np.ones((count, ROTOR_COUNT))
         self._drag_per_s = np.zeros((count, 3))
 
     def configure(self, i: int, airframe: Airframe) -> None:
-        """Give vehicle `i` an airframe."""
+        """Sets the airframe of vehicle `i`."""
         inverse = np.linalg.inv(airframe.inertia_kg_m2)
         wrench = airframe.wrench_table()
         response = self._response[i]
@@ -67,7 +67,7 @@ class RigidBodies:
         self._lag[i] = min(1.0, self._dt_s / max(airframe.rotor_time_constant_s, self._dt_s))
 
     def place(self, i: int, position_ned_m: FloatArray, yaw_ned_rad: float) -> None:
-        """Put vehicle `i` somewhere, level and at rest; below the surface counts as on it."""
+        """Places vehicle `i` level and at rest; a position below the surface is raised to the surface."""
         state = self.state
         state.position_ned_m[i] = position_ned_m
         state.position_ned_m[i, 2] = min(float(position_ned_m[2]), float(self.ground_ned_m[i]))
@@ -83,7 +83,7 @@ class RigidBodies:
         self.matrix[:] = rotation_matrix(state.q_ned_frd)
 
     def turn(self, i: int, q_ned_frd: FloatArray) -> None:
-        """Hold vehicle `i` in another attitude (4,), at rest."""
+        """Sets vehicle `i` to another attitude (4,), at rest."""
         state = self.state
         state.q_ned_frd[i] = q_ned_frd
         state.rates_frd_rad_s[i] = state.velocity_ned_m_s[i] = state.acceleration_ned_m_s2[i] = 0.0
@@ -112,7 +112,8 @@ def _advance(
     velocity: Rows, acceleration: Rows, q: Rows, matrix: Blocks, rates: Rows,
     rotors: Rows, on_ground: Flags,
 ) -> None:  # fmt: skip
-    """One step: positions by the velocities before, velocities and attitudes by the new accelerations."""
+    """Advances by one step: positions by the old velocities, velocities and attitudes by the new
+    accelerations."""
     for i in range(position.shape[0]):
         thrust = roll = pitch = yaw = 0.0
         for k in range(ROTOR_COUNT):
@@ -140,10 +141,11 @@ def _advance(
         rates[i, 0] += dt_s * roll
         rates[i, 1] += dt_s * pitch
         rates[i, 2] += dt_s * yaw
-        # A sinking vehicle is stopped though its rotors slow it down; one that stands is held by its weight.
-        sinking = velocity[i, 2]
+        # A descending vehicle is stopped even while it decelerates; a vehicle at rest stays while its weight
+        # exceeds its lift.
+        descent_m_s = velocity[i, 2]
         held = position[i, 2] >= ground_ned_m[i] and (
-            sinking > 0.0 or (acceleration[i, 2] >= 0.0 and sinking >= 0.0)
+            descent_m_s > 0.0 or (acceleration[i, 2] >= 0.0 and descent_m_s >= 0.0)
         )
         on_ground[i] = held
         if held:

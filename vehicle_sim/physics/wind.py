@@ -1,6 +1,7 @@
-"""Wind that N vehicles feel: a steady part and gusts, noise with a memory (first-order Gauss-Markov).
+"""Wind at N vehicles: a steady part and gusts, which are first-order Gauss-Markov noise.
 
-Their spectrum falls beyond the correlation time, as the Dryden model's does; vertical gusts are weaker.
+The spectrum of the gusts falls beyond the correlation time, as in the Dryden model; vertical gusts are
+weaker.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from vehicle_sim.noise import NoiseOf, WhiteNoise
 FloatArray = NDArray[np.float64]
 
 CORRELATION_S = 3.0
-"""Of a gust: some 20 m of turbulence scale (MIL-F-8785C near the ground) at 7 m/s."""
+"""Correlation time of a gust: about 20 m of turbulence scale (MIL-F-8785C near the ground) at 7 m/s."""
 VERTICAL_PART = 0.5
 
 
@@ -26,7 +27,7 @@ class Wind:
     Args:
         dt_s: step.
         seed: of the gusts.
-        vehicles: the number of each vehicle (`WhiteNoise`).
+        vehicles: number of each vehicle (`WhiteNoise`).
     """
 
     def __init__(self, dt_s: float, *, seed: int, vehicles: Sequence[int]) -> None:
@@ -40,14 +41,15 @@ class Wind:
 
     @property
     def gusty(self) -> bool:
-        """Whether the wind changes at all."""
+        """Whether there are gusts."""
         return self._gusty
 
     def set_gusts(self, sigma_m_s: float, i: int | None = None) -> None:
-        """One sigma of each horizontal axis, for vehicle `i` or all; 0 ends the gusts.
+        """Sets the standard deviation of gusts in each horizontal axis, for vehicle `i` or all; 0 ends the
+        gusts.
 
         Raises:
-            ValueError: negative or no number.
+            ValueError: negative or not a number.
         """
         if not (math.isfinite(sigma_m_s) and sigma_m_s >= 0.0):
             raise ValueError(f"gusts are {sigma_m_s} m/s; give a strength of 0 or more")
@@ -60,7 +62,7 @@ class Wind:
     def step(self) -> FloatArray:
         """The wind (N, 3) one step later.
 
-        Called also while there are no gusts: when they begin elsewhere must not change these.
+        It must be called without gusts too, so that gusts of one vehicle do not change the noise of others.
         """
         noise = self._noise.sample()
         if self._gusty:

@@ -67,15 +67,18 @@ def test_a_masked_gain_leaves_a_right_covariance(measured: int) -> None:
     filters = kalman()
     before = filters.covariance.copy()
     sensitivity = GENERATOR.normal(size=(VEHICLES, measured, SIZE))
-    learns = np.ones((VEHICLES, SIZE))
-    learns[0, :POSITION] = 0.0
-    learns[2] = 0.0
-    seen, total = filters.sight(sensitivity, np.full(VEHICLES, 0.3))
-    filters.fuse_seen(seen, total, np.zeros((VEHICLES, measured)), learns)
+    correctable = np.ones((VEHICLES, SIZE))
+    correctable[0, :POSITION] = 0.0
+    correctable[2] = 0.0
+    cross_covariance, total = filters.measurement_covariances(sensitivity, np.full(VEHICLES, 0.3))
+    filters.fuse_measurements(cross_covariance, total, np.zeros((VEHICLES, measured)), correctable)
     for i in range(VEHICLES):
         h = sensitivity[i]
         gain = (
-            before[i] @ h.T @ np.linalg.inv(h @ before[i] @ h.T + 0.3 * np.eye(measured)) * learns[i][:, None]
+            before[i]
+            @ h.T
+            @ np.linalg.inv(h @ before[i] @ h.T + 0.3 * np.eye(measured))
+            * correctable[i][:, None]
         )
         left = np.eye(SIZE) - gain @ h
         joseph = left @ before[i] @ left.T + 0.3 * gain @ gain.T
@@ -86,8 +89,8 @@ def test_a_covariance_grows_by_the_transition_of_its_states() -> None:
     filters = kalman()
     before, dt_s = filters.covariance.copy(), 0.008
     filters.predict(np.zeros((VEHICLES, 3)), GENERATOR.normal(size=(VEHICLES, 3)))
-    impulse = filters.gained - [0.0, 0.0, frames.GRAVITY_M_S2 * dt_s]
-    filters.catch_up()
+    impulse = filters.velocity_change - [0.0, 0.0, frames.GRAVITY_M_S2 * dt_s]
+    filters.propagate_covariance()
     for i in range(VEHICLES):
         turned, lean = -dt_s * filters.matrix[i], np.cross(np.eye(3), impulse[i]).T
         step = np.eye(SIZE)

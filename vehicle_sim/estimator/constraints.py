@@ -1,0 +1,200 @@
+"""Constraints without aiding: a vehicle at rest does not move, and gravity points down.
+
+These are PX4's zero-velocity, zero-rotation, constant-position, constant-height and gravity updates.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_sim.estimator.fusion import Fusion
+from vehicle_sim.estimator.kalman import GYRO_BIAS, POSITION, SIZE, TILT, UNUSED, VELOCITY, Kalman
+from vehicle_sim.frames import GRAVITY_M_S2, row_norm
+from vehicle_sim.parameters import Parameters
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+EVERY_S = 0.2
+RESTS_AFTER_S = 2.5
+"""A vehicle that is disarmed on the ground for this time counts as at rest; the recorded flag rises then."""
+_REST_VARIANCE = 0.001**2
+_REST_GYRO_VARIANCE = 0.01**2
+_FAKE_HEIGHT_VARIANCE = 10.0**2
+_FAKE_POSITION_VARIANCE = 0.01**2
+_FAKE_SPEED_VARIANCE = 10.0
+_GRAVITY_BIT = 4
+"""Bit of EKF2_IMU_CTRL."""
+_NEAR_G = 0.1
+"""Specific force may differ by this part of 1 g and still count as gravity."""
+_GRAVITY_GATE = 0.25
+"""Largest innovation, in standard deviations, at which the specific force counts as the direction of gravity.
+"""
+
+
+class Constraints:
+    """Constraints of N vehicles.
+
+    Args:
+        count: N.
+        kalman: the filter.
+        fusion: flags of the filter.
+    """
+
+    def __init__(self, count: int, kalman: Kalman, fusion: Fusion) -> None:
+        self._kalman, self._fusion = kalman, fusion
+        self._rest_time_s = np.full(count, RESTS_AFTER_S)
+        self._gravity_variance = np.full(count, np.inf)
+        """(N,) variance of one sample's direction, as a part of 1 g; infinite: gravity is not used."""
+        self._forget_per_s = np.full(count, math.inf)
+        self._peak_m_s2 = np.zeros(count)
+        """(N,) greatest recent specific force."""
+        self._held_position = np.zeros((count, 3))
+        self._sensitivity = np.zeros((count, 2, SIZE))
+        self._correctable = np.ones((count, SIZE))
+        self.active = True
+        """A vehicle rests or is not aided, so the IMU samples must be added by `add`."""
+        self._constrained = np.ones(count, dtype=np.bool_)
+        """(N,) vehicles that were at rest or unaided at the last update. Sums of the others are not used,
+        because they depend on the rest of the fleet."""
+        self._force = np.zeros((count, 3))
+        self._level_samples = np.zeros(count, dtype=np.int64)
+        """(N,) samples in `_force`."""
+        self._angle_sum = np.zeros((count, 3))
+
+    def configure(self, i: int, parameters: Parameters) -> None:
+        """Reads EKF2_GRAV_NOISE, EKF2_ABL_TAU and EKF2_IMU_CTRL of vehicle `i`."""
+        used = int(parameters.get("EKF2_IMU_CTRL")) & _GRAVITY_BIT
+        noise = max(parameters.usable("EKF2_GRAV_NOISE"), 0.01)
+        self._gravity_variance[i] = noise**2 if used else math.inf
+        self._forget_per_s[i] = 1.0 / max(parameters.usable("EKF2_ABL_TAU"), 0.1)
+
+    def reset(self, i: int) -> None:
+        """Resets vehicle `i` when its estimator starts."""
+        self._rest_time_s[i] = RESTS_AFTER_S
+        self._peak_m_s2[i] = 0.0
+        self._constrained[i] = True
+
+    def add(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
+        """Adds what the IMU measured in one prediction step (N, 3).
+
+        A specific force counts as gravity while its recent peak is within a tenth of 1 g. The noise of
+        running motors interrupts that some twenty times per second.
+        """
+        self._angle_sum += delta_angle
+        size = row_norm(delta_velocity)[:, 0] / dt_s
+        np.maximum(self._peak_m_s2 * (1.0 - self._forget_per_s * dt_s), size, out=self._peak_m_s2)
+        near_gravity = (
+            np.abs(self._peak_m_s2 - GRAVITY_M_S2) < _NEAR_G * GRAVITY_M_S2
+        ) | self._fusion.vehicle_at_rest
+        self._force += np.where(near_gravity[:, None], delta_velocity / dt_s, 0.0)
+        self._level_samples += near_gravity
+
+    def update(self, samples: int, aided: BoolArray, moving: BoolArray, ready: BoolArray) -> None:
+        """Applies the constraints, every EVERY_S.
+
+        Args:
+            samples: number of steps added since the last call.
+            aided: (N,) vehicles with an external position or velocity.
+            moving: (N,) armed or in the air.
+            ready: (N,) vehicles with a known attitude.
+        """
+        kalman, fusion = self._kalman, self._fusion
+        self._rest_time_s = np.where(moving, 0.0, self._rest_time_s + EVERY_S)
+        at_rest = ready & (self._rest_time_s >= RESTS_AFTER_S)
+        np.copyto(fusion.vehicle_at_rest, at_rest)
+        kalman.restore_symmetry()
+        unaided = ready & ~aided
+        if self.active:
+            self._constrain(samples, unaided & self._constrained, at_rest & self._constrained)
+            self._force.fill(0.0)
+            self._level_samples.fill(0)
+            self._angle_sum.fill(0.0)
+        self._hold_height(ready)
+        self._constrained = unaided | ~moving
+        self._peak_m_s2[~self._constrained] = 0.0
+        self.active = bool(self._constrained.any())
+
+    def _constrain(self, samples: int, unaided: BoolArray, at_rest: BoolArray) -> None:
+        unaided_at_rest = unaided & at_rest
+        if at_rest.any():
+            self._fuse_rest(at_rest, unaided_at_rest, samples)
+        if unaided_at_rest.any() or self._fusion.valid_fake_pos.any():
+            self._hold_position(unaided_at_rest)
+        self._fuse_gravity(unaided)
+
+    def _fuse_rest(self, at_rest: BoolArray, unaided_at_rest: BoolArray, samples: int) -> None:
+        """A vehicle at rest does not rotate; if it is also unaided, its velocity is zero."""
+        kalman = self._kalman
+        innovation = np.where(unaided_at_rest[:, None], -kalman.velocity, 0.0)
+        variance = np.where(unaided_at_rest[:, None], np.full((len(at_rest), 3), _REST_VARIANCE), UNUSED)
+        kalman.fuse_states(VELOCITY, innovation, variance)
+        innovation = np.where(at_rest[:, None], self._angle_sum / EVERY_S - kalman.gyro_bias, 0.0)
+        gyro_variance = np.full((len(at_rest), 3), _REST_GYRO_VARIANCE / samples)
+        kalman.fuse_states(GYRO_BIAS, innovation, np.where(at_rest[:, None], gyro_variance, UNUSED))
+
+    def _hold_position(self, unaided_at_rest: BoolArray) -> None:
+        """A vehicle at rest without aiding stays at its estimated position."""
+        kalman, fusion = self._kalman, self._fusion
+        new = unaided_at_rest & ~fusion.valid_fake_pos
+        np.copyto(self._held_position, kalman.position, where=new[:, None])
+        if new.any():
+            for k in range(2):
+                kalman.reset_one(new, VELOCITY + k, 0.0, np.full(len(new), _REST_VARIANCE))
+            fusion.xy_reset_counter += new & fusion.aided_once
+            fusion.vxy_reset_counter += new & fusion.aided_once
+        np.copyto(fusion.valid_fake_pos, unaided_at_rest)
+        variance = np.where(unaided_at_rest, _FAKE_POSITION_VARIANCE, np.inf)
+        for k in range(2):
+            innovation = np.where(unaided_at_rest, self._held_position[:, k] - kalman.position[:, k], 0.0)
+            kalman.fuse(POSITION + k, innovation, variance)
+
+    def _hold_height(self, ready: BoolArray) -> None:
+        """Without any height source the height is held constant and marked invalid."""
+        kalman, fusion = self._kalman, self._fusion
+        fake = ready & ~fusion.gps_hgt & ~fusion.baro_hgt & ~fusion.vision_hgt
+        new = fake & ~fusion.fake_hgt
+        if new.any():
+            np.copyto(self._held_position[:, 2], kalman.position[:, 2], where=new)
+            kalman.reset_one(new, VELOCITY + 2, 0.0, np.full(len(new), _FAKE_SPEED_VARIANCE))
+            fusion.z_reset_counter += new
+            fusion.vz_reset_counter += new
+        np.copyto(fusion.fake_hgt, fake)
+        if fake.any():
+            innovation = np.where(fake, self._held_position[:, 2] - kalman.position[:, 2], 0.0)
+            kalman.fuse(POSITION + 2, innovation, np.where(fake, _FAKE_HEIGHT_VARIANCE, np.inf))
+
+    def _fuse_gravity(self, unaided: BoolArray) -> None:
+        """Fuses the direction of gravity for unaided vehicles that measure 1 g, which keeps their attitude
+        level."""
+        kalman, fusion = self._kalman, self._fusion
+        candidates = unaided & (self._level_samples > 0) & np.isfinite(self._gravity_variance)
+        np.copyto(fusion.gravity_vector, candidates)
+        if not candidates.any():
+            return
+        samples = np.maximum(self._level_samples, 1)
+        force = self._force / samples[:, None] - kalman.accel_bias
+        measured = force / np.maximum(row_norm(force), 1.0)
+        sensitivity = self._sensitivity
+        # Minus gravity (1 g) crossed with a rotation about north and east, in the body's first two axes.
+        sensitivity[:, :, TILT] = -kalman.matrix[:, 1, :2]
+        sensitivity[:, :, TILT + 1] = kalman.matrix[:, 0, :2]
+        innovation = measured[:, :2] + kalman.matrix[:, 2, :2]
+        variance = np.where(candidates, self._gravity_variance, 1.0)
+        cross_covariance, innovation_covariance = kalman.measurement_covariances(
+            sensitivity, variance / samples
+        )
+        # The gate is that of a single sample.
+        sigma = np.sqrt(
+            np.einsum("nii->ni", innovation_covariance) + (variance - variance / samples)[:, None]
+        )
+        accepted = (candidates & (np.abs(innovation) <= _GRAVITY_GATE * sigma).all(axis=1))[:, None]
+        kalman.fuse_measurements(
+            cross_covariance,
+            innovation_covariance,
+            np.where(accepted, innovation, 0.0),
+            self._correctable * accepted,
+        )
