@@ -137,7 +137,7 @@ class Vision:
         self, i: int, kalman: Kalman, first: int, measured: Vector, selected: tuple[bool, ...], gate: float,
         variance: float, new: bool,
     ) -> tuple[bool, bool]:  # fmt: skip
-        """Fuses the selected axes. Returns whether both horizontal axes, and the vertical one, were accepted."""
+        """Fuses the selected axes. Returns whether both horizontal axes, and the vertical one, were fused."""
         count = len(kalman.vector)
         accepted = [False, False, False]
         one = np.zeros(count, dtype=np.bool_)
