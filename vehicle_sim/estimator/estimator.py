@@ -218,7 +218,7 @@ class Estimator:
     def _predict(self) -> None:
         state, kalman = self.state, self.kalman
         kalman.predict(self._delta_angle, self._delta_velocity)
-        if self._constraints.wanted:
+        if self._constraints.active:
             self._constraints.add(self._delta_angle, self._delta_velocity, self._predict_s)
         _publish_motion(
             self._predict_s, self._delta_angle, self._delta_velocity, self._angle_sum, self._velocity_sum,

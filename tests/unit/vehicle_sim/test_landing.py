@@ -10,7 +10,7 @@ from tests.unit.vehicle_sim.sim_station import BOTH, LAND, NAN, OFFBOARD, Statio
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.tasks.descent import Descent
-from vehicle_sim.estimator.terrain import LASTS_FROM_GROUND_S, LASTS_S, Terrain
+from vehicle_sim.estimator.terrain import VALID_FOR_S, VALID_FROM_GROUND_S, Terrain
 from vehicle_sim.parameters import Parameters
 
 pytestmark = pytest.mark.flight
@@ -131,10 +131,10 @@ def test_just_above_the_ground_the_height_is_lost_and_found_again() -> None:
     ranger = Ranger()
     ranger.see(0.0, in_air=False)
     assert ranger.see(0.02, down_m=-0.05) == pytest.approx(0.15)
-    assert math.isnan(ranger.see(0.03, down_m=-0.05, for_s=LASTS_FROM_GROUND_S))
+    assert math.isnan(ranger.see(0.03, down_m=-0.05, for_s=VALID_FROM_GROUND_S))
     assert ranger.see(0.3, down_m=-0.3) == pytest.approx(0.3)
     assert ranger.see(0.05, down_m=-0.05) == pytest.approx(0.05)
-    assert math.isnan(ranger.see(0.0, for_s=LASTS_S + 0.04))
+    assert math.isnan(ranger.see(0.0, for_s=VALID_FOR_S + 0.04))
 
 
 def test_the_height_follows_the_range_a_little_late() -> None:
