@@ -4,7 +4,7 @@ import './ui/base.css';
 import Frame from './app/frame/Frame.svelte';
 import { page } from './app/page.svelte';
 
-// Each folder of features/ puts itself on the page; this is the only place that sees all of them.
+// Each folder of features/ registers its own parts; only this file imports all of them.
 import.meta.glob('./features/*/register.ts', { eager: true });
 
 const target = document.getElementById('app');

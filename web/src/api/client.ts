@@ -1,4 +1,4 @@
-/** Calls to the ground station, typed by its own description: every outcome is a value, nothing throws. */
+/** Calls to the server's API, with types from its own description. Every outcome is a value; nothing throws. */
 
 import createClient, { type Client, type ClientPathsWithMethod, type MaybeOptionalInit, type MethodResponse } from 'openapi-fetch';
 import { parseProblem, unreachable, type Problem } from './problems';
@@ -12,17 +12,19 @@ export type Fetch = (path: string, init: RequestInit) => Promise<Response>;
 const TIMEOUT_MS = 45_000;
 const BASE = '/api/v1';
 
-/** The server's paths without their common beginning. */
+/** The server's paths without their common prefix. */
 type Api = { [P in keyof paths as P extends `${typeof BASE}${infer Rest}` ? Rest : never]: paths[P] };
 type Server = Client<Api>;
 type Method = 'get' | 'post' | 'put' | 'delete';
 type Path<M extends Method> = ClientPathsWithMethod<Server, M>;
 type Init<M extends Method, P extends Path<M>> = MaybeOptionalInit<Api[P], M>;
-/** Path parameters, query and body; may be left out where nothing of them is required. */
+/** Path parameters, query and body; optional if none of them is required. */
 type Arguments<I> = undefined extends I ? [I?] : [I];
 type Ask<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<Server, M, P, I>>>;
 
-/** A request as openapi-fetch writes it. In its parts, since a `Request` outside a browser takes no path without a host. */
+/**
+ * A request of openapi-fetch, kept as its parts, because outside a browser `Request` accepts no path without a host.
+ */
 class Asked {
   constructor(
     readonly url: string,
@@ -39,7 +41,7 @@ export class ApiClient {
 
   /**
    * @param who this page's name in the journal, and its unique id.
-   * @param signedOut called when the server rejects this page's token (it may have been changed).
+   * @param signedOut called when the server rejects this page's token, which may have been changed.
    */
   constructor(
     private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
@@ -49,7 +51,7 @@ export class ApiClient {
     this.server = createClient<Api>({ baseUrl: BASE, Request: Asked as never, fetch: (asked) => this.send(asked as unknown as Asked) });
   }
 
-  /** The present identity: a person may rename the page. */
+  /** The present identity; a person may rename the page. */
   get name(): string {
     return typeof this.who === 'string' ? this.who : this.who.name;
   }
@@ -59,7 +61,7 @@ export class ApiClient {
     return typeof this.who === 'string' ? null : this.who.key;
   }
 
-  /** Downloads a file; `notes` are texts about it, sent as JSON in a header. */
+  /** Downloads a file; `notes` are texts about it from a JSON header. */
   download<P extends Path<'post'>>(path: P, init: Init<'post', P>, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
     return this.outcome('post', path, { ...init, parseAs: 'blob' }, (file, response) => {
       const notes: unknown = JSON.parse(response.headers.get(notesHeader) ?? '[]');
@@ -93,7 +95,7 @@ export class ApiClient {
 /** The path parameter of a call about one vehicle. */
 export const ofVehicle = (v: string): { params: { path: { v: string } } } => ({ params: { path: { v } } });
 
-/** A default name for this page, different for two pages in the journal. */
+/** A default name for this page, so that the journal distinguishes two pages. */
 export function pageName(random: () => number = Math.random): string {
   return `page-${Math.floor(random() * 0xffff)
     .toString(16)

@@ -1,4 +1,4 @@
-/** Errors of the API (problem+json) as something a person can read: what happened, why, and what to do. */
+/** Errors of the API (problem+json) as texts: what happened, why, and what to do. */
 
 export interface Problem {
   title: string;
@@ -9,9 +9,9 @@ export interface Problem {
   remedy: string | null;
   code: string;
   status: number;
-  /** The request's field at fault. */
+  /** The request field that is wrong. */
   field: string | null;
-  /** Of a plan with errors: their codes. */
+  /** Codes of the errors of a plan. */
   codes?: readonly string[];
 }
 

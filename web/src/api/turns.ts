@@ -18,7 +18,10 @@ export class Turns {
     return vehicles.some((id) => this.last.has(id));
   }
 
-  /** Calls `send` once all earlier requests to these vehicles have been answered; does not call it if that takes too long. */
+  /**
+   * Calls `send` after all earlier requests to these vehicles have been answered; never calls it if they take too
+   * long.
+   */
   async run<T>(vehicles: readonly string[], send: () => Promise<Outcome<T>>): Promise<Outcome<T>> {
     const before = Promise.allSettled(vehicles.map((id) => this.last.get(id)));
     const mine = inTime(before).then((free) => (free ? send() : { ok: false as const, problem: notSent() }));

@@ -14,9 +14,9 @@ function list(answer: unknown, name: string): Raw[] {
 }
 
 /**
- * Reads the fleet into the store.
- * @returns the ids it has, and whether vehicles were forgotten: one of them may have come back meanwhile, and what the
- * server told of it then was forgotten with it.
+ * Loads the fleet into the store.
+ * @returns the ids, and whether vehicles were removed: one of them may have reappeared meanwhile, and its data from
+ * the socket was then removed, too.
  */
 export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; forgotten: boolean }> {
   const before = new Map(store.vehicles);
@@ -24,7 +24,8 @@ export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<
   if (!answer.ok) return { ids: store.ids(), forgotten: false };
   const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
-  // A replay that has jumped to another time meanwhile has a new vehicle with the same id: the answer does not belong to it.
+  // A replay may have jumped to another time meanwhile. It then has a new vehicle with the same id, and the answer is
+  // outdated.
   const same = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
   const forgotten = store.keepOnly(ids);
   store.apply({ type: 'samples', samples: same.flatMap(vehicleSamples) });

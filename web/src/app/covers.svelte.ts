@@ -1,4 +1,7 @@
-/** Tracks which parts of the stage are covered by panels, so that map and 3D view keep the vehicle in the middle of the free area. */
+/**
+ * Tracks which parts of the stage are covered by panels, so that map and 3D view show the vehicle in the middle of
+ * the free area.
+ */
 
 import { widest, type Edge } from './free';
 

@@ -1,13 +1,13 @@
-/** The area of the stage that no panel covers; map and 3D view put the followed vehicle in its middle. */
+/** The area of the stage that no panel covers; map and 3D view show the followed vehicle in its middle. */
 
 import type { Pixel } from '../vehicle/geo';
 
 export type Edge = 'left' | 'right' | 'top' | 'bottom';
 
-/** Between panels and the stage's edge [px]. */
+/** Margin between panels and the stage's edge [px]. */
 const MARGIN_PX = 12;
 
-/** If several panels lie at one edge, the widest counts. */
+/** Of several panels at one edge, the widest counts. */
 export function widest(panels: Iterable<{ edge: Edge; px: number }>): Record<Edge, number> {
   const covered = { left: 0, right: 0, top: 0, bottom: 0 };
   for (const { edge, px } of panels) covered[edge] = Math.max(covered[edge], px);

@@ -1,8 +1,8 @@
 /**
- * Who this page is to the server: a name for people, and an id that tells this tab from every other.
- *
- * The id lasts as long as the tab, reloads included. A duplicated tab starts with a copy of the original's id; it is
- * detected because a page sets a mark when it unloads, and the copy of an open page has no such mark.
+ * This page's identity: a name for people, and an id that distinguishes this tab from every other.
+ * The id stays the same until the tab is closed, also after a reload. A duplicated tab starts with a copy of the
+ * original's id. It is detected because a page sets a mark when it unloads, and the copy of an open page has no such
+ * mark.
  */
 
 import { pageName } from '../api/client';
@@ -21,7 +21,7 @@ export interface Identity {
 
 type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 
-/** The browser's storage; if it is switched off, values last only as long as the page. */
+/** The browser's storage; if it is disabled, values are kept until the page closes. */
 export function memory(storage: () => Memory): Memory {
   try {
     const found = storage();

@@ -1,8 +1,7 @@
 /**
- * A key pressed on one control never acts on another.
- *
- * A confirmation closes while the key that confirmed it is still down, and the focus goes back to another button: the
- * key's repeats and its release would press that button.
+ * Ensures that a key pressed on one control never acts on another.
+ * A confirmation closes while its key is still down, and another button gets the focus. The key's repeats and its
+ * release would press that button.
  */
 
 /** Keys that press the control that has the focus. */
@@ -20,7 +19,7 @@ export class KeyGuard<T = EventTarget> {
   /** @param quiet whether a confirmation has just closed by itself: a late key press meant for it must press nothing. */
   constructor(private readonly quiet: () => boolean = () => false) {}
 
-  /** A key went down; true: it must act on nothing. */
+  /** A key was pressed. @returns true: it must be ignored. */
   down(event: PressedKey<T>): boolean {
     if (!PRESSING.has(event.key)) return false;
     if (event.repeat !== true && this.quiet()) {
@@ -32,7 +31,7 @@ export class KeyGuard<T = EventTarget> {
     return false;
   }
 
-  /** A key came up; true: it must act on nothing. */
+  /** A key was released. @returns true: it must be ignored. */
   up(event: PressedKey<T>): boolean {
     if (!PRESSING.has(event.key)) return false;
     const same = this.pressedOn.has(event.key) && this.pressedOn.get(event.key) === event.target;

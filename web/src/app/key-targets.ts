@@ -1,4 +1,4 @@
-/** Decides whether a key is a shortcut of the page or belongs to the focused control. Pure. */
+/** Decides whether a key is a shortcut of the page or input for the focused control. Pure. */
 
 /** The properties read from a key event's target element. */
 export interface KeyTarget {
@@ -11,13 +11,13 @@ export interface KeyTarget {
   getAttribute?(name: string): string | null;
 }
 
-/** Input types without a text to type; every other type, also an unknown one, is a text field to browsers. */
+/** Input types without typed text; browsers show every other type, also an unknown one, as a text field. */
 const NOT_TYPED: ReadonlySet<string> = new Set(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden']);
 const TEXT_ROLES: ReadonlySet<string> = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
 /** Keys of Hold (also with Caps Lock), Land now and Stop motors: they override a list's type-ahead. */
 const SAFETY_KEYS: ReadonlySet<string> = new Set(['h', 'H', 'L', 'K']);
 
-/** Whether characters are typed into it. */
+/** Whether the element takes typed characters. */
 export function takesText(target: KeyTarget | null): boolean {
   if (target === null) return false;
   if (target.isContentEditable === true) return true;
@@ -33,8 +33,7 @@ export function typesAhead(target: KeyTarget | null): boolean {
 }
 
 /**
- * Whether a character pressed there is a shortcut of the page.
- *
+ * Whether a character pressed on the element is a shortcut of the page.
  * @param key the event's `key`, so a capital with Shift.
  */
 export function isShortcut(key: string, target: KeyTarget | null): boolean {

@@ -50,7 +50,7 @@ describe('whom a character belongs to', () => {
     expect(characterOf({ key: 'h', code: 'KeyH' })).toBe('h');
     expect(characterOf({ key: 'р', code: 'KeyH' })).toBe('h');
     expect(characterOf({ key: 'Л', code: 'KeyK' })).toBe('K');
-    expect(characterOf({ key: 'r', code: 'KeyP' })).toBe('r'); // another Latin layout: what stands on the key counts
+    expect(characterOf({ key: 'r', code: 'KeyP' })).toBe('r'); // another Latin layout: the character of the key counts, not its position
     expect(characterOf({ key: 'Escape', code: 'Escape' })).toBe('Escape');
   });
   it('gives Space and arrows to a control, not to a panel that was only given the focus', () => {
@@ -72,7 +72,7 @@ describe('a key that went down on one control', () => {
     guard.down({ key, target: 'slider' });
     expect(guard.down({ key, target: 'Stop motors', repeat: true })).toBe(true);
     expect(guard.up({ key, target: 'Stop motors' })).toBe(true);
-    expect(guard.down({ key, target: 'Stop motors' })).toBe(false); // pressed anew it does
+    expect(guard.down({ key, target: 'Stop motors' })).toBe(false); // a new press does
   });
   it('acts on nothing here where it went down in another window', () => {
     const guard = new KeyGuard<string>();

@@ -1,8 +1,7 @@
 /**
- * Keyboard shortcuts: features register them, the `?` sheet lists them, and this module handles them; also keys pressed inside
- * the 3D view.
- *
- * Space and Enter are in no table: they belong to the control that has the focus (`ui/Slide.svelte` confirms by them).
+ * Keyboard shortcuts: features register them, the `?` sheet lists them, and this module handles them, also for keys
+ * pressed inside the 3D view.
+ * Space and Enter are not shortcuts: they belong to the focused control (`ui/Slide.svelte` uses them to confirm).
  */
 
 import { KeyGuard } from './key-guard';
@@ -56,7 +55,7 @@ export function listenToKeys(on: Window): () => void {
     if (guard.up(event)) event.preventDefault(); // not stopped: a control that waits for the release still gets the event
   };
   const down = (event: KeyboardEvent): void => {
-    if (inScene && /^[wasdqe]$/i.test(event.key)) return; // the 3D view's own
+    if (inScene && /^[wasdqe]$/i.test(event.key)) return; // otherwise the 3D view handles it
     if (obey(event)) event.preventDefault();
   };
   const blur = (): void => guard.clear();

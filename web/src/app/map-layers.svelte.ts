@@ -1,27 +1,33 @@
-/** Map layers that features show on the large map: points, lines and areas, editable if wanted. The stage draws and picks them. */
+/**
+ * Layers that features show on the large map: points, lines and areas, which may be editable. The stage draws them
+ * and handles the pointer.
+ */
 
 import type { Place } from '../vehicle/geo';
 
-/** A colour by its meaning: planned, geofence, forbidden, is, neither. */
+/** A colour by its meaning: planned, geofence, forbidden, actual, neutral. */
 export type Tone = 'target' | 'caution' | 'danger' | 'actual' | 'text2';
 
 export interface LayerPoint extends Place {
   /** Unique within its layer. */
   readonly id: string;
-  /** `middle`: between two points, inserts one; `corner`: of an area; `cross`: looked at, not flown to; `ghost`: a vehicle that is not there. */
+  /**
+   * `middle`: midpoint of a leg, which inserts a point; `corner`: of an area; `cross`: a position to look at;
+   * `ghost`: a simulated vehicle.
+   */
   readonly mark: 'disc' | 'corner' | 'middle' | 'cross' | 'home' | 'ghost';
   readonly tone: Tone;
-  /** Text in the disc; empty for none. */
+  /** Text on the point; empty for none. */
   readonly text: string;
   readonly selected: boolean;
-  /** Of a ghost: where its nose points, clockwise from north [deg]. */
+  /** Heading of a ghost, clockwise from north. */
   readonly yaw_deg?: number;
 }
 
 export interface LayerLine {
   readonly places: readonly Place[];
   readonly tone: Tone;
-  /** `dotted`: the autopilot's own way; `dashed`: a limit. */
+  /** `dotted`: a path that the autopilot chooses; `dashed`: a limit. */
   readonly style: 'solid' | 'dotted' | 'dashed';
 }
 
@@ -38,17 +44,17 @@ export interface LayerPicture {
 
 /** Handles a person's gestures on the layer. Points are named by their `id`. */
 export interface LayerEditor {
-  /** Clicked, or Enter on it. @param more with Shift or Ctrl: the others stay selected. */
+  /** The point was clicked, or Enter was pressed on it. @param more with Shift or Ctrl: the others stay selected. */
   pick: (id: string, more: boolean) => void;
-  /** A drag begins. @returns the point that moves: another one where a `middle` inserts it; null: it does not move. */
+  /** A drag begins. @returns the point that moves, which for a `middle` is the inserted one; null: it cannot move. */
   grab: (id: string) => string | null;
-  /** The grabbed point, and whatever is selected with it, moves. */
+  /** Moves the grabbed point and all other selected points. */
   drag: (id: string, to: Place) => void;
-  /** The drag is over. @param keep false: everything goes back to where it was. */
+  /** The drag has ended. @param keep false: all points go back. */
   drop: (keep: boolean) => void;
-  /** A click on the ground. @returns false: not for this layer. */
+  /** A click on the ground. @returns false: the layer does not use it. */
   press: (at: Place) => boolean;
-  /** Deletes what is selected. @returns false: nothing is. */
+  /** Deletes the selection. @returns false: nothing is selected. */
   remove: () => boolean;
 }
 
@@ -56,7 +62,7 @@ export interface MapLayer {
   readonly id: string;
   /** Null: nothing to show now. Read reactively. */
   readonly picture: () => LayerPicture | null;
-  /** None: for looking at only. */
+  /** Missing: the layer cannot be edited. */
   readonly editor?: LayerEditor;
 }
 
@@ -71,7 +77,7 @@ class MapLayers {
 
   readonly pictures: readonly LayerPicture[] = $derived(this.layers.flatMap((layer) => layer.picture() ?? []));
 
-  /** The topmost layer that can be edited, with what it shows: gestures are its own. */
+  /** The topmost editable layer and its picture; it gets the gestures. */
   readonly edited: { readonly picture: LayerPicture; readonly editor: LayerEditor } | null = $derived.by(() => {
     for (const layer of [...this.layers].reverse()) {
       const picture = layer.editor === undefined ? null : layer.picture();

@@ -14,9 +14,9 @@ import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
 import { loadFleet, loadPast } from './backfill';
 import { identity, leave, memory, rename } from './identity';
 
-/** Ages and expiries are repainted this often even when nothing arrives [ms]. */
+/** Repaint interval without new data [ms], so that ages and remaining times advance. */
 const QUIET_REPAINT_MS = 200;
-/** A large fleet's list and map are painted this often [ms]. */
+/** Repaint interval of list and map for a large fleet [ms]. */
 const FLEET_REPAINT_MS = 500;
 
 class Page {
@@ -28,7 +28,7 @@ class Page {
       memory(() => localStorage),
     ),
   );
-  /** Reloading shows the server's sign-in page. */
+  /** The API client; if the token is rejected, the page is reloaded and the server shows its sign-in page. */
   readonly api = new ApiClient(this.who, () => location.reload());
   /** Socket for all vehicles and every event. */
   readonly socket: TelemetrySocket;
@@ -36,13 +36,13 @@ class Page {
   private readonly closeSocket: TelemetrySocket;
   private closeOpen = false;
   private subscribed = '';
-  /** Vehicles whose last minutes have been asked for. */
+  /** Vehicles whose history has been requested. */
   private readonly pastOf = new Set<string>();
   tick = $state(0);
   /** Repaint counter of views that show all vehicles: like `tick` for a small fleet, slower for a large one. */
   fleetTick = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
-  /** Vehicle the person chose; the first one where none was. */
+  /** The vehicle that the person chose; null: the first one. */
   private chosen = $state<string | null>(null);
   /** Called for each frame of telemetry, also in a hidden tab. */
   readonly onTelemetry: (() => void)[] = [];
@@ -50,7 +50,10 @@ class Page {
   readonly onEvent: ((event: WireEvent) => void)[] = [];
   /** Topics of the chosen values, in addition to those that the page reads itself. */
   private moreTopics: readonly string[] = [];
-  /** Vehicles that a feature needs in full besides the selected one: those that this page renews setpoints for. */
+  /**
+   * Vehicles besides the selected one whose topics a feature needs completely, for example those with renewed
+   * setpoints.
+   */
   readonly inSight: (() => Iterable<string>)[] = [];
   /** Called once per painted animation frame. */
   readonly onPaint: (() => void)[] = [];
@@ -94,7 +97,7 @@ class Page {
     return `${scheme}//${location.host}/api/v1${path}?${new URLSearchParams({ client: this.who.name, client_id: this.who.id }).toString()}`;
   }
 
-  /** A person's own name for this browser's pages. */
+  /** Sets the person's name for this browser's pages. */
   rename(name: string): void {
     rename(
       this.who,
@@ -103,7 +106,7 @@ class Page {
     );
   }
 
-  /** Recognises this page among the clients that the server names. */
+  /** Learns this page's own key, by which the server names its clients. */
   private async learnKey(): Promise<void> {
     const me = await this.api.get('/me');
     if (me.ok) this.who.key = me.value.key;
@@ -134,7 +137,7 @@ class Page {
     requestAnimationFrame(frame);
   }
 
-  /** Ids of all vehicles, in order; the same array until one comes or goes. */
+  /** Sorted ids of all vehicles; the same array until a vehicle appears or disappears. */
   readonly ids = $derived.by(() => {
     void this.tick;
     return this.store.ids();
@@ -165,7 +168,7 @@ class Page {
     return this.factsNow(id);
   }
 
-  /** The same without a repaint at each frame, for views of all vehicles, which follow `fleetTick`. */
+  /** The same without a repaint at each frame, for views of all vehicles, which use `fleetTick`. */
   factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
@@ -190,7 +193,7 @@ class Page {
     return ofClose(this.store.vehicles.size, ids, this.moreTopics, this.store.isArmed(ids));
   }
 
-  /** Changes the subscription if the vehicles in use have changed. */
+  /** Changes the subscription if other vehicles are needed now. */
   private followSight(): void {
     const close = this.closeSubscription();
     const all = JSON.stringify(this.fleetSubscription());
@@ -208,7 +211,7 @@ class Page {
     }
   }
 
-  /** @param only the vehicle that has just appeared; the others have their history already. */
+  /** @param only the vehicle that has just appeared; the history of the others is loaded already. */
   private async backfill(only: string | null = null): Promise<void> {
     const { ids, forgotten } = await loadFleet(this.api, this.store);
     if (forgotten) this.socket.resubscribe();

@@ -1,4 +1,4 @@
-/** What a room shows in map and 3D view that is not flown: the setpoint that it is about to send, a dry run. */
+/** What a room shows in map and 3D view without being flown: an unsent setpoint or a dry run. */
 
 import type { Vector3 } from '../live/topics';
 import type { WireEvent } from '../live/wire';
@@ -19,10 +19,10 @@ export interface ScenePreview {
   handles: boolean;
 }
 
-/** A moment of a dry run in the 3D view. */
+/** One time of a dry run in the 3D view. */
 export interface SceneDryRun {
   id: string;
-  /** Null: its path and corridor alone. */
+  /** Null: only its path and corridor are shown. */
   t_s: number | null;
   /** The camera follows its vehicle instead of the real one. */
   follow: boolean;
@@ -33,11 +33,11 @@ class Preview {
   map: MapPreview | null = null;
   /** Null: no preview. Each change is sent to the 3D view. */
   scene = $state.raw<ScenePreview | null>(null);
-  /** Null: none is shown. */
+  /** Null: no dry run is shown. */
   dryRun = $state.raw<SceneDryRun | null>(null);
-  /** The one whose corridor the flight is compared with; shown while no other is. */
+  /** The dry run that the flight is compared with; shown if there is no other. */
   flight = $state.raw<SceneDryRun | null>(null);
-  /** Set by the open room: a handle was dragged in 3D. */
+  /** Set by the open room: called when a handle was dragged in 3D. */
   onDrag: ((event: WireEvent) => void) | null = null;
 
   clear(): void {

@@ -1,6 +1,7 @@
 /**
- * Where features meet. A feature's folder has one `register.ts` that says what it puts on the page: rooms, panels, parts
- * of the frame, keys, services for other features. The frame (`app/frame`) draws what is registered and knows no feature.
+ * The registry of features. Each feature's folder has one `register.ts` that registers its rooms, panels, parts of
+ * the frame, keys and services for other features. The frame (`app/frame`) draws what is registered and does not
+ * depend on features.
  */
 
 import type { Component } from 'svelte';
@@ -11,10 +12,10 @@ export interface VehicleProps {
   facts: VehicleFacts;
 }
 
-/** A room replaces the cards beside the map by its own parts; its code is loaded when it is opened for the first time. */
+/** A room replaces the cards beside the map with its own parts; its code is loaded when it is first opened. */
 export interface Room {
   id: string;
-  /** On the rail. */
+  /** Title on the rail. */
   title: string;
   icon: IconName;
   hint: string;
@@ -26,23 +27,26 @@ export interface Room {
   load: () => Promise<RoomParts>;
 }
 
-/** One of `room` and `station` lies over `main`: `--dock-left` and `--dock-bottom` are kept free of map and 3D view for it. */
+/**
+ * One of `room` and `station` is placed over `main`. Map and 3D view leave `--dock-left` and `--dock-bottom` free for
+ * it.
+ */
 export interface RoomParts {
-  /** Of the selected vehicle. */
+  /** The room's component for the selected vehicle. */
   room?: Component<VehicleProps & { narrow: boolean }>;
   station?: Component<{ narrow: boolean }>;
-  /** In the card column, below those cards that stay in every room. Not shown on a narrow screen. */
+  /** Parts in the card column, below the cards that stay in every room. Hidden on a narrow screen. */
   cards: readonly Part[];
 }
 
 /** A panel that opens over the stage. */
 export interface Panel extends Part {
   id: string;
-  /** Escape closes the open one with the lowest order first. */
+  /** Escape closes the open panel with the lowest order first. */
   order: number;
-  /** `side` panels share one place: the one with the lowest order is shown. */
+  /** Only one `side` panel is shown: the one with the lowest order. */
   place: 'side' | 'over';
-  /** Its button on the rail; none where another part of the page opens it. */
+  /** Its button on the rail; missing if another part of the page opens it. */
   rail?: { title: string; icon: IconName; hint: string };
   isOpen: () => boolean;
   toggle: () => void;
@@ -50,9 +54,9 @@ export interface Panel extends Part {
 }
 
 /**
- * The frame's places for parts: the top bar's `vehicles` (left), `status` (middle), `indicators` (right); the `notices` in
- * the upper left corner of the stage; the `stage` itself, map and 3D view and what lies over them; its `bottom` edge, where
- * the first part that applies is shown; the column of `cards` on the right.
+ * The frame's slots: the top bar's `vehicles` (left), `status` (middle) and `indicators` (right); `notices` in the
+ * upper left corner of the stage; the `stage` itself with map, 3D view and the parts over them; its `bottom` edge,
+ * where the first part that applies is shown; the column of `cards` on the right.
  */
 export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards';
 
@@ -70,15 +74,18 @@ export interface SlotPart extends Part {
   inEveryRoom?: boolean;
 }
 
-/** A line of the keyboard sheet and what its keys do. */
+/** A line of the keyboard sheet and the handlers of its keys. */
 export interface KeyLine {
   /** Text of the keys on the sheet. */
   keys: string;
   what: string;
-  /** Also obeyed while the 3D view has the keyboard (it moves its camera by W A S D Q E). */
+  /** The keys also work while the 3D view has the focus (it moves its camera with W A S D Q E). */
   inScene: boolean;
   order: number;
-  /** `h`, `Shift L`, `?`, `0`–`9`: false where the key did nothing. None: a control handles its keys itself. */
+  /**
+   * Handlers by key: `h`, `Shift L`, `?`, `0`–`9`. They return false if the key had no effect. Missing: a control
+   * handles its keys itself.
+   */
   on?: Readonly<Record<string, (facts: VehicleFacts | null) => boolean | void>>;
 }
 
@@ -98,7 +105,7 @@ class Registry {
   panels: readonly Panel[] = [];
   keys: readonly KeyLine[] = [];
   closers: readonly Closer[] = [];
-  /** Sentences about the server that an operator should know. */
+  /** Warnings about the server for the operator. */
   warnings: readonly (() => readonly string[])[] = [];
   private readonly slots = new Map<SlotName, readonly SlotPart[]>();
 
@@ -138,7 +145,7 @@ class Registry {
 
 export const registry = new Registry();
 
-/** Which room is open; `fly` is the page without a room. */
+/** The open room; `fly` is the page without a room. */
 class Rooms {
   current = $state('fly');
 

@@ -1,4 +1,7 @@
-/** Services that features offer each other: the interfaces are here, a feature provides one, others get it by name. */
+/**
+ * Services that features provide to each other. The interfaces are here; one feature provides each service, others
+ * get it by name.
+ */
 
 import type { Outcome } from '../api/client';
 import type { components } from '../api/schema';
@@ -28,7 +31,7 @@ export interface Services {
   };
   stage: {
     readonly sceneIsThere: boolean;
-    /** Which of the two fills the stage. */
+    /** Whether map or 3D view is large. */
     readonly main: 'map' | 'scene';
     camera: Camera;
     /** Swaps map and 3D view. */

@@ -9,7 +9,7 @@ const KEY = 'gcs-shortcuts';
 export class Shortcuts {
   on = $state(true);
 
-  /** @param kept the browser's storage: the setting outlives the page. */
+  /** @param kept the browser's storage, which keeps the setting. */
   constructor(private readonly kept: Kept) {
     this.on = kept.getItem(KEY) !== 'off';
   }

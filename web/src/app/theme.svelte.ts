@@ -1,4 +1,4 @@
-/** Light or dark theme: the system's until a person chooses one; the choice is kept in this browser. */
+/** Light or dark theme: the system's until a person chooses one; the choice is stored in this browser. */
 
 export type ThemeChoice = 'system' | 'light' | 'dark';
 
@@ -10,7 +10,7 @@ function remembered(): ThemeChoice {
     const value = localStorage.getItem(KEY);
     return CHOICES.find((c) => c === value) ?? 'system';
   } catch {
-    return 'system'; // storage forbidden
+    return 'system'; // storage is disabled
   }
 }
 
@@ -34,7 +34,7 @@ class Theme {
     try {
       localStorage.setItem(KEY, this.choice);
     } catch {
-      // storage is switched off: the choice lasts until the page closes
+      // storage is disabled: the choice applies until the page closes
     }
     this.write();
   }

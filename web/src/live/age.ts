@@ -1,15 +1,15 @@
-/** How old a value may get before it no longer looks live: three of its own periods. */
+/** When a value counts as stale: after three of its own periods. */
 
 import { NOMINAL_PERIOD_S } from './topics';
 
 const PERIODS = 3;
-/** Below this [s] nobody can tell, and one late packet should not flicker. */
+/** Shortest age [s] that counts as stale, so that one late packet causes no flicker. */
 const FLOOR_S = 1;
-/** A topic silent for this long [s] has stopped; the gap says nothing about its period. */
+/** A gap longer than this [s] is a pause and does not change the measured period. */
 const LONGEST_PERIOD_S = 5;
 const SMOOTHING = 0.2;
 
-/** Learns a topic's period from its arrivals. */
+/** Updates a topic's measured period with a gap between two samples. */
 export function learnPeriod(period_s: number | null, gap_s: number): number | null {
   if (!(gap_s > 0) || gap_s > LONGEST_PERIOD_S) return period_s;
   return period_s === null ? gap_s : period_s + SMOOTHING * (gap_s - period_s);
@@ -21,12 +21,12 @@ export function staleAfterS(topic: string, period_s: number | null): number {
   return Math.max(FLOOR_S, PERIODS * Math.max(period_s ?? nominal, 0));
 }
 
-/** The same in whole seconds, where there is little room. */
+/** The age in whole seconds, for narrow places. */
 export function shortAge(age_s: number): string {
   return Number.isFinite(age_s) && age_s < 9.95 ? `${Math.max(1, Math.round(age_s))} s` : ageText(age_s);
 }
 
-/** "4 s", "2 min", "3 h": an age as a person says it. */
+/** An age as text: "4 s", "2 min", "3 h". */
 export function ageText(age_s: number): string {
   if (!Number.isFinite(age_s)) return '–';
   const s = Math.max(0, age_s);

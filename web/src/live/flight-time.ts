@@ -1,11 +1,11 @@
-/** How long a vehicle has been flying, from its own landed state; survives a reload through the history. */
+/** Flight time of a vehicle, from its landed state. After a reload it is restored from the history. */
 
 import type { Status } from './topics';
 
 export interface FlightClock {
-  /** When it left the ground; null on the ground or before anything was heard. */
+  /** Time of take-off; null on the ground or before the first sample. */
   airborneSince_unix_s: number | null;
-  /** False where we came in while it was already flying: the time shown is a lower bound. */
+  /** False if the page connected during the flight: the time shown is then a lower bound. */
   exact: boolean;
   /** Whether it has been seen on the ground. */
   seenGround: boolean;
@@ -28,7 +28,7 @@ function flying(status: Status): boolean | null {
     case 'landing':
       return true;
     case 'taking_off':
-      return null; // motors turn, still on the ground: neither starts nor ends a flight
+      return null; // the motors turn on the ground: this neither starts nor ends a flight
     case 'on_ground':
       return false;
     default:
@@ -36,7 +36,7 @@ function flying(status: Status): boolean | null {
   }
 }
 
-/** The clock after one more status sample; samples older than the newest one are ignored. */
+/** The state after one more status sample; samples older than the newest one are ignored. */
 export function advance(clock: FlightClock, status: Status, unix_s: number): FlightClock {
   if (unix_s <= clock.updated_unix_s) return clock;
   const now = flying(status);

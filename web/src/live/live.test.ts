@@ -95,7 +95,7 @@ describe('store', () => {
     store.apply({ type: 'samples', samples: [sample('status', status(), future_s, '7')] });
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: true }, 1000, '7'), sample('attitude', {}, future_s + 1, '7')] });
     store.apply({ type: 'replays', replays: [replay(['7', '8'], future_s)] });
-    // Of the vehicle that flew before under its id the page may still hold an identity.
+    // The page may still have the identity of an earlier vehicle with this id.
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000, '8'), sample('status', status(), future_s + 2, '8')] });
     expect(store.nowUnixS()).toBe(1000);
     expect(store.nowUnixS('7')).toBe(future_s);
@@ -109,7 +109,7 @@ describe('store', () => {
   it('calls a vehicle lost when the server says so, and back when it says so; not by a clock of its own', () => {
     const store = new TelemetryStore(() => 100);
     const vehicle = store.vehicle('1');
-    expect(vehicleFacts(vehicle, 100, true).lost).toBe(true); // nothing heard yet
+    expect(vehicleFacts(vehicle, 100, true).lost).toBe(true); // no sample yet
     store.apply({ type: 'samples', samples: [sample('status', status(), 99.5)] });
     expect(vehicleFacts(vehicle, 100, true).lost).toBe(false);
     expect(vehicleFacts(vehicle, 160, true).lost).toBe(false);

@@ -1,6 +1,7 @@
 /**
- * What the page subscribes to. A small fleet: everything of all, at the full rate while one is armed. A large one: for the
- * list and the map a few topics of all at a low rate, and the rest only of those that are looked at or flown from here.
+ * The page's subscriptions. A small fleet: all topics, at the full rate while a vehicle is armed. A large fleet: a
+ * few topics of all vehicles at a low rate for list and map, and all topics of the vehicles that are displayed or
+ * commanded here.
  */
 
 import { FLEET_TOPICS, PAGE_TOPICS } from './topics';
@@ -11,10 +12,10 @@ export interface Subscription {
   rate_hz: number;
 }
 
-/** Up to so many vehicles are all told in full. */
+/** Largest fleet of which all topics are subscribed. */
 export const SMALL_FLEET = 8;
 export const FULL_RATE_HZ = 25;
-/** While none of them is armed. */
+/** Rate while no vehicle is armed. */
 export const RESTING_RATE_HZ = 10;
 export const FLEET_RATE_HZ = 2;
 
@@ -23,16 +24,15 @@ export function isLarge(count: number): boolean {
 }
 
 /**
- * Of every vehicle.
- * @param more topics of values that a person chose to see.
- * @param armed whether one of them is.
+ * Subscription to every vehicle. @param more topics of values that a person chose to see. @param armed whether a
+ * vehicle is armed.
  */
 export function ofAll(count: number, more: readonly string[], armed: boolean): Subscription {
   if (isLarge(count)) return { vehicles: '*', topics: [...FLEET_TOPICS], rate_hz: FLEET_RATE_HZ };
   return { vehicles: '*', ...inFull(more, armed) };
 }
 
-/** Of those that are looked at or flown from here; null where `ofAll` tells everything. */
+/** Subscription to the vehicles that are displayed or commanded here; null if `ofAll` already includes all topics. */
 export function ofClose(count: number, ids: readonly string[], more: readonly string[], armed: boolean): Subscription | null {
   if (!isLarge(count) || ids.length === 0) return null;
   return { vehicles: [...new Set(ids)].sort(), ...inFull(more, armed) };

@@ -75,7 +75,7 @@ describe('telemetry socket', () => {
       for (let i = 0; i < count; i++) pass(1000);
     };
     seconds(SILENT_MS / 1000);
-    expect(first?.sent).toHaveLength(2); // a vehicle whose link is lost sends nothing: no reason to worry yet
+    expect(first?.sent).toHaveLength(2); // a vehicle whose link is lost sends nothing: the connection is still good
     first?.onmessage?.({ data: '{"type":"samples","samples":[]}' });
     seconds(SILENT_MS / 1000 - 1);
     expect(socket.state.phase).toBe('open');

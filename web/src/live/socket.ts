@@ -1,6 +1,4 @@
-/**
- * The one telemetry socket: subscribes, feeds the store, comes back by itself and says what it is doing.
- */
+/** The telemetry socket: subscribes, passes frames to the store, reconnects automatically and reports its state. */
 
 import { parseFrame, SCHEMA_VERSION, type Frame } from './wire';
 
@@ -28,13 +26,13 @@ export interface SocketDeps {
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 8000;
 const OPEN_DEADLINE_MS = 8000;
-/** Vehicles are known and nothing came for this long: the server is asked to send all anew. */
+/** Without frames for this long, although vehicles are known, the page asks the server to send everything again. */
 export const SILENT_MS = 6000;
-/** Without an answer to that the connection is dead, whatever the browser says: a network that was pulled tells nobody. */
+/** Without an answer for this long the connection counts as lost; the browser may not notice an unplugged network. */
 export const ANSWER_MS = 4000;
 const LOOK_MS = 1000;
 
-/** Waiting time before the given attempt [ms]: doubles up to 8 s. */
+/** Delay before the given attempt [ms]: doubles up to 8 s. */
 export function retryDelayMs(attempt: number): number {
   return Math.min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** Math.max(0, attempt - 1));
 }
@@ -54,7 +52,7 @@ export class TelemetrySocket {
     private readonly subscription: () => object,
     private readonly onFrame: (frame: Frame) => void,
     private readonly onState: (state: SocketState) => void,
-    /** Whether the server has anything to send: it knows vehicles. */
+    /** Whether the server has vehicles, so that frames are expected. */
     private readonly expectsFrames: () => boolean,
     private readonly deps: SocketDeps = browserDeps,
   ) {}
@@ -71,14 +69,14 @@ export class TelemetrySocket {
     this.drop();
   }
 
-  /** Tries at once instead of waiting: a person asked, or the machine is back online. */
+  /** Reconnects without waiting: a person pressed the button, or the computer is online again. */
   retryNow(): void {
     if (this.state.phase !== 'waiting') return;
     this.deps.clearTimer(this.timer);
     this.connect();
   }
 
-  /** What is wanted has changed. */
+  /** Sends the changed subscription. */
   resubscribe(): void {
     if (this.state.phase === 'open' && this.socket !== null) this.subscribe(this.socket);
   }
@@ -120,7 +118,7 @@ export class TelemetrySocket {
     this.onFrame(frame);
   }
 
-  /** Looks after the open socket; ends with it. */
+  /** Monitors the open socket until it closes. */
   private watch(socket: SocketLike): void {
     this.deps.clearTimer(this.watchTimer);
     this.watchTimer = this.deps.setTimer(() => {

@@ -1,6 +1,7 @@
 /**
- * All telemetry, outside the UI framework: frames go in as they come, the page reads once per animation frame.
- * Knows the server's clock, so that ages are right on a machine whose own clock is not; a recording never sets it.
+ * All telemetry, outside the UI framework: frames are stored when they arrive, and the page reads them once per
+ * animation frame. Estimates the server's clock, so that ages are right although this computer's clock may be wrong;
+ * replays do not change the estimate.
  */
 
 import { VehicleState } from './vehicle-state';
@@ -8,41 +9,41 @@ import type { Frame, Replay, WireEvent, WireSample } from './wire';
 
 export class TelemetryStore {
   readonly vehicles = new Map<string, VehicleState>();
-  /** Changes whenever something arrived: the painter compares it. */
+  /** Incremented by each arrival; the painter compares it. */
   revision = 0;
-  /** What concerns no single vehicle: links, warnings; newest first. */
+  /** Events without a vehicle, such as links and warnings; newest first. */
   stationEvents: WireEvent[] = [];
-  /** Whether the telemetry socket is open: else all of this is old. */
+  /** Whether the telemetry socket is open; if not, all values are old. */
   connected = false;
-  /** What is played now. */
+  /** The open replays. */
   replays: readonly Replay[] = [];
   private readonly localUnixS: () => number;
   private offset_s: number | null = null;
   private sorted: readonly string[] | null = null;
 
-  /** @param localUnixS this machine's clock [s], injected for the tests. */
+  /** @param localUnixS this computer's clock [s], replaced in tests. */
   constructor(localUnixS: () => number = () => Date.now() / 1000) {
     this.localUnixS = localUnixS;
   }
 
-  /** The time now [unix s]: the server's, or for a replayed vehicle the moment of its recording. */
+  /** The present time [unix s]: the server's; for a replayed vehicle that of its recording. */
   nowUnixS(vehicleId: string | null = null): number {
     return this.replayOf(vehicleId)?.position_unix_s ?? this.localUnixS() + (this.offset_s ?? 0);
   }
 
-  /** The replay that shows a vehicle. */
+  /** The replay that a vehicle belongs to. */
   replayOf(vehicleId: string | null): Replay | null {
     if (vehicleId === null) return null;
     return this.replays.find((replay) => replay.vehicles.includes(vehicleId)) ?? null;
   }
 
-  /** In the order of their numbers; the same array until a vehicle comes or goes. */
+  /** Ids sorted by number; the same array until a vehicle appears or disappears. */
   ids(): readonly string[] {
     this.sorted ??= [...this.vehicles.keys()].sort((a, b) => a.localeCompare(b, undefined, { numeric: true }));
     return this.sorted;
   }
 
-  /** Whether one of these vehicles is armed, as far as it has been told. */
+  /** Whether one of these vehicles is known to be armed. */
   isArmed(ids: readonly string[]): boolean {
     return ids.some((id) => this.vehicles.get(id)?.armed ?? false);
   }
@@ -60,14 +61,16 @@ export class TelemetryStore {
   apply(frame: Frame): void {
     if (frame.type === 'hello') {
       this.offset_s = frame.server_time_unix_s - this.localUnixS();
-      this.replays = []; // of the connection before
+      this.replays = []; // of the earlier connection
     } else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
     else if (frame.type === 'event') this.applyEvent(frame.event);
     else if (frame.type === 'replays') this.replays = frame.replays;
     this.revision += 1;
   }
 
-  /** Forgets vehicles the server no longer lists (a restarted server starts from nothing); says whether there were any. */
+  /**
+   * Removes vehicles that the server no longer lists, for example after its restart. @returns whether there were any.
+   */
   keepOnly(ids: readonly string[]): boolean {
     const gone = [...this.vehicles.keys()].filter((id) => !ids.includes(id));
     for (const id of gone) this.vehicles.delete(id);
@@ -80,8 +83,8 @@ export class TelemetryStore {
   private applySample(sample: WireSample): void {
     const vehicle = this.vehicle(sample.vehicle);
     vehicle.apply(sample);
-    if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a recording has a time of its own
-    // A sample cannot have been received in the server's future: such a one corrects our idea of its clock.
+    if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a replay has its own time
+    // A sample cannot come from the server's future: the estimate of its clock was too early.
     const ahead_s = sample.received_unix_s - this.nowUnixS();
     if (ahead_s > 0) this.offset_s = (this.offset_s ?? 0) + ahead_s;
   }
@@ -92,9 +95,9 @@ export class TelemetryStore {
       this.sorted = null;
       return;
     }
-    if (event.kind === 'progress' || event.kind === 'operation') return; // of one command or operation only; who asked listens itself
-    if (event.kind === 'readiness') return; // the topic of that name says what has changed
-    // A recording's messages are of its own time: that it was opened now is none of them.
+    if (event.kind === 'progress' || event.kind === 'operation') return; // belongs to one command or operation, whose sender handles it itself
+    if (event.kind === 'readiness') return; // the topic of the same name has the content
+    // The messages of a replay have the recording's time; the event that it was opened is not one of them.
     if (event.vehicle !== null && event['replayed'] === true) this.vehicle(event.vehicle);
     else if (event.vehicle !== null) this.vehicle(event.vehicle).say(event);
     else this.stationEvents = [event, ...this.stationEvents].slice(0, 50);

@@ -1,4 +1,4 @@
-/** What a vehicle says of itself, as the telemetry carries it: the server's own description of it. Unknown is null. */
+/** A vehicle's telemetry topics, with types from the server's own description. Null is unknown. */
 
 import type { components } from '../api/schema';
 
@@ -21,7 +21,7 @@ export type DistanceSensors = Schemas['DistanceSensorsSample']['value'];
 export type ObstacleDistance = Schemas['ObstacleDistanceSample']['value'];
 export type Status = Schemas['StatusSample']['value'];
 
-/** Topic name → its value. */
+/** Types of the topics' values by name. */
 export interface Topics {
   status: Status;
   attitude: Attitude;
@@ -39,7 +39,9 @@ export interface Topics {
 
 export type TopicName = keyof Topics;
 
-/** What this page always reads of a vehicle; topics of chosen values (`target_local`, `motors`, …) come beside them. */
+/**
+ * Topics that this page always subscribes to; the topics of chosen values (`target_local`, `motors`, …) are added.
+ */
 export const PAGE_TOPICS: readonly string[] = [
   'status',
   'attitude',
@@ -62,10 +64,10 @@ export const PAGE_TOPICS: readonly string[] = [
   'components',
 ];
 
-/** Of a large fleet, for the list and the map: what each vehicle is, does, and where it is. */
+/** Topics of a large fleet for list and map. */
 export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_position', 'battery', 'home', 'health', 'identity'];
 
-/** Periods PX4 sends at [s], used until a topic's own period has been measured. */
+/** PX4's default periods [s], used until a topic's own period has been measured. */
 export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
   status: 1,
   attitude: 0.05,

@@ -1,4 +1,7 @@
-/** Where a vehicle has been, as a bounded line: drops the oldest half's every second point when full. */
+/**
+ * The path that a vehicle has flown, with a limited number of points: when full, every second point of the older half
+ * is removed.
+ */
 
 export interface TrailPoint {
   lat_deg: number;
@@ -6,7 +9,7 @@ export interface TrailPoint {
 }
 
 const METRES_PER_DEG = 111_320;
-/** So many of the newest points are kept clear of: a hover that wanders is a few strokes, not a tangle. */
+/** Number of recent points from which a new point must have a minimum distance, so that a hover adds few points. */
 const NEIGHBOURS = 24;
 
 export class Trail {
@@ -29,7 +32,7 @@ export class Trail {
     return true;
   }
 
-  /** Puts older points, oldest first, before those already here. */
+  /** Inserts older points, oldest first, before the present ones. */
   prepend(points: readonly TrailPoint[]): void {
     const now = this.points.splice(0);
     for (const point of [...points, ...now]) this.add(point);

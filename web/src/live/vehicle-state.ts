@@ -1,4 +1,4 @@
-/** Everything the page knows of one vehicle: newest values, when they came, where it has been, what it said. */
+/** All data about one vehicle: the newest values with their times, trail, flight time and messages. */
 
 import { learnPeriod, staleAfterS } from './age';
 import { advance, NO_FLIGHT, type FlightClock } from './flight-time';
@@ -10,7 +10,7 @@ export interface Identity {
   system_id: number | null;
   autopilot: number | null;
   vehicle_type: number | null;
-  /** Null until the vehicle has said whether it is. */
+  /** Null until the vehicle has reported it. */
   simulated: boolean | null;
   replayed: boolean;
   firmware: string | null;
@@ -33,7 +33,7 @@ export interface Held {
   period_s: number | null;
 }
 
-/** A value and whether it still counts as live. */
+/** A value with its age. */
 export interface Reading<T> {
   value: T;
   age_s: number;
@@ -63,12 +63,12 @@ export class VehicleState {
     this.id = id;
   }
 
-  /** It has said who it is, and that it is no recording. */
+  /** The vehicle has sent its identity, and it is not a replay. */
   get isLive(): boolean {
     return this.held.has('identity') && !this.identity.replayed;
   }
 
-  /** Takes a sample if it is newer than what is held. */
+  /** Stores a sample if it is newer than the present one. */
   apply(sample: WireSample): boolean {
     const before = this.held.get(sample.topic);
     if (before !== undefined && sample.received_unix_s < before.received_unix_s) return false;
@@ -84,7 +84,7 @@ export class VehicleState {
     return true;
   }
 
-  /** Older samples of the vehicle, oldest first: fills trail and flight time, leaves the newest values alone. */
+  /** Adds older samples, oldest first, to trail and flight time; the newest values do not change. */
   applyHistory(samples: readonly WireSample[]): void {
     let clock = NO_FLIGHT;
     const places: GlobalPosition[] = [];
@@ -98,7 +98,7 @@ export class VehicleState {
     if (clock.updated_unix_s > 0) this.flight = clock;
   }
 
-  /** Adds what the vehicle said; the same event told twice stays one line. */
+  /** Adds a message; an event that is received twice is added once. */
   say(event: WireEvent): void {
     const key = `${event.unix_s}|${event.kind}|${event.text}`;
     if (event.text === '' || this.messages.some((m) => m.key === key)) return;
@@ -128,7 +128,7 @@ export class VehicleState {
     return (this.held.get('status')?.value as Status | null | undefined)?.armed ?? false;
   }
 
-  /** Whether the server has no connection to the vehicle: it pushes that when the link is lost, and when it is back. */
+  /** Whether the server has lost its connection to the vehicle. The server sends both the loss and the return. */
   get linkLost(): boolean {
     return (this.held.get('status')?.value as Status | null | undefined)?.link_lost ?? true;
   }
@@ -136,14 +136,14 @@ export class VehicleState {
 
 const SEVERITIES = ['emergency', 'alert', 'critical', 'error', 'warning', 'notice', 'info', 'debug'];
 
-/** MAV_SEVERITY of what the server sends, a number or its word; what is unknown counts as info. */
+/** The MAV_SEVERITY of a number or word; unknown values count as info. */
 export function severityNumber(severity: string | number | null): number {
   if (typeof severity === 'number') return Math.min(7, Math.max(0, Math.round(severity)));
   const index = severity === null ? -1 : SEVERITIES.indexOf(severity.toLowerCase());
   return index === -1 ? 6 : index;
 }
 
-/** Reads identity as far as it is there: an older or newer server may say less or more. */
+/** Reads the known fields of an identity; other versions of the server may send more or fewer. */
 export function toIdentity(value: unknown): Identity {
   if (typeof value !== 'object' || value === null) return UNKNOWN_IDENTITY;
   const raw = value as Record<string, unknown>;

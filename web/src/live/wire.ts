@@ -1,4 +1,4 @@
-/** The telemetry socket's frames, validated on arrival. */
+/** Frames of the telemetry socket, validated when they arrive. */
 
 import type { components } from '../api/schema';
 
@@ -12,7 +12,7 @@ export interface WireSample {
   value: unknown;
 }
 
-/** A recording that is played: which moment, how fast, and whose vehicles. */
+/** A replayed recording: its time, its speed and the vehicles in it. */
 export type Replay = components['schemas']['Replay'];
 
 export interface WireEvent {
@@ -68,7 +68,7 @@ function isReplay(value: unknown): value is Replay {
   );
 }
 
-/** One frame of a socket message; null for unknown frames (a newer server may send more types). */
+/** Parses one frame; null for unknown frames, because a newer server may send more types. */
 export function parseFrame(data: string): Frame | null {
   let raw: unknown;
   try {

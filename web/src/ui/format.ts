@@ -1,4 +1,4 @@
-/** Numbers as the page shows them. Unknown is "–", never 0; a minus is a minus; −0.0 does not exist. */
+/** Formats numbers for display. Unknown is "–", never 0. The minus sign is "−", and there is no −0.0. */
 
 export const UNKNOWN = '–';
 
@@ -8,7 +8,7 @@ function known(value: number | null | undefined): value is number {
   return value !== null && value !== undefined && Number.isFinite(value);
 }
 
-/** A number with fixed decimals; `signed` puts a + before what is above zero. */
+/** A number with fixed decimals; `signed` adds a + to positive values. */
 export function fixed(value: number | null | undefined, decimals: number, signed = false): string {
   if (!known(value)) return UNKNOWN;
   const text = Math.abs(value).toFixed(decimals);
@@ -17,7 +17,7 @@ export function fixed(value: number | null | undefined, decimals: number, signed
   return signed && !zero ? `+${text}` : text;
 }
 
-/** A length: one decimal below 100 m, none above; kilometres from 10 000 m. */
+/** A length: one decimal below 100 m, none above, kilometres from 10 000 m. */
 export function metres(value: number | null | undefined): { text: string; unit: string } {
   if (!known(value)) return { text: UNKNOWN, unit: 'm' };
   const size = Math.abs(value);
@@ -32,7 +32,7 @@ export function heading(value_deg: number | null | undefined): string {
   return String(rounded).padStart(3, '0');
 }
 
-/** mm:ss, or h:mm:ss from an hour on. */
+/** mm:ss, or h:mm:ss from one hour. */
 export function duration(value_s: number | null | undefined): string {
   if (!known(value_s) || value_s < 0) return UNKNOWN;
   const s = Math.floor(value_s);
@@ -51,12 +51,12 @@ export function toDeg(value_rad: number | null | undefined): number | null {
   return known(value_rad) ? value_rad * DEG_PER_RAD : null;
 }
 
-/** An angle into −180…180 [deg]. */
+/** An angle wrapped to −180…180 [deg]. */
 export function wrap180(value_deg: number): number {
   return ((((value_deg + 180) % 360) + 360) % 360) - 180;
 }
 
-/** Words joined for a person, unknown ones left out: "14 · 0.8 m". */
+/** Joins the known words: "14 · 0.8 m". */
 export function join(parts: readonly (string | null | undefined)[], by = ' · '): string {
   const said = parts.filter((p): p is string => p !== null && p !== undefined && p !== '' && p !== UNKNOWN);
   return said.length === 0 ? UNKNOWN : said.join(by);

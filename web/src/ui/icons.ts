@@ -1,4 +1,4 @@
-/** Line icons on a 24 grid, drawn for this page. */
+/** Line icons on a 24 px grid, drawn for this page. */
 
 export const ICONS = {
   up: 'M12 19V7M7 12l5-5 5 5M5 21h14',

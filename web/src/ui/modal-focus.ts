@@ -1,4 +1,4 @@
-/** Svelte actions for what opens over the page: who takes the keyboard, keeps it, and gives it back. */
+/** Svelte actions that take, keep and return the keyboard focus for parts that open over the page. */
 
 const FOCUSABLE =
   'a[href], button:not([disabled]), input:not([disabled]), select:not([disabled]), textarea:not([disabled]), summary, iframe, [tabindex]:not([tabindex="-1"])';
@@ -7,13 +7,13 @@ function reachable(node: HTMLElement): HTMLElement[] {
   return [...node.querySelectorAll<HTMLElement>(FOCUSABLE)].filter((one) => one.tabIndex >= 0 && one.getClientRects().length > 0);
 }
 
-/** Nobody has the keyboard: what had it is gone. */
+/** No control has the focus: the one that had it was removed. */
 function nobody(): boolean {
   const active = document.activeElement;
   return active === null || active === document.body || !active.isConnected;
 }
 
-/** Gives the keyboard back to what had it before, unless somebody else took it meanwhile. */
+/** Returns the focus to its previous owner, unless another control has taken it. */
 export function givesFocusBack(node: HTMLElement): { destroy: () => void } {
   const before = document.activeElement as HTMLElement | null;
   return {
@@ -25,10 +25,9 @@ export function givesFocusBack(node: HTMLElement): { destroy: () => void } {
 }
 
 /**
- * A question takes the keyboard, keeps it while it is open and gives it back: Tab goes round in it. A pointer still
- * reaches what lies outside (Hold is never locked away), the keyboard stays.
- *
- * @param first selector of what has the keyboard at first.
+ * A confirmation takes the focus and keeps it while it is open, also with Tab. Pointers still reach everything else,
+ * for example Hold. On closing it returns the focus.
+ * @param first selector of the control that gets the focus first.
  */
 export function modalFocus(node: HTMLElement, first: string): { destroy: () => void } {
   const back = givesFocusBack(node);
@@ -48,7 +47,7 @@ export function modalFocus(node: HTMLElement, first: string): { destroy: () => v
     else if (last.isConnected) last.focus({ preventScroll: true });
     else reachable(node)[0]?.focus({ preventScroll: true });
   };
-  /** A pointer went where nothing takes the keyboard, or into the 3D view, which tells nobody. */
+  /** Keeps the focus after a click on a part without focus, or in the 3D view, which sends no event. */
   const left = (): void =>
     void setTimeout(() => {
       if (node.isConnected && !node.contains(document.activeElement) && last.isConnected) last.focus({ preventScroll: true });

@@ -1,4 +1,7 @@
-/** For what may scroll (`use:scrolls`): where it does, the keyboard gets to it, so that arrows scroll it. */
+/**
+ * For a part that may scroll (`use:scrolls`): while it overflows it can take the focus, so that the arrow keys scroll
+ * it.
+ */
 export function scrolls(box: HTMLElement): { destroy: () => void } {
   const look = (): void => {
     const longer = box.scrollHeight > box.clientHeight + 1;

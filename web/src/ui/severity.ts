@@ -1,11 +1,11 @@
-/** A MAV_SEVERITY as a word, a shape and a colour. */
+/** Word, shape and colour of a MAV_SEVERITY. */
 
 export type Shape = 'dot' | 'triangle' | 'square';
 
 export interface SeverityWord {
-  /** Shown beside the text; empty for what is only information. */
+  /** Shown beside the text; empty for info. */
   word: string;
-  /** Always a word, for details and screen readers. */
+  /** Never empty, for details and screen readers. */
   full: string;
   tone: 'danger' | 'caution' | 'dim';
   shape: Shape;

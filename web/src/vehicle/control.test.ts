@@ -71,7 +71,7 @@ describe('who this page is', () => {
     const tab = memory();
     const browser = memory();
     const first = identity(tab, browser);
-    expect(identity(tab, browser).id).not.toBe(first.id); // its copy: the original has not gone
+    expect(identity(tab, browser).id).not.toBe(first.id); // a duplicated tab: the original is still open
     const second = identity(tab, browser);
     leave(tab);
     expect(identity(tab, browser).id).toBe(second.id);

@@ -1,11 +1,11 @@
-/** Who may command a vehicle, in words: the topic `control` as the page reads it. Pure. */
+/** Texts about who may command a vehicle, from the topic `control`. Pure. */
 
 import type { components } from '../api/schema';
 
 export type Control = components['schemas']['Control'];
 export type ControlRequest = Control['requests'][number];
 
-/** What needs no control: who sees danger stops it. */
+/** Commands that need no control, so that every operator can stop a vehicle in danger. */
 const OPEN: ReadonlySet<string> = new Set(['hold', 'land_now', 'kill', 'force_control']);
 
 export type Standing = 'yours' | 'others' | 'free' | 'unknown';
@@ -14,14 +14,14 @@ export function readControl(value: unknown): Control | null {
   return typeof value === 'object' && value !== null && Array.isArray((value as Control).requests) ? (value as Control) : null;
 }
 
-/** @param key this page's own; null until the server has told it. */
+/** @param key this page's own key; null until the server has sent it. */
 export function standing(control: Control | null, key: string | null): Standing {
   if (control === null || key === null) return 'unknown';
   if (control.holder === null) return 'free';
   return control.holder_key === key ? 'yours' : 'others';
 }
 
-/** The holder's name where it is another client; null: commands of this page are not in its way. */
+/** Name of another client that has control; null: this page may send commands. */
 export function otherHolder(control: Control | null, key: string | null): string | null {
   return standing(control, key) === 'others' ? (control?.holder ?? null) : null;
 }
@@ -39,7 +39,7 @@ export function chipText(control: Control | null, key: string | null): string {
   }
 }
 
-/** Why a command of this page would be refused, and what to do; null where it would not be. */
+/** Why this page may not send commands, and the remedy; null if it may. */
 export function notYours(action: string, holder: string | null): { detail: string; remedy: string } | null {
   if (holder === null || OPEN.has(action)) return null;
   return {
@@ -48,22 +48,22 @@ export function notYours(action: string, holder: string | null): { detail: strin
   };
 }
 
-/** Since when, as a time of day. */
+/** Time of day since when the client has control. */
 export function sinceText(control: Control): string {
   return control.since_unix_s === null ? '' : new Date(control.since_unix_s * 1000).toLocaleTimeString([], { hour12: false });
 }
 
-/** This page's own request that waits for its answer. */
+/** This page's own request that waits for an answer. */
 export function ownRequest(control: Control | null, key: string | null): ControlRequest | null {
   return control?.requests.find((one) => one.key === key) ?? null;
 }
 
-/** Whom this page is to answer: the first who asks, while it holds control. */
+/** The first request that this page must answer while it has control. */
 export function toAnswer(control: Control | null, key: string | null): ControlRequest | null {
   return standing(control, key) === 'yours' ? (control?.requests[0] ?? null) : null;
 }
 
-/** Whether another's control may be taken by force now; else the words why not yet. */
+/** Text about taking control by force: null if that is possible now, else why not yet. */
 export function forceHint(control: Control, key: string | null, denied: boolean): string | null {
   const asked = ownRequest(control, key);
   if (!control.can_be_asked || denied) return null;
@@ -78,7 +78,7 @@ const WHO: Readonly<Record<string, string>> = {
   failsafe: 'the failsafe',
 };
 
-/** Who makes the vehicle fly its mode, where it is nobody of this server; null where there is nothing to add. */
+/** Who outside this server commands the vehicle's mode; null if nobody does. */
 export function outsideText(control: Control | null): string | null {
   const cause = control?.mode_cause ?? null;
   if (cause === null) return null;

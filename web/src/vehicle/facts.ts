@@ -1,4 +1,4 @@
-/** One vehicle read once for one frame: what several features need, with unknown as null. */
+/** The state of one vehicle in one frame, as several features need it; unknown is null. */
 
 import { readOffboard, type OffboardStatus } from './offboard';
 import { groundDistance_m } from './geo';
@@ -11,11 +11,11 @@ export interface VehicleFacts {
   id: string;
   name: string;
   now_unix_s: number;
-  /** No connection to it: the server has lost its link, or this page the server. */
+  /** There is no connection between vehicle and server, or between server and this page. */
   lost: boolean;
-  /** This page has no connection to the server: nothing is known of the vehicle's link. */
+  /** There is no connection between server and this page; the vehicle's own link is then unknown. */
   offline: boolean;
-  /** Null until it has said so. */
+  /** Null until the vehicle has reported it. */
   simulated: boolean | null;
   replayed: boolean;
   inAir: boolean;
@@ -30,14 +30,14 @@ export interface VehicleFacts {
   health: Reading<Health> | null;
   gimbal: Reading<Gimbal> | null;
   offboard: (OffboardStatus & { age_s: number }) | null;
-  /** Who may command it; null for a recording, and before the server has told. */
+  /** Who may command it; null for a replay, and before the server has sent it. */
   control: Control | null;
   fromHome_m: number | null;
-  /** Autopilot, gimbals, cameras, companion computers: what has sent a heartbeat. */
+  /** Components that have sent a heartbeat: autopilot, gimbals, cameras, companion computers. */
   components: readonly Component[];
 }
 
-/** @param connected whether the page hears the server. */
+/** @param connected whether the page is connected to the server. */
 export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connected: boolean): VehicleFacts {
   const status = vehicle.read('status', now_unix_s);
   const global = vehicle.read('global_position', now_unix_s);

@@ -1,4 +1,4 @@
-/** The map's geometry: places, metres about a reference, and the pixels of a Web Mercator view seen from above. */
+/** Geometry of the map: positions, metres about a reference, and pixels of a Web Mercator view from above. */
 
 export interface Place {
   lat_deg: number;
@@ -15,11 +15,11 @@ export interface Pixel {
   y: number;
 }
 
-/** The radius the autopilot's own local frame is laid out with, so that distances here agree with its own [m]. */
+/** Earth radius of PX4's local frame projection, so that distances here agree with PX4's [m]. */
 export const EARTH_RADIUS_M = 6_371_000;
 const RAD = Math.PI / 180;
 
-/** A longitude or a difference of two into −180…180 [deg]. */
+/** Wraps a longitude, or a difference of two, to −180…180 [deg]. */
 export function wrapLongitude(lon_deg: number): number {
   return ((((lon_deg + 180) % 360) + 360) % 360) - 180;
 }
@@ -32,7 +32,7 @@ export function eastNorth(reference: Place, place: Place): EastNorth {
   };
 }
 
-/** The place so many metres from `reference`. */
+/** The position at this offset from `reference`. */
 export function placeAt(reference: Place, at: EastNorth): Place {
   return {
     lat_deg: reference.lat_deg + at.north_m / EARTH_RADIUS_M / RAD,
@@ -45,7 +45,7 @@ export function groundDistance_m(a: Place, b: Place): number {
   return Math.hypot(east_m, north_m);
 }
 
-/** From `a` to `b`, clockwise from north [rad]. */
+/** Bearing from `a` to `b`, clockwise from north [rad]. */
 export function bearing_rad(a: Place, b: Place): number {
   const { east_m, north_m } = eastNorth(a, b);
   return Math.atan2(east_m, north_m);
@@ -68,12 +68,12 @@ export function fromMercator(at: Mercator): Place {
   return { lon_deg: wrapLongitude(at.x * 360 - 180), lat_deg: Math.atan(Math.sinh((180 - at.y * 360) * RAD)) / RAD };
 }
 
-/** What the map shows now. */
+/** The part of the map that is visible now. */
 export interface MapView {
   centre: Mercator;
-  /** The whole world's width [px]. */
+  /** Width of the whole world [px]. */
   world_px: number;
-  /** Which way is up on the screen, clockwise from north [rad]. */
+  /** Direction of the screen's up, clockwise from north [rad]. */
   up_rad: number;
   width: number;
   height: number;
@@ -97,13 +97,13 @@ export function fromPixel(view: MapView, at: Pixel): Place {
   });
 }
 
-/** Pixels of one metre at the middle of the view. */
+/** Pixels per metre in the middle of the view. */
 export function pixelsPerMetre(view: MapView): number {
   const lat_rad = fromMercator(view.centre).lat_deg * RAD;
   return view.world_px / (2 * Math.PI * EARTH_RADIUS_M * Math.cos(lat_rad));
 }
 
-/** A round length [m] whose bar is about `pixels` long: 1, 2 or 5 times a power of ten. */
+/** A round length [m] with a bar of about `pixels`: 1, 2 or 5 times a power of ten. */
 export function niceLength_m(px_per_m: number, pixels: number): number {
   const raw = pixels / px_per_m;
   const power = 10 ** Math.floor(Math.log10(raw));
@@ -111,12 +111,12 @@ export function niceLength_m(px_per_m: number, pixels: number): number {
   return factor * power;
 }
 
-/** "50 m", "2 km": a round length in words. */
+/** A round length as text: "50 m", "2 km". */
 export function lengthText(length_m: number): string {
   return Math.abs(length_m) >= 1000 ? `${+(length_m / 1000).toFixed(3)} km` : `${+length_m.toFixed(3)} m`;
 }
 
-/** The nearest of several within `reach` [px]; null where none is. */
+/** The nearest of several points within `reach` [px]; null if there is none. */
 export function hit<T extends Place>(view: MapView, at: Pixel, those: readonly T[], reach: number): T | null {
   let best: T | null = null;
   let gap = reach;

@@ -1,4 +1,4 @@
-/** The gimbals of a vehicle, and how far one can turn, as it reports it. */
+/** The gimbals of a vehicle and their reported limits. */
 
 import type { Gimbal } from '../live/topics';
 import type { VehicleFacts } from './facts';
@@ -9,7 +9,7 @@ export interface Limits {
   pitchMax_deg: number;
   yawMin_deg: number;
   yawMax_deg: number;
-  /** False: the gimbal told none, the pad shows its own range. */
+  /** False: the gimbal reported no limits, and the pad uses its own range. */
   told: boolean;
 }
 
@@ -33,18 +33,18 @@ export function limits(gimbal: Gimbal | null): Limits {
   };
 }
 
-/** Which gimbal these facts show: the component of its manager, and its device there. */
+/** Key of the gimbal in these facts: the component of its manager, and its device. */
 export function gimbalKey(facts: VehicleFacts): string {
   const gimbal = facts.gimbal?.value;
   return gimbal === undefined ? `${facts.id}/` : `${facts.id}/${gimbal.component_id}.${gimbal.gimbal_device_id}`;
 }
 
-/** The same facts with another of the vehicle's gimbals as their gimbal; the first one if there is none with this key. */
+/** The facts with another gimbal of the vehicle; with the first one if none has this key. */
 export function withGimbal(facts: VehicleFacts, key: string): VehicleFacts {
   return gimbalsOf(facts).find((one) => gimbalKey(one) === key) ?? facts;
 }
 
-/** The facts once with each of several gimbals; empty if there is only one. */
+/** The facts once for each of several gimbals; empty if there is only one. */
 export function gimbalsOf(facts: VehicleFacts): VehicleFacts[] {
   const reading = facts.gimbal;
   if (reading === null) return [];
@@ -52,7 +52,7 @@ export function gimbalsOf(facts: VehicleFacts): VehicleFacts[] {
   return gimbals.map((one) => ({ ...facts, gimbal: { ...reading, value: { ...one, gimbals } } }));
 }
 
-/** Where a call about the gimbal of these facts goes: of one gimbal only the vehicle is named. */
+/** Path parameters of a gimbal call; a vehicle with one gimbal needs no gimbal id. */
 export function ofGimbal(facts: VehicleFacts): { params: { path: { v: string }; query?: { component: number; device?: number } } } {
   const path = { v: facts.id };
   const gimbal = facts.gimbal?.value;

@@ -1,4 +1,4 @@
-/** What a vehicle is called on the page, and how its kind is said. */
+/** Names of vehicles and vehicle types. */
 
 import type { Identity } from '../live/vehicle-state';
 
@@ -25,7 +25,7 @@ export function vehicleName(id: string, identity: Identity): string {
   return kind === undefined ? `Vehicle ${id}` : `${id} ${kind}`;
 }
 
-/** Identity colours: the first vehicle cyan, then the three others, then from the start. */
+/** Identity colours: the first vehicle is cyan, then three more, then they repeat. */
 export const IDENTITY_COLOURS = ['--actual', '--id-2', '--id-3', '--id-4'] as const;
 
 export function identityColour(index: number): string {

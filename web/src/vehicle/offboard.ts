@@ -1,4 +1,4 @@
-/** The server's offboard stream as the card shows it; reads what is there, unknown stays null. */
+/** The server's offboard stream, in the form that the card shows; missing values are null. */
 
 import type { components } from '../api/schema';
 import type { MaybeVector3, Vector3 } from '../live/topics';
@@ -7,10 +7,10 @@ import type { PositionSetpoint } from './setpoint';
 
 export type LimitsOrigin = components['schemas']['LimitsOrigin'];
 
-/** Obstacle avoidance, as the server tells it. */
+/** Obstacle avoidance, as reported by the server. */
 export interface Avoidance {
   on: boolean;
-  /** The vehicle has a sensor that sees obstacles. */
+  /** The vehicle has a sensor that detects obstacles. */
   sensor: boolean;
   /** clear, turning, over, around, back, stopped; null while off or nothing is streamed. */
   state: string | null;
@@ -35,13 +35,13 @@ export interface OffboardStatus {
   ifStreamStops: string | null;
   onExpiry: string | null;
   client: string | null;
-  /** Tells the client from others of its name. */
+  /** Distinguishes the client from others with the same name. */
   clientKey: string | null;
-  /** A group flies it: setpoints go to the group, the server refuses those for this vehicle alone. */
+  /** The vehicle flies in a group: the server accepts setpoints only for the whole group. */
   ofGroup: boolean;
-  /** Where the operator's limits come from; null where an older server does not say. */
+  /** Origin of the operator's limits; null if an older server does not send it. */
   limitsOrigin: LimitsOrigin | null;
-  /** What the limits take away now, in words. */
+  /** The limits that change the setpoint now, as text. */
   limited: readonly string[];
   /** Why the last stream ended. */
   ended: string | null;
@@ -123,27 +123,27 @@ const STATES: Readonly<Record<string, string>> = {
   landing: 'Expired: landing',
 };
 
-/** What a person should know of the operator's limits before a start: that a restart of the server kept them, or lost them. */
+/** Notice before a start: whether a restart of the server kept or lost the operator's limits. */
 export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: string; caution: boolean } | null {
   if (origin == null) return null;
   if (origin.warning !== null) return { text: origin.warning, caution: true };
   return origin.active && origin.restored ? { text: origin.text, caution: false } : null;
 }
 
-/** What the stream is, for the card's corner. */
+/** State of the stream, for the corner of the card. */
 export function streamWords(status: OffboardStatus): string {
   const words = STATES[status.state] ?? kindName(status.type);
   return status.ofGroup ? `Group · ${words}` : words;
 }
 
-/** Distance from the target [m]; null where the target is no full position. */
+/** Distance from the target [m]; null if the target is not a complete position. */
 export function error_m(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null): number | null {
   const target = status.position_ned_m;
   if (target === null || position_ned_m === null || target.some((v) => v === null)) return null;
   return Math.hypot(...position_ned_m.map((v, i) => v - (target[i] ?? 0)));
 }
 
-/** The setpoint a nudge starts from: the streamed one where it is a position, else where the vehicle is. */
+/** The setpoint that a nudge changes: the streamed one if it is a position, else the vehicle's position. */
 export function nudgeBase(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null, yaw_ned_rad: number | null): PositionSetpoint | null {
   const target = status.position_ned_m;
   const full = target !== null && target.every((v) => v !== null) ? (target as Vector3) : position_ned_m;

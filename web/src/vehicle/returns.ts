@@ -1,21 +1,21 @@
-/** Where a vehicle's distance sensors met something, over the ground. */
+/** Horizontal positions of the obstacles that a vehicle's distance sensors detect. */
 
 import type { DistanceSensors, ObstacleDistance } from '../live/topics';
 import { placeAt, type Place } from './geo';
 
-/** A measurement older than this is not shown [s]; PX4 sends DISTANCE_SENSOR every two seconds by itself. */
+/** Older measurements are not shown [s]. PX4 sends DISTANCE_SENSOR every two seconds by default. */
 export const SHOWN_S = 2.5;
-/** A ray that points down or up more steeply says nothing of what is around (sine of 45°). */
+/** Steeper rays, up or down, are ignored, because they detect no obstacle around the vehicle (sine of 45°). */
 const STEEP = 0.7;
 const RAD = Math.PI / 180;
 
-/** What is read for it; null where there is no such sensor, or it is silent. */
+/** The sensors' values; null if there is no such sensor or it sends nothing. */
 export interface Measured {
   sensors: DistanceSensors | null;
   around: ObstacleDistance | null;
 }
 
-/** Places that were met; the vehicle's tilt is left out, as the map shows no heights. */
+/** Positions of the obstacles. The vehicle's tilt is ignored, because the map shows no heights. */
 export function returnsOf(here: Place, yaw_ned_rad: number | null, measured: Measured): Place[] {
   const found: Place[] = [];
   const at = (angle_rad: number, distance_m: number | null, range_m: number): void => {

@@ -1,6 +1,6 @@
 /**
- * Every kind of setpoint as a form: what its fields are called, in which frame and unit a person types them, and how
- * they become what the API takes. A person's Up is NED's minus down; a person's degrees are the API's radians.
+ * Every kind of setpoint as a form: the names, frames and units of its fields, and their conversion to the API's
+ * values. The form's up is minus NED down; its degrees are the API's radians.
  */
 
 export type Kind =
@@ -34,22 +34,22 @@ export interface Group {
   field: string;
   title: string;
   axes: readonly Axis[];
-  /** Axes may be left to another quantity (null): north and east together, and each axis to some quantity. */
+  /** Axes may be null if another quantity controls them: north and east together, and each axis by some quantity. */
   nullable: boolean;
-  /** The whole may be left out. */
+  /** The whole quantity may be missing. */
   optional: boolean;
-  /** One number, not an array. */
+  /** One number instead of an array. */
   scalar?: boolean;
 }
 
-/** How the yaw can be given. */
+/** The possible ways to set the yaw. */
 export type YawWays = 'angle_or_rate' | 'offset' | 'follow' | 'none';
 
 export interface KindSpec {
   kind: Kind;
   name: string;
   frame: string;
-  /** Warning about what this type does not control; shown where the type is chosen. */
+  /** Warning about what this kind does not control; shown in the list of kinds. */
   care: string | null;
   groups: readonly Group[];
   yaw: YawWays;
@@ -205,7 +205,7 @@ export function specOf(kind: Kind): KindSpec {
   return spec;
 }
 
-/** "Velocity, heading" for a type the server names; what this page does not know keeps its name. */
+/** "Velocity, heading" for the server's name of a kind; an unknown kind keeps its name. */
 export function kindName(type: string | null): string {
   return KINDS.find((k) => k.kind === type)?.name ?? type ?? 'setpoints';
 }

@@ -1,4 +1,4 @@
-/** Setpoints as the API takes them, and the steps a person nudges them by. */
+/** Setpoints in the API's format, and the steps of nudging. */
 
 import type { Outcome } from '../api/client';
 import type { components } from '../api/schema';
@@ -26,33 +26,33 @@ export const STEPS: readonly Steps[] = [
   { label: '5 m', metres: 5, yaw_deg: 45 },
 ];
 
-/** Any setpoint as the API takes it. */
+/** Any setpoint in the API's format. */
 export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };
 
-/** A setpoint for a request: its fields were named by a form, the server checks them. */
+/** A setpoint for a request. A form has named its fields; the server checks them. */
 export const asBody = (setpoint: AnySetpoint): Schemas['StartGroup']['members'][number]['setpoint'] => setpoint as never;
 
 export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };
 
-/** How long a setpoint is good for, what follows then, and whether this page says it again in time. */
+/** Validity of a setpoint, the vehicle's action when it expires, and whether this page renews it. */
 export interface Lasting {
   valid_for_s: number;
   on_expiry: OnExpiry;
   renew: boolean;
 }
 
-/** What the stream shall begin with. */
+/** The first setpoint of a stream. */
 export interface StartWish {
   setpoint: AnySetpoint;
   lasting: Lasting;
   rate_hz: number;
-  /** What it asks for, for the question. */
+  /** Description of the setpoint, for the confirmation. */
   words: string;
-  /** Told what came of it. */
+  /** Called with the result. */
   settled?: (outcome: Outcome<unknown>) => void;
 }
 
-/** A setpoint lives this long unless the page says it again [s]; then the vehicle holds and falls back to Hold. */
+/** Default validity [s]; without renewal the vehicle then switches to Hold. */
 export const VALID_FOR_S = 10;
 export const ON_EXPIRY = { action: 'hold', hold_for_s: 5 } as const;
 export const LASTING: Lasting = { valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY, renew: true };

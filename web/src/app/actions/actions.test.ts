@@ -49,7 +49,7 @@ describe('actions', () => {
   });
 });
 
-/** Looks once per frame, as the page does while it is painted. */
+/** Calls tick once per frame, as the painting page does. */
 function look(c: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
   for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) c.tick(at_s);
   return c.tick(to_s);
@@ -88,7 +88,7 @@ describe('confirmation', () => {
     const kill = new Confirmation(true, 0);
     kill.press(0);
     expect(kill.tick(0.02)).toBe('asking');
-    expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been let go after a tenth
+    expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released after a tenth of a second
     kill.release(4.01);
     expect(look(kill, 4.02, 6)).toBe('asking');
   });

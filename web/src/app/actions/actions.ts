@@ -32,7 +32,7 @@ export interface Goal {
   lon_deg: number;
   alt_home_m: number;
   distance_m: number;
-  /** Null where the vehicle's cruise speed is not known. */
+  /** Null if the vehicle's cruise speed is not known. */
   time_s: number | null;
   /** Called when the vehicle has accepted or refused the request. */
   settled?: (taken: boolean) => void;

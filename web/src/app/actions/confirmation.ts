@@ -6,22 +6,25 @@
 export const EXPIRES_AFTER_S = 5;
 export const HOLD_S = 0.8;
 export const HOLD_DANGER_S = 1.5;
-/** Arrow key presses from one end of the knob's way to the other. */
+/** Number of arrow key presses from one end of the track to the other. */
 export const KNOB_STEPS = 10;
-/** Longest interval between two calls that counts as held [s]: after a longer pause the key may have been released unseen. */
+/**
+ * Longest interval between two calls while a key counts as held [s]: after a longer pause the key may have been
+ * released unseen.
+ */
 export const LONGEST_LOOK_S = 0.25;
 
 export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
 export class Confirmation {
   phase: Phase = 'asking';
-  /** The typed value is not valid: nothing can be confirmed until it is. */
+  /** The typed value is not valid: confirmation is blocked. */
   blocked = false;
   private deadline_s: number;
   /** Time of the last call while a key is held; null if none is held. */
   private lookedAt_s: number | null = null;
   private held_s = 0;
-  /** Where the knob is, 0–1: slid by a pointer or stepped by arrow keys. */
+  /** Position of the knob, 0–1, set by a pointer or by arrow keys. */
   private slid = 0;
   private sliding = false;
 
@@ -32,7 +35,7 @@ export class Confirmation {
     this.deadline_s = now_s + EXPIRES_AFTER_S;
   }
 
-  /** How far it has been held or slid, 0–1. */
+  /** Progress of holding or sliding, 0–1. */
   progress(): number {
     return this.lookedAt_s === null ? this.slid : Math.min(1, this.held_s / this.holdS());
   }
@@ -41,7 +44,7 @@ export class Confirmation {
     return this.busy() ? EXPIRES_AFTER_S : Math.max(0, this.deadline_s - now_s);
   }
 
-  /** Space or Enter went down on the knob; the keyboard's own repeats change nothing. */
+  /** Space or Enter was pressed on the knob; the keyboard's repeats have no effect. */
   press(now_s: number): void {
     if (this.blocked)
       this.touch(now_s); // the person is active: restart the timeout
@@ -51,14 +54,14 @@ export class Confirmation {
     }
   }
 
-  /** The key was released too early, or the knob lost the focus: progress goes back to zero. */
+  /** The key was released too early, or the knob lost the focus: the progress returns to zero. */
   release(now_s: number): void {
     this.lookedAt_s = null;
     this.held_s = 0;
     this.letGo(now_s);
   }
 
-  /** An arrow key moved the knob by that many of its steps; it stays there until it is moved again or loses the keyboard. */
+  /** An arrow key moved the knob by this many steps. It stays there until it is moved again or loses the focus. */
   step(steps: number, now_s: number): void {
     this.touch(now_s);
     if (this.phase !== 'asking' || this.blocked || this.sliding || this.lookedAt_s !== null) return;
@@ -66,7 +69,7 @@ export class Confirmation {
     if (this.slid >= 1) this.phase = 'confirmed';
   }
 
-  /** A pointer holds the knob at `fraction` of its way; at the very end it confirms. */
+  /** A pointer holds the knob at `fraction` of the track; at the very end it confirms. */
   slide(fraction: number, now_s: number): void {
     if (this.blocked) this.touch(now_s);
     if (this.phase !== 'asking' || this.blocked || this.lookedAt_s !== null) return;

@@ -1,4 +1,4 @@
-/** Asks for confirmation, sends commands, and keeps a refusal beside the button that was pressed. */
+/** Asks for confirmation, sends commands, and shows a refusal beside the button that was pressed. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient, Outcome } from '../../api/client';
@@ -15,7 +15,7 @@ export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room'
 /** A confirmation for several vehicles: its present text, and the call made once it is confirmed. */
 export interface Together {
   what: string;
-  /** The vehicles, for what comes back. */
+  /** Names of the vehicles, for the result. */
   names: string;
   question: () => Question;
   run: () => Promise<Outcome<unknown>>;
@@ -31,7 +31,7 @@ export interface Asked {
   goal: Goal | null;
   /** The stream's first setpoint; null means the vehicle's position. */
   start: StartWish | null;
-  /** Null: it concerns one vehicle. */
+  /** Null: the confirmation is for one vehicle. */
   together: Together | null;
   question: Question;
   confirmation: Confirmation;
@@ -56,7 +56,7 @@ export interface Refusal {
 }
 
 const TAKEOFF_DEFAULT_M = 10;
-/** After a confirmation has closed by itself, Space and Enter press nothing else for this long [s]. */
+/** After a confirmation has closed by itself, Space and Enter are ignored for this time [s]. */
 const SETTLES_S = 0.6;
 /** PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT = 'RTL_RETURN_ALT';
@@ -72,7 +72,7 @@ export class ActionController {
   running = $state.raw<Running[]>([]);
   refusals = $state.raw<Partial<Record<Place, Refusal>>>({});
   takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
-  /** What is wrong with the typed altitude; null if nothing is. */
+  /** Error of the typed altitude; null if it is valid. */
   takeoffProblem = $state<string | null>(null);
   private readonly returnAlt_home_m = new Map<string, number>();
   /** Updated once per frame: the knob's position and the seconds left. */
@@ -84,13 +84,13 @@ export class ActionController {
   constructor(
     private readonly api: ApiClient,
     private readonly nowS: () => number,
-    /** Starts the stream where the vehicle is; lives with the offboard card. */
+    /** Starts the stream at the vehicle's position; the offboard feature provides it. */
     private readonly startOffboard: (facts: VehicleFacts, wish: StartWish | null) => Promise<Outcome<unknown>>,
-    /** The vehicle's present state: it has moved since the question was opened. */
+    /** The vehicle's present state, because it has moved since the confirmation was opened. */
     private readonly current: (id: string) => VehicleFacts | null,
   ) {}
 
-  /** The question's words with the height as it is now. */
+  /** The confirmation's text with the present altitude. */
   words(asked: Asked): Question {
     return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
   }
@@ -125,7 +125,7 @@ export class ActionController {
     if (action === 'rtl') void this.askReturnHeight(facts.id);
   }
 
-  /** Asks about several vehicles; `facts` is the one on the screen. */
+  /** Opens a confirmation for several vehicles; `facts` is the selected one. */
   requestTogether(together: Together, facts: VehicleFacts, place: Place): void {
     this.dismiss(place);
     const asks = together.question();
@@ -135,7 +135,10 @@ export class ActionController {
     this.left_s = confirmation.left_s(this.nowS());
   }
 
-  /** Takes the typed altitude; one that is no number or outside the API's limits is reported and cannot be confirmed. */
+  /**
+   * Sets the typed altitude. A value that is not a number or is outside the API's limits is reported and cannot be
+   * confirmed.
+   */
   typeTakeoffHeight(alt_home_m: number): void {
     const { min, max } = TAKEOFF_RANGE_M;
     const good = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
@@ -146,7 +149,7 @@ export class ActionController {
     this.asked.confirmation.touch(this.nowS());
   }
 
-  /** One step up or down, never beyond what the server takes. */
+  /** One step up or down, within the API's limits. */
   stepTakeoffHeight(by_m: number): void {
     this.typeTakeoffHeight(Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, this.takeoffAlt_home_m + by_m)));
   }
@@ -162,7 +165,7 @@ export class ActionController {
     this.asked = null;
   }
 
-  /** Whether a question expired, or lost its vehicle, a moment ago. */
+  /** Whether a confirmation expired, or lost its vehicle, a moment ago. */
   hasJustClosed(): boolean {
     return this.nowS() - this.closedByItself_s < SETTLES_S;
   }
@@ -171,7 +174,7 @@ export class ActionController {
     this.refusals = { ...this.refusals, [place]: undefined };
   }
 
-  /** Once per animation frame: fires what was confirmed, closes what expired or lost its vehicle. */
+  /** Once per animation frame: sends a confirmed command, closes a confirmation that expired or lost its vehicle. */
   paint(selectedId: string | null): void {
     const asked = this.asked;
     if (asked === null) return;
@@ -191,7 +194,9 @@ export class ActionController {
     this.refusals = { ...this.refusals, [place]: { what, vehicleName, problem } };
   }
 
-  /** Any other call whose refusal belongs to a place: nudges, gimbal. */
+  /**
+   * Sends any other request and shows its refusal in that part of the page, for example nudges and gimbal commands.
+   */
   async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, place: Place, send: () => Promise<Outcome<T>>): Promise<boolean> {
     const outcome = await send();
     const refusal = outcome.ok ? undefined : { what, vehicleName: facts.name, problem: outcome.problem };

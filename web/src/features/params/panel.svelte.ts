@@ -1,10 +1,10 @@
-/** The parameter panel: what is known of one vehicle's parameters, and setting one. */
+/** State of the parameter panel: the vehicle's parameters as read so far, and setting one. */
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import { NO_FILTER, type Filter, type Parameters } from './params';
 
-/** While they are read the page looks this often [ms]. */
+/** Poll interval while the parameters are read [ms]. */
 const LOOK_MS = 500;
 
 class ParamPanel {
@@ -12,7 +12,7 @@ class ParamPanel {
   filter = $state.raw<Filter>(NO_FILTER);
   content = $state.raw<Parameters | null>(null);
   problem = $state.raw<Problem | null>(null);
-  /** The one whose editor is open. */
+  /** Name of the parameter whose editor is open. */
   chosen = $state<string | null>(null);
   busy = $state(false);
   private looks = 0;
@@ -23,10 +23,10 @@ class ParamPanel {
 
   close(): void {
     this.open = false;
-    this.looks += 1; // what still looks, stops
+    this.looks += 1; // ends the polling
   }
 
-  /** Reads them where they are not known, and follows until they are. */
+  /** Loads the parameters, starts reading them if needed, and polls until all are read. */
   async show(api: ApiClient, vehicle: string, again = false): Promise<void> {
     const mine = ++this.looks;
     this.problem = null;
@@ -51,7 +51,7 @@ class ParamPanel {
     } while (mine === this.looks && this.unfinished());
   }
 
-  /** Sets one; the answer is what the vehicle then reports. */
+  /** Sets a parameter; the answer is the value that the vehicle then reports. */
   async set(api: ApiClient, vehicle: string, name: string, value: number, force = false): Promise<boolean> {
     if (this.busy) return false;
     this.busy = true;

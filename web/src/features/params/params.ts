@@ -1,4 +1,4 @@
-/** The vehicle's parameters as a person reads and edits them. Pure. */
+/** The vehicle's parameters as the page shows and edits them. Pure. */
 
 import type { components } from '../../api/schema';
 
@@ -8,21 +8,21 @@ export type Facts = NonNullable<Parameter['facts']>;
 
 export interface Filter {
   text: string;
-  /** Empty: all. */
+  /** Empty: all groups. */
   group: string;
   changedOnly: boolean;
 }
 
 export const NO_FILTER: Filter = { text: '', group: '', changedOnly: false };
-/** More rows than this are counted, not drawn: nobody reads them, and a search finds them. */
+/** Larger results are shortened and only counted, to keep the page fast. */
 export const MOST_ROWS = 120;
 
-/** Of which groups there are any, in order. */
+/** The groups that occur, sorted. */
 export function groupsOf(params: readonly Parameter[]): string[] {
   return [...new Set(params.map((p) => p.facts?.group ?? '').filter((g) => g !== ''))].sort((a, b) => a.localeCompare(b));
 }
 
-/** Every word must be in the name or in what it means; a name that begins with the text comes first. */
+/** Every typed word must occur in the name or description. Names that begin with the text come first. */
 export function found(params: readonly Parameter[], filter: Filter): Parameter[] {
   const words = filter.text
     .toLowerCase()
@@ -40,7 +40,7 @@ export function found(params: readonly Parameter[], filter: Filter): Parameter[]
   return matching.sort((a, b) => begins(a) - begins(b) || a.name.localeCompare(b.name));
 }
 
-/** A number without the noise of 32 bits. */
+/** A number without the rounding noise of 32-bit floats. */
 export function numberText(value: number | null, decimals: number | null = null): string {
   if (value === null) return '–';
   if (Number.isInteger(value) && decimals === null) return String(value).replace('-', '−');
@@ -49,7 +49,7 @@ export function numberText(value: number | null, decimals: number | null = null)
   return least.replace('-', '−');
 }
 
-/** As many decimals as are meant, and more where the value has them. */
+/** The given number of decimals, or more if the value needs them. */
 function trimmed(value: number, decimals: number): string {
   const exact = String(Number(value.toPrecision(7)));
   const given = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
@@ -58,7 +58,7 @@ function trimmed(value: number, decimals: number): string {
 
 const SYMBOLS: Readonly<Record<string, string>> = { deg: '°', Ohm: 'Ω', norm: '', us: 'µs', '%': '%' };
 
-/** A unit as it is written; the metadata spell it in ASCII. */
+/** A unit in its usual spelling; PX4's metadata is ASCII only. */
 export function unitText(unit: string | null): string {
   if (unit === null) return '';
   return unit
@@ -69,13 +69,13 @@ export function unitText(unit: string | null): string {
     .replace('^3', '³');
 }
 
-/** With its unit; degrees stand close. */
+/** Appends the unit; a degree sign follows without a space. */
 function withUnit(number: string, unit: string | null): string {
   const written = unitText(unit);
   return written === '' ? number : written === '°' ? `${number}°` : `${number} ${written}`;
 }
 
-/** What a value is called: a choice's label, the bits that are set, or the number with its unit. */
+/** The value as text: the label of an enum value, the names of set bits, or the number with its unit. */
 export function valueText(parameter: Parameter): string {
   const { facts, value } = parameter;
   if (facts === null || value === null) return numberText(value);
@@ -89,14 +89,14 @@ export function valueText(parameter: Parameter): string {
   return withUnit(number, facts.unit);
 }
 
-/** The range in words; empty where none is told. */
+/** The permitted range as text; empty if there is none. */
 export function rangeText(facts: Facts): string {
   if (facts.min !== null && facts.max !== null) return `${numberText(facts.min)} to ${withUnit(numberText(facts.max), facts.unit)}`;
   if (facts.min !== null) return `at least ${withUnit(numberText(facts.min), facts.unit)}`;
   return facts.max === null ? '' : `at most ${withUnit(numberText(facts.max), facts.unit)}`;
 }
 
-/** What was typed as a number; null where it is none, or not whole where it must be. */
+/** Parses typed text; null if it is not a number, or not an integer where one is required. */
 export function typed(text: string, isInteger: boolean): number | null {
   const plain = text.trim().replace('−', '-').replace(',', '.');
   if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(plain)) return null;
@@ -104,7 +104,7 @@ export function typed(text: string, isInteger: boolean): number | null {
   return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
-/** What speaks against a value, before it is sent; null where nothing does. The server looks at the same. */
+/** Why a value is not permitted; null if it is. The server makes the same check. */
 export function objection(facts: Facts | null, value: number): string | null {
   if (facts === null) return null;
   if (facts.choices.length > 0) return facts.choices.some((c) => same(c.value, value)) ? null : 'Not one of the documented values.';
@@ -118,12 +118,12 @@ export function objection(facts: Facts | null, value: number): string | null {
   return low || high ? `Outside the documented range: ${rangeText(facts)}.` : null;
 }
 
-/** As the vehicle holds them: 32 bits. */
+/** Compares as 32-bit floats, as the vehicle stores them. */
 function same(a: number, b: number): boolean {
   return Math.fround(a) === Math.fround(b);
 }
 
-/** How far they are known, in words. */
+/** Progress of reading, as text. */
 export function stateText(list: Parameters['list'] | null): string {
   if (list === null || list.state === 'unknown') return 'not read yet';
   const share = list.count === null ? '' : ` ${list.received} of ${list.count}`;

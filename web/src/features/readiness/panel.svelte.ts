@@ -1,4 +1,4 @@
-/** The readiness panel: open or not, and the vehicle asked to look again. */
+/** State of the readiness panel, and the request that the vehicle runs its checks again. */
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -19,7 +19,7 @@ class ReadinessPanel {
     this.problem = null;
   }
 
-  /** Does what the server offers: a mode in which the vehicle can be armed. A check on its way does not hold it up. */
+  /** Switches to a mode in which the vehicle can be armed. A running check does not delay it. */
   async choose(api: ApiClient, vehicle: string, mode: string): Promise<void> {
     if (this.choosing) return;
     this.choosing = true;
@@ -29,7 +29,7 @@ class ReadinessPanel {
     if (!outcome.ok) this.problem = outcome.problem;
   }
 
-  /** Has the vehicle run its checks; what they say comes with the telemetry. */
+  /** Makes the vehicle run its checks; the results come with the telemetry. */
   async check(api: ApiClient, vehicle: string): Promise<void> {
     if (this.asking) return;
     this.asking = true;

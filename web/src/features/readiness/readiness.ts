@@ -1,4 +1,4 @@
-/** Why a vehicle cannot arm or fly: what the server tells of its checks, sorted for a person. Pure. */
+/** Why a vehicle cannot arm or fly, sorted for display, from the server's topic `readiness`. Pure. */
 
 import type { components } from '../../api/schema';
 import type { SeverityWord } from '../../ui/severity';
@@ -9,7 +9,7 @@ export type ModeReadiness = components['schemas']['ModeReadiness'];
 
 export interface Headline {
   text: string;
-  /** What stands in the way, in a few words. */
+  /** The blocking findings, in a few words. */
   detail: string;
   tone: 'ok' | 'caution' | 'neutral';
 }
@@ -17,7 +17,7 @@ export interface Headline {
 export interface FindingRow {
   cause: Cause;
   severity: SeverityWord;
-  /** What it keeps the vehicle from, in words; empty where it blocks nothing. */
+  /** What the finding blocks, as text; empty if nothing. */
   blocks: string;
 }
 
@@ -27,7 +27,7 @@ export interface ModeRow {
   current: boolean;
   can_arm: boolean;
   can_run: boolean;
-  /** Why not, short; empty where it may. */
+  /** Short reason; empty if the mode is possible. */
   why: string;
 }
 
@@ -37,16 +37,16 @@ const SEVERITIES: Readonly<Record<string, SeverityWord>> = {
   warning: { word: 'Warning', full: 'Warning', tone: 'caution', shape: 'triangle' },
   info: INFO,
 };
-/** More names than these are counted. */
+/** Above this number, names are counted instead of listed. */
 const NAMED = 4;
 
-/** What a sample of the topic holds; null for anything else. */
+/** Reads a sample of the topic; null if it has another format. */
 export function readReadiness(value: unknown): Readiness | null {
   const it = value as Readiness | null | undefined;
   return typeof it === 'object' && it !== null && Array.isArray(it.modes) && Array.isArray(it.findings) ? it : null;
 }
 
-/** One sentence about the mode that counts now: arming while disarmed, flying while armed. */
+/** One sentence: arming in the current mode while disarmed, flying in it while armed. */
 export function headline(readiness: Readiness | null, mode: string | null, armed: boolean): Headline {
   if (readiness === null || !readiness.known) return { text: 'Not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
   const now = readiness.modes.find((m) => m.mode === mode);
@@ -57,7 +57,7 @@ export function headline(readiness: Readiness | null, mode: string | null, armed
   return { text: armed ? `${now.label} cannot be flown` : `Cannot arm in ${now.label}`, detail: causes, tone: 'caution' };
 }
 
-/** All that the checks found, what blocks most first. */
+/** All findings of the checks, the most blocking first. */
 export function findings(readiness: Readiness): FindingRow[] {
   const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, shut: blockedBy(readiness, cause) }));
   const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
@@ -80,7 +80,7 @@ function namesOf(modes: readonly ModeReadiness[], all: number): string {
   return modes.length > NAMED ? `${names} and ${modes.length - NAMED} more` : names;
 }
 
-/** Every mode, those that may be flown first. */
+/** All modes, the possible ones first. */
 export function modeRows(readiness: Readiness, mode: string | null): ModeRow[] {
   const rows = readiness.modes.map((m) => ({
     mode: m.mode,

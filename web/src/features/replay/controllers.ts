@@ -1,4 +1,4 @@
-/** The one control of replays of this page. */
+/** The page's only ReplayControl instance. */
 
 import { page } from '../../app/page.svelte';
 import { ReplayControl } from './replay.svelte';

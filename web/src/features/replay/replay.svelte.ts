@@ -1,12 +1,17 @@
-/** Recordings on the page: the list, the one that is shown, and steering it: one request under way, the newest wish next. */
+/**
+ * State and control of replays: the list of recordings, the replay that is shown, and its commands. One request is
+ * under way at a time; of later commands only the newest is kept.
+ */
 
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Replay } from '../../live/wire';
 import { bounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
 
-/** Telemetry that does not tell of a moment that was asked for by then never will: so long after the answer [ms], and
- * after so many more frames, since a busy browser reads frames from before the answer long after it. */
+/**
+ * Timeout of a seek after the server's answer: both the time [ms] and a number of frames must have passed. A busy
+ * browser may still read frames from before the answer long after it.
+ */
 const PATIENCE_MS = 2000;
 const PATIENCE_FRAMES = 20;
 
@@ -27,18 +32,18 @@ export interface ReplayDeps {
 
 export class ReplayControl {
   listOpen = $state(false);
-  /** A person has just chosen what to see: its time bar takes the keyboard. */
+  /** A person has just opened a replay: its time bar takes the keyboard focus. */
   justOpened = $state(false);
   recordings = $state.raw<readonly Recording[] | null>(null);
   /** Name of the recording that is being opened. */
   opening = $state<string | null>(null);
   problem = $state.raw<Problem | null>(null);
   index = $state.raw<RecordingIndex | null>(null);
-  /** Moment asked for and not shown yet. */
+  /** Requested time that is not shown yet. */
   wanted_unix_s = $state<number | null>(null);
-  /** The replay whose vehicle is to be chosen as soon as there is one. */
+  /** The replay whose vehicle is selected as soon as it has one. */
   private awaited = $state<string | null>(null);
-  /** It has no vehicle now: just opened, or sent to a moment before the first was heard. */
+  /** The replay has no vehicle now: it was just opened, or its time is before the first vehicle. */
   private waiting = false;
   private indexed: string | null = null;
   private wish: Wish | null = null;
@@ -83,7 +88,7 @@ export class ReplayControl {
     if (!answer.ok) this.problem = answer.problem;
   }
 
-  /** Called for each frame of telemetry: chooses the vehicle that was waited for, reads the marks of what is shown. */
+  /** Called for each frame of telemetry: selects the expected vehicle and loads the marks of the replay shown. */
   follow(): void {
     this.arrive();
     const replays = this.deps.replays();
@@ -93,7 +98,7 @@ export class ReplayControl {
     if (awaited !== undefined && first === undefined) this.waiting = true;
     if (awaited !== undefined && first !== undefined) {
       if (selected === null || (this.waiting && !awaited.vehicles.includes(selected))) this.deps.select(first);
-      else if (!this.waiting && selected !== null && !awaited.vehicles.includes(selected)) this.awaited = null; // another was chosen
+      else if (!this.waiting && selected !== null && !awaited.vehicles.includes(selected)) this.awaited = null; // another vehicle was selected
       this.waiting = false;
     }
     const shown = this.shown;
@@ -123,7 +128,7 @@ export class ReplayControl {
   private async send(): Promise<void> {
     this.underWay = true;
     while (this.wish !== null) {
-      const name = this.shown?.name ?? this.awaited ?? undefined; // between two of its vehicles nothing is shown
+      const name = this.shown?.name ?? this.awaited ?? undefined; // when the replay changes from one vehicle to the next, none is shown for a moment
       const wish: Wish = this.wish;
       this.wish = null;
       if (name === undefined) break;
@@ -136,7 +141,9 @@ export class ReplayControl {
     this.underWay = false;
   }
 
-  /** Frames still under way tell of the moment before: what was asked for is shown until one tells that it is there. */
+  /**
+   * Frames under way may still have the earlier time. The page shows the requested time until a frame has reached it.
+   */
   private arrive(): void {
     if (this.wanted_unix_s === null || this.underWay) return;
     const shown = this.shown;

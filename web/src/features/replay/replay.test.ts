@@ -116,7 +116,7 @@ describe('which replay is shown', () => {
     expect(shownReplay([replay()], '2', null)).toBeNull();
     expect(shownReplay([empty], '2', 'b')?.name).toBe('b');
     expect(shownReplay([empty], '2', null)).toBeNull();
-    expect(shownReplay([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle came again, and is not chosen yet
+    expect(shownReplay([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle is back, but not selected yet
     expect(shownReplay([empty], null, null)?.name).toBe('b');
   });
 });
@@ -166,7 +166,7 @@ describe('steering', () => {
     await new Promise((done) => setTimeout(done, 0));
     replays[0] = replay({ position_unix_s: 50, playing: false });
     made.follow();
-    expect(made.wanted_unix_s).toBe(130); // a frame of the moment before
+    expect(made.wanted_unix_s).toBe(130); // a frame from before the seek
     replays[0] = replay({ position_unix_s: 130, playing: false });
     made.follow();
     expect(made.wanted_unix_s).toBeNull();
@@ -185,7 +185,7 @@ describe('steering', () => {
     for (let i = 0; i < 20; i++) made.follow();
     expect(made.wanted_unix_s).toBe(130);
     made.follow();
-    expect(made.wanted_unix_s).toBeNull(); // another client has moved it, or the link is gone
+    expect(made.wanted_unix_s).toBeNull(); // another client has moved it, or the connection is lost
     now.mockRestore();
   });
   it('reads the marks once and chooses the vehicle of what was opened', async () => {

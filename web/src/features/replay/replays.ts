@@ -1,4 +1,4 @@
-/** Recordings and the time bar as plain values: where a moment lies on it, its marks, and their texts. */
+/** Recordings and the time bar as plain values: positions of times on the bar, marks, and texts. Pure. */
 
 import type { components } from '../../api/schema';
 import type { Replay } from '../../live/wire';
@@ -13,7 +13,7 @@ type Said = VehicleMarks['messages'][number];
 export const SPEEDS: readonly number[] = [0.25, 0.5, 1, 2, 4, 8, 16, 50];
 export const STEP_S = 5;
 export const LONG_STEP_S = 30;
-/** MAV_SEVERITY up to which a message is marked on the bar and can be jumped to: a warning. */
+/** Messages up to this MAV_SEVERITY (warning) are marked on the bar and can be jumped to. */
 const SERIOUS = 4;
 
 /** Begin and end of a replay that can be steered; null while it is being read. */
@@ -21,18 +21,18 @@ export function bounds(replay: Replay): { begin_s: number; end_s: number } | nul
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }
 
-/** Whether a replay has reached a requested time, or has played on from there. */
+/** Whether a replay has reached a requested time, or has played on from it. */
 export function hasArrived(replay: Replay, wanted_unix_s: number): boolean {
   const past_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - wanted_unix_s;
   return past_s >= -0.5 && past_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
 }
 
-/** Where a moment lies between begin and end, 0 to 1. */
+/** Position of a time between begin and end, 0 to 1. */
 export function share(unix_s: number, begin_s: number, end_s: number): number {
   return end_s > begin_s ? Math.min(1, Math.max(0, (unix_s - begin_s) / (end_s - begin_s))) : 0;
 }
 
-/** The marks of the vehicle shown: an id like `1~2` is a second vehicle that claims system 1. */
+/** The marks of the selected vehicle. An id such as `1~2` is a second vehicle with system id 1. */
 export function marksOf(index: RecordingIndex | null, vehicleId: string | null): VehicleMarks | null {
   if (index === null) return null;
   const system = Number(vehicleId?.split('~')[0] ?? NaN);
@@ -83,7 +83,7 @@ export function wordsAt(marks: VehicleMarks | null, unix_s: number, near_s: numb
   return { mode, armed: marks?.armed.some(within) ?? false, message: most === null ? '' : said(most) };
 }
 
-/** Moments worth jumping to: changes of mode, arming, and messages of warning or worse. */
+/** Times to jump to: changes of mode, arming, and messages of warning or worse. */
 export function moments(marks: VehicleMarks | null): number[] {
   if (marks === null) return [];
   const all = [
@@ -94,7 +94,7 @@ export function moments(marks: VehicleMarks | null): number[] {
   return [...new Set(all)].sort((a, b) => a - b);
 }
 
-/** The next moment after `unix_s`, or the one before it; null where there is none. */
+/** The next such time after `unix_s`, or the previous one; null if there is none. */
 export function neighbour(all: readonly number[], unix_s: number, way: 1 | -1): number | null {
   const margin_s = 0.3;
   return (way === 1 ? all.find((t) => t > unix_s + margin_s) : all.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
@@ -123,14 +123,14 @@ export function keyTarget(key: string, shift: boolean, at_s: number, begin_s: nu
   }
 }
 
-/** Date and time of day of a moment, by this machine's zone: 2026-07-11 14:02:31. */
+/** Date and time of day in this computer's time zone: 2026-07-11 14:02:31. */
 export function dateTime(unix_s: number): string {
   const d = new Date(unix_s * 1000);
   const two = (n: number): string => String(n).padStart(2, '0');
   return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${timeOfDay(unix_s)}`;
 }
 
-/** 12.4 MB. */
+/** For example 12.4 MB. */
 export function size(bytes: number): string {
   if (bytes < 1000) return `${bytes} B`;
   const units = ['kB', 'MB', 'GB'];
@@ -152,7 +152,7 @@ export function recordingWords(r: Recording): string {
   return [duration(r.duration_s), vehicleWords(r.vehicles), size(r.bytes), r.link ?? r.name].join(' · ');
 }
 
-/** The replay to show the bar of: the chosen vehicle's, the one that is waited for, or one without a vehicle. */
+/** The replay whose bar is shown: that of the selected vehicle, else the expected one, else one without a vehicle. */
 export function shownReplay(replays: readonly Replay[], selectedId: string | null, awaited: string | null): Replay | null {
   const own = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
   return own ?? replays.find((r) => r.name === awaited || (r.vehicles.length === 0 && selectedId === null)) ?? null;

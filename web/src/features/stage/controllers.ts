@@ -1,4 +1,4 @@
-/** The one menu of this page for a point on the map or in 3D. */
+/** The page's only MapPointMenu instance. */
 
 import { page } from '../../app/page.svelte';
 import { actions, nowS } from '../../app/session.svelte';

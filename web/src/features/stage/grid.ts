@@ -1,14 +1,14 @@
-/** The map's own background: a metric grid about home whose spacing follows the zoom. */
+/** The metric grid about home; its spacing depends on the zoom. */
 
 import { eastNorth, fromPixel, lengthText, pixelsPerMetre, placeAt, toPixel, type EastNorth, type MapView, type Place } from '../../vehicle/geo';
 
-/** A cell is never drawn smaller than this [px]; ten times that is the largest. */
+/** Smallest side of a cell [px]; the largest is ten times that. */
 const SMALLEST_CELL_PX = 34;
-/** Farther from home than this [m] a flat grid is no longer true, and none is drawn. */
+/** No grid is drawn farther from home than this [m], because a flat grid is too inaccurate there. */
 const FLAT_WITHIN_M = 500_000;
 const MOST_LINES = 400;
 
-/** Side of a small cell [m]: the power of ten, from 1 m, that is large enough to see. The strong lines are ten of them apart. */
+/** Side of a small cell [m]: the smallest visible power of ten, at least 1 m. Strong lines are ten cells apart. */
 export function gridStep_m(px_per_m: number): number {
   return Math.max(1, 10 ** Math.ceil(Math.log10(SMALLEST_CELL_PX / px_per_m) - 1e-9));
 }
@@ -21,7 +21,7 @@ export interface Box {
   north_m: number;
 }
 
-/** What the view shows, turned views with their corners. */
+/** The rectangle that the view shows; for a rotated view, with its corners. */
 export function viewBox(view: MapView, reference: Place): Box {
   const corners = [
     [0, 0],
@@ -47,7 +47,7 @@ export interface GridLine {
 
 export interface Grid {
   thin: GridLine[];
-  /** Every tenth, and those through home. */
+  /** Every tenth line, and the lines through home. */
   strong: GridLine[];
 }
 
@@ -72,10 +72,10 @@ export interface EdgeLabel {
   text: string;
 }
 
-/** Room for one label [px]. */
+/** Space for one label [px]. */
 const LABEL_PX = 64;
 
-/** Metres from home where lines leave the view at its top (east, west) and at its left (north, south); north up only. */
+/** Distances from home [m] at the view's top edge (east, west) and left edge (north, south); only with north up. */
 export function edgeLabels(view: MapView, reference: Place): EdgeLabel[] {
   if (Math.abs(Math.sin(view.up_rad)) > 0.005 || Math.cos(view.up_rad) < 0) return [];
   const px_per_m = pixelsPerMetre(view);

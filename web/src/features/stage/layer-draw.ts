@@ -1,4 +1,7 @@
-/** Editable layers as MapLibre draws them: one GeoJSON source, lines and areas by style, each point a small picture made here (no glyphs, no sprites). */
+/**
+ * Draws editable layers with MapLibre: one GeoJSON source, lines and areas by style. Each point is an icon drawn
+ * here, without glyphs or sprites.
+ */
 
 import type { Feature, FeatureCollection, Geometry } from 'geojson';
 import type { GeoJSONSource, LayerSpecification, Map as MapLibre } from 'maplibre-gl';
@@ -9,9 +12,9 @@ import type { Palette } from './map-draw';
 const SOURCE = 'edited';
 const PREFIX = 'edited-';
 const RATIO = 2;
-/** Of a point's disc. */
+/** Radius of a point's disc. */
 export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { middle: 5, corner: 6.5, cross: 9, disc: 13, home: 13, ghost: 16 };
-/** Half a picture's side [px]. */
+/** Half the side of an icon [px]. */
 const HALF_PX = 18;
 const TONES: Readonly<Record<Tone, string>> = {
   target: '--target',
@@ -25,12 +28,12 @@ type Drawn = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?
 
 const coordinates = (places: readonly Place[]): [number, number][] => places.map((place) => [place.lon_deg, place.lat_deg]);
 
-/** A point's picture by name: what is drawn follows from the name alone. */
+/** Name of a point's icon; it contains everything that the icon shows. */
 export function iconName(point: LayerPoint): string {
   return [PREFIX, point.mark, point.tone, point.selected ? 'on' : 'off', point.text].join('|');
 }
 
-/** Everything as GeoJSON; selected points come last, on top. */
+/** All layers as GeoJSON; selected points come last, so that they are drawn on top. */
 export function features(pictures: readonly LayerPicture[]): FeatureCollection {
   const found: Drawn[] = [];
   for (const { areas, lines, points } of pictures) {
@@ -91,7 +94,7 @@ export function layers(palette: Palette): LayerSpecification[] {
   ];
 }
 
-/** Draws a point's picture by its name. */
+/** Draws the icon with this name. */
 export function drawIcon(name: string, palette: Palette): ImageData | null {
   const [, mark, tone, on, text = ''] = name.split('|');
   const canvas = document.createElement('canvas');
@@ -111,7 +114,7 @@ export function drawIcon(name: string, palette: Palette): ImageData | null {
     ctx.strokeStyle = colour;
     ctx.stroke(new Path2D('M0-5v10M-5 0h10'));
   } else if (mark === 'ghost') {
-    // A vehicle from above on a disc, so that it stands out of the lines around it; an arrow ahead.
+    // A vehicle from above, with a heading arrow. The disc separates it from the lines around it.
     disc(ctx, radius, palette.panel, colour, 1.2);
     ctx.strokeStyle = ctx.fillStyle = colour;
     ctx.stroke(new Path2D('M-6-5L6 7M6-5L-6 7'));
@@ -145,7 +148,7 @@ function disc(ctx: CanvasRenderingContext2D, radius: number, fill: string | null
   ctx.stroke();
 }
 
-/** The layers of one map; they lie over its tiles. */
+/** Paints the layers of one map above its tiles. */
 export class LayerPainter {
   private pictures: readonly LayerPicture[] = [];
   private palette: Palette | null = null;
@@ -162,14 +165,14 @@ export class LayerPainter {
     (this.map.getSource(SOURCE) as GeoJSONSource | undefined)?.setData(features(pictures));
   }
 
-  /** The map's style is there, or its colours changed: everything anew. */
+  /** Adds all layers again, after the map's style was loaded or its colours changed. */
   restyle(palette: Palette): void {
     this.palette = palette;
     const { map } = this;
     for (const layer of map.getStyle().layers) if (layer.id.startsWith(PREFIX)) map.removeLayer(layer.id);
     for (const name of map.listImages()) if (name.startsWith(PREFIX)) map.removeImage(name);
     if (map.getSource(SOURCE) === undefined) {
-      // The last zoom level with tiles of its own: below it places are kept to a centimetre.
+      // The highest zoom level with its own tiles; above it positions have a resolution of a centimetre.
       map.addSource(SOURCE, { type: 'geojson', data: features(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
     }
     for (const layer of layers(palette)) map.addLayer(layer);

@@ -1,14 +1,17 @@
-/** One gesture on an editable layer: a click picks, a drag moves, by pointer or by the crosshair's keys. Pure: pixels and places in, calls to the editor out. */
+/**
+ * One gesture on an editable layer: a click selects, a drag moves, by pointer or by the crosshair's keys. Pure: gets
+ * pixels and positions, calls the editor.
+ */
 
 import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
 import { fromPixel, hit, toPixel, type MapView, type Pixel } from '../../vehicle/geo';
 
-/** A pointer that moves less than this clicks [px]. */
+/** A pointer that moves less than this makes a click [px]. */
 const STILL_PX = 5;
-/** A middle is asked for by aiming better than a point [of the reach]. */
+/** Reach of a midpoint, as a fraction of the reach of a point. */
 const MIDDLE_REACH = 0.7;
 
-/** The point under a pointer; a real one before a middle. */
+/** The point under a pointer; a point of the plan has priority over a midpoint. */
 export function pointAt(view: MapView, at: Pixel, points: readonly LayerPoint[], reach_px: number): LayerPoint | null {
   const real = points.filter((point) => point.mark !== 'middle');
   const middles = points.filter((point) => point.mark === 'middle');
@@ -18,12 +21,12 @@ export function pointAt(view: MapView, at: Pixel, points: readonly LayerPoint[],
 interface Held {
   point: LayerPoint;
   began: Pixel;
-  /** From the pointer to the point: the point does not jump under the pointer. */
+  /** Offset from the pointer to the point, so that the point does not jump to the pointer. */
   offset: Pixel;
   more: boolean;
-  /** The id that moves; null: not moved yet. */
+  /** Id of the moving point; null: not moved yet. */
   moving: string | null;
-  /** It does not move: the pointer only clicks. */
+  /** The point cannot move: the gesture is only a click. */
   fixed: boolean;
 }
 
@@ -41,7 +44,7 @@ export class LayerGesture {
     this.held = { point, began: at, offset: { x: place.x - at.x, y: place.y - at.y }, more, moving: null, fixed: false };
   }
 
-  /** By keyboard: the point moves from the first key on. @returns false: it does not move. */
+  /** Starts a move by keyboard. @returns false: the point cannot move. */
   take(view: MapView, point: LayerPoint): boolean {
     this.down(view, toPixel(view, point), point, false);
     this.begin();
@@ -57,7 +60,7 @@ export class LayerGesture {
     if (held.moving !== null) this.editor.drag(held.moving, fromPixel(view, { x: at.x + held.offset.x, y: at.y + held.offset.y }));
   }
 
-  /** Let go: what moved stays, what did not move is picked. */
+  /** The pointer was released: a moved point is dropped, an unmoved one selected. */
   up(): void {
     const held = this.held;
     this.held = null;
@@ -66,7 +69,7 @@ export class LayerGesture {
     else this.editor.pick(held.point.id, held.more);
   }
 
-  /** Escape, or the system took the pointer: nothing has moved. */
+  /** Escape, or the system cancelled the pointer: all points go back. */
   cancel(): void {
     const moved = this.held?.moving != null;
     this.held = null;

@@ -1,19 +1,21 @@
-/** Pointer and keys on the editable layer of the large map, before MapLibre sees them: a point that is dragged does not pan the map. */
+/**
+ * Handles pointer and keys on the editable layer before MapLibre does, so that dragging a point does not pan the map.
+ */
 
 import { mapLayers } from '../../app/map-layers.svelte';
 import type { MapView, Pixel } from '../../vehicle/geo';
 import { LayerGesture, pointAt } from './layer-gesture';
 
 const REACH_PX = 14;
-/** A finger is broader. */
+/** Larger for touch, because a finger is less precise. */
 const TOUCH_REACH_PX = 26;
-/** What MapLibre makes pans, clicks and zooms of. */
+/** Events from which MapLibre makes pans, clicks and zooms. */
 const MAP_EVENTS = ['mousedown', 'touchstart', 'click', 'dblclick', 'contextmenu'] as const;
 
 export class LayerInput {
   private gesture: LayerGesture | null = null;
   private pointer: number | null = null;
-  /** The pointer that went down last is the layer's: the map gets nothing of it. */
+  /** The layer handles the pointer that was last pressed; MapLibre gets none of its events. */
   private taken = false;
   private byKeys = false;
 
@@ -23,7 +25,7 @@ export class LayerInput {
     private readonly view: () => MapView | null,
   ) {}
 
-  /** @returns what ends it. */
+  /** @returns a function that stops listening. */
   listen(): () => void {
     const { holder } = this;
     const stop = (event: Event): void => {
@@ -52,7 +54,7 @@ export class LayerInput {
     return this.byKeys;
   }
 
-  /** Enter at the crosshair: takes the point there, or lets go of the one that is held. @returns false: no point there. */
+  /** Enter at the crosshair: grabs the point there, or drops the grabbed one. @returns false: there is no point. */
   enter(at: Pixel, more: boolean): boolean {
     if (this.byKeys) {
       this.byKeys = false;
@@ -68,7 +70,7 @@ export class LayerInput {
     return true;
   }
 
-  /** The crosshair moved: so does what is held. */
+  /** The crosshair moved: moves the grabbed point. */
   moveTo(at: Pixel): void {
     const view = this.view();
     if (this.byKeys && view !== null) this.gesture?.move(view, at);
@@ -86,7 +88,7 @@ export class LayerInput {
   }
 
   private readonly down = (event: PointerEvent): void => {
-    if (this.pointer !== null) return; // a second finger changes nothing
+    if (this.pointer !== null) return; // a second finger has no effect
     this.taken = false;
     if (this.byKeys) this.cancel();
     const [view, edited] = [this.view(), mapLayers.edited];

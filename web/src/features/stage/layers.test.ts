@@ -6,7 +6,7 @@ import { LayerGesture, pointAt } from './layer-gesture';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const bare = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
-/** Two pixels a metre. */
+/** Two pixels per metre. */
 const view: MapView = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
 
 const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): LayerPoint => ({
@@ -18,7 +18,7 @@ const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): L
   selected: false,
 });
 
-/** Notes what it is told. */
+/** Records the editor calls. */
 class Notes implements LayerEditor {
   readonly told: unknown[] = [];
   constructor(private readonly moves: string | null = null) {}

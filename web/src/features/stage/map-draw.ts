@@ -1,4 +1,4 @@
-/** Draws what moves over the map: homes, trails, vehicles, targets. Knows a canvas, nothing of the page. */
+/** Draws what moves on the map: homes, trails, vehicles, targets. Depends only on a canvas, not on the page. */
 
 import type { MapTarget, MapVehicle } from './map-model';
 import type { LayerPoint } from '../../app/map-layers.svelte';
@@ -6,7 +6,7 @@ import { POINT_RADIUS_PX } from './layer-draw';
 import type { EdgeLabel, Grid, GridLine } from './grid';
 import { toPixel, type MapView, type Pixel, type Place } from '../../vehicle/geo';
 
-/** The page's colours as the canvas and the map's style need them. */
+/** The page's colours for the canvas and the map's style. */
 export interface Palette {
   map: string;
   line: string;
@@ -24,21 +24,21 @@ export interface Palette {
 
 type Ctx = CanvasRenderingContext2D;
 
-/** Of a point's outline, outside its radius. */
+/** Width of the outline outside a point's radius. */
 const EDGE_PX = 2;
 const RETURN_RADIUS_PX = 2.5;
-/** Trail points nearer to each other than this are one [px]. */
+/** Shortest distance of two trail points that are drawn separately [px]. */
 const TRAIL_STEP_PX = 1.5;
 
 export interface Picture {
   vehicles: readonly MapVehicle[];
   grid: Grid | null;
-  /** Whether tiles lie below: the grid steps back. */
+  /** Whether there are tiles below; the grid is then drawn weaker. */
   overTiles: boolean;
   labels: readonly EdgeLabel[];
-  /** Points that MapLibre draws below: no line of the grid crosses them. */
+  /** Points that MapLibre draws below the canvas; grid lines leave them free. */
   edited: readonly LayerPoint[];
-  /** Where the open menu points. */
+  /** The point whose menu is open. */
   mapPoint: Place | null;
   inset: boolean;
 }
@@ -96,7 +96,7 @@ function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): vo
   ctx.globalCompositeOperation = 'source-over';
 }
 
-/** Small dots, grey as all that is neither vehicle nor target. */
+/** Detected obstacles as small dots, in the grey that is used for neither vehicles nor targets. */
 function drawReturns(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): void {
   if (v.returns.length === 0) return;
   ctx.fillStyle = palette.text2;
@@ -108,7 +108,7 @@ function drawReturns(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): 
   }
 }
 
-/** Vehicles that started side by side share one mark. */
+/** Homes; vehicles that started close together share one mark. */
 function homes(vehicles: readonly MapVehicle[]): Place[] {
   const found = new Map<string, Place>();
   for (const { home } of vehicles) if (home !== null) found.set(`${home.lat_deg.toFixed(6)},${home.lon_deg.toFixed(6)}`, home);
@@ -194,7 +194,7 @@ function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, pal
     disc(ctx, 3, palette.target, null, 0);
     disc(ctx, 10, null, palette.target, 1.6);
   } else if (target.kind === 'preview') {
-    // Not sent: an open ring, and the nose it would have.
+    // An unsent setpoint: an open ring with its heading.
     ctx.lineWidth = 1.6;
     ctx.setLineDash([4, 4]);
     ctx.stroke(new Path2D('M12 0A12 12 0 1 1 -12 0A12 12 0 1 1 12 0'));
@@ -246,7 +246,7 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, p
   ctx.restore();
 }
 
-/** Where the open menu points: asked for, so violet, and open, so hollow. */
+/** The point whose menu is open: a hollow mark in the colour of targets. */
 function drawMapPoint(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
   ctx.save();
   ctx.translate(x, y);

@@ -1,4 +1,7 @@
-/** MapLibre behind a small face: camera, gestures and offline tiles. Loaded when the map is first shown; nothing else knows MapLibre. */
+/**
+ * A small interface to MapLibre: camera, gestures and offline tiles. Loaded when the map is first shown; no other
+ * module controls MapLibre.
+ */
 
 import { addProtocol, LngLatBounds, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent } from 'maplibre-gl';
 import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
@@ -13,7 +16,7 @@ import { tileLayers, type OfflineMap } from './offline-maps';
 
 const RAD = Math.PI / 180;
 const ZOOM = { min: 7, max: 22 } as const;
-/** Around what is fitted into the view [px]. */
+/** Margin around fitted positions [px]. */
 const FIT_PX = 70;
 
 setWorkerCount(1);
@@ -21,11 +24,11 @@ const archives = new Protocol({ metadata: true });
 addProtocol('pmtiles', archives.tile);
 
 export interface EngineEvents {
-  /** The camera or the tiles changed and have just been drawn. */
+  /** The camera or the tiles changed, and the map was drawn. */
   drawn: () => void;
-  /** The person moved the map by hand. */
+  /** The person moved the map. */
   taken: () => void;
-  /** A click, a tap, a long press. */
+  /** The person clicked, tapped or pressed long. */
   pressed: (at: Pixel) => void;
 }
 
@@ -35,9 +38,8 @@ export class MapEngine {
   private styled = false;
 
   /**
-   * Throws where the browser has no WebGL.
-   *
-   * @param editable whether it draws layers that features edit; they need MapLibre's worker, as tiles do.
+   * Throws if the browser has no WebGL.
+   * @param editable whether it draws layers that features edit; like tiles, they need MapLibre's worker.
    */
   constructor(
     container: HTMLElement,
@@ -46,7 +48,7 @@ export class MapEngine {
     readonly editable: boolean,
     events: EngineEvents,
   ) {
-    // A file of this server's own: a worker made from a blob would need a wider policy.
+    // The worker is a file of this server, because one made from a blob would need a wider content security policy.
     setWorkerUrl(new URL(offline.length > 0 || editable ? workerUrl : idleUrl, location.href).href);
     this.map = new MapLibre({
       container,
@@ -69,7 +71,7 @@ export class MapEngine {
     });
     this.layers = editable ? new LayerPainter(this.map) : null;
     const canvas = this.map.getCanvas();
-    canvas.tabIndex = -1; // the stage's own crosshair takes the keyboard
+    canvas.tabIndex = -1; // the keyboard uses the stage's own crosshair
     canvas.setAttribute('aria-hidden', 'true');
     canvas.removeAttribute('role');
     this.map.on('load', () => {
@@ -84,12 +86,12 @@ export class MapEngine {
     }
     const pressed = (event: MapMouseEvent): void => events.pressed({ x: event.point.x, y: event.point.y });
     this.map.on('click', pressed);
-    this.map.on('contextmenu', pressed); // a long press, on glass
+    this.map.on('contextmenu', pressed); // a long press on a touch screen
     // eslint-disable-next-line no-console -- a map tile that cannot be read is for developers to see
     this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
   }
 
-  /** While true the wheel zooms about the middle, so that what is followed stays there. */
+  /** While true the wheel zooms about the middle, so that the followed vehicle stays there. */
   private followsZoom = false;
 
   set followed(on: boolean) {
@@ -97,7 +99,7 @@ export class MapEngine {
     this.followsZoom = on;
     const about = on ? ({ around: 'center' } as const) : true;
     for (const handler of [this.map.scrollZoom, this.map.touchZoomRotate]) {
-      handler.disable(); // an enabled one keeps what it was enabled with
+      handler.disable(); // enable() ignores new options while the handler is enabled
       handler.enable(about);
     }
   }
@@ -108,7 +110,7 @@ export class MapEngine {
     return { centre: mercator({ lat_deg: lat, lon_deg: lng }), world_px: 512 * 2 ** this.map.getZoom(), up_rad: this.map.getBearing() * RAD, width, height };
   }
 
-  /** Puts a place so many pixels right of and below the middle, at once. */
+  /** Shows a position at an offset [px] right of and below the middle, without animation. */
   look(at: Place, off: Pixel, zoom?: number): void {
     const zoomed = zoom === undefined ? {} : { zoom };
     this.map.jumpTo({
@@ -118,7 +120,7 @@ export class MapEngine {
     });
   }
 
-  /** What lies in the middle of what is free. */
+  /** The position in the middle of the uncovered area. */
   centre(): Place {
     const { lat, lng } = this.map.getCenter();
     return { lat_deg: lat, lon_deg: lng };
@@ -140,7 +142,7 @@ export class MapEngine {
     this.map.easeTo({ bearing: 0, duration: 120 });
   }
 
-  /** Puts all these places into what is free, not nearer than `max_zoom`. */
+  /** Fits all positions into the uncovered area, with a zoom of at most `max_zoom`. */
   fit(places: readonly Place[], max_zoom: number): void {
     const [first] = places;
     if (first === undefined) return;
@@ -149,7 +151,7 @@ export class MapEngine {
     this.map.fitBounds(box, { maxZoom: max_zoom, padding: FIT_PX, duration: 0 });
   }
 
-  /** What features edit on the map; only of an `editable` one. */
+  /** Shows the layers that features edit; only on an `editable` map. */
   showLayers(pictures: readonly LayerPicture[]): void {
     this.layers?.show(pictures);
   }

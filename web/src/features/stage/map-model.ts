@@ -1,4 +1,4 @@
-/** What the map shows of the vehicles, taken from the telemetry once per frame. */
+/** What the map shows of the vehicles, read from the telemetry once per frame. */
 
 import { identityColour } from '../../vehicle/names';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
@@ -14,31 +14,31 @@ export interface MapVehicle extends Place {
   id: string;
   selected: boolean;
   lost: boolean;
-  /** Its place is old: drawn grey, as nothing stale looks live. */
+  /** The position is stale: drawn grey. */
   stale: boolean;
-  /** Custom property of its identity colour. */
+  /** CSS custom property of its identity colour. */
   colour: string;
   yaw_rad: number | null;
   label: string;
-  /** Oldest first; shared with the store, not to be changed. */
+  /** Oldest point first; shared with the store, must not be changed. */
   trail: readonly Place[];
   home: Place | null;
   targets: MapTarget[];
-  /** Where the camera looks from north [rad]. */
+  /** Direction of the camera, clockwise from north [rad]. */
   look_rad: number | null;
-  /** Where its distance sensors met something. */
+  /** Obstacles that its distance sensors detected. */
   returns: readonly Place[];
 }
 
-/** What is asked of the vehicle: a setpoint, the place it was sent to, the place its camera keeps. */
+/** A target of the vehicle: a setpoint, a position to fly to, a region of interest of the camera. */
 export interface MapTarget extends Place {
   kind: 'go' | 'look' | 'preview';
   label: string;
-  /** Of a preview: where the nose would point. */
+  /** Heading of a previewed setpoint. */
   yaw_rad?: number | null;
 }
 
-/** A place a vehicle was asked to fly to or look at by this page. */
+/** A position that this page told a vehicle to fly to or to look at. */
 export interface Wanted extends Place {
   alt_home_m: number | null;
 }
@@ -48,17 +48,17 @@ export interface WantedOf {
   look: Wanted | null;
 }
 
-/** The place everything is measured from: the selected vehicle's home, else where it is. */
+/** Reference of all distances: the selected vehicle's home, else its position. */
 export function referencePlace(facts: VehicleFacts): Place | null {
   return facts.home?.value ?? facts.global?.value ?? null;
 }
 
-/** Whether the reference is a home, and not just where the vehicle is. */
+/** Whether the reference is a home and not only the vehicle's position. */
 export function homeKnown(facts: VehicleFacts): boolean {
   return facts.home !== null;
 }
 
-/** The streamed setpoint as a place, through where the vehicle is in both frames now. */
+/** The streamed setpoint on the earth, by the difference between the vehicle's global and local position. */
 function setpoint(facts: VehicleFacts, here: Place): MapTarget | null {
   const stream = facts.offboard;
   const at = facts.local?.value.position_ned_m;
@@ -87,7 +87,7 @@ function look(facts: VehicleFacts): number | null {
   return gimbal.value.yaw_frd_rad === null || yaw === null ? null : gimbal.value.yaw_frd_rad + yaw;
 }
 
-/** What its distance sensors say now, as places. */
+/** Positions of the obstacles that its distance sensors detect now. */
 function returns(vehicle: VehicleState, facts: VehicleFacts, here: Place): Place[] {
   const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
   const around = vehicle.read('obstacle_distance', facts.now_unix_s);
@@ -142,12 +142,12 @@ export function mapVehicles(
   return found.sort((a, b) => Number(a.selected) - Number(b.selected));
 }
 
-/** How near counts as arrived [m]. */
+/** Distance at which a target counts as reached [m]. */
 const ARRIVED_M = 2;
-/** How long a vehicle may take to show that it goes at all [s]. */
+/** Time in which a vehicle must start to fly to a target [s]. */
 const SETTLES_S = 5;
 
-/** Whether a place a vehicle was sent to is still where it goes: not once it is there or flies something else. */
+/** Whether the target of a vehicle still applies: not after it was reached, nor in another flight mode. */
 export function stillGoing(wanted: Wanted & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
   const mode = facts.status?.value.mode ?? '';
   if (now_s - wanted.since_s < SETTLES_S) return true;

@@ -1,4 +1,4 @@
-/** The menu at a place: open or not, its heights, what it asks for, and what became of that. */
+/** The menu at a map point: its state, altitudes and requests. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
@@ -11,7 +11,7 @@ import { distance_m, flightTime_s, heightWithin, homeAmsl_m, lookAngles, NO_SPEE
 
 type Going = Wanted & { since_s: number };
 
-/** PX4's own speeds when it flies by itself. */
+/** PX4's parameters for its speeds in automatic modes. */
 const SPEEDS = { level_m_s: 'MPC_XY_CRUISE', up_m_s: 'MPC_Z_V_AUTO_UP', down_m_s: 'MPC_Z_V_AUTO_DN' } as const;
 
 function tenths(value: number): number {
@@ -20,11 +20,11 @@ function tenths(value: number): number {
 
 export class MapPointMenu {
   mapPoint = $state.raw<MapPoint | null>(null);
-  /** Whose menu it is: heights and words are that vehicle's. */
+  /** The vehicle that the menu is about. */
   vehicle = $state<string | null>(null);
-  /** Height to fly there at, above home [m]. */
+  /** Altitude to fly to, above home. */
   go_home_m = $state(0);
-  /** Height of the point to look at, above home [m]. */
+  /** Altitude of the point to look at, above home. */
   point_home_m = $state(0);
   busy = $state(false);
   private speeds = $state.raw<Record<string, Speeds>>({});
@@ -53,7 +53,7 @@ export class MapPointMenu {
     this.actions.dismiss('stage');
   }
 
-  /** The server says that this page's 3D view was clicked. */
+  /** Handles the server's event that a person clicked in this page's 3D view. */
   clickedIn3d(event: WireEvent, token: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
     const number = (name: string): number | null => (typeof event[name] === 'number' ? (event[name] as number) : null);
     const [lat_deg, lon_deg, x, y] = [number('lat_deg'), number('lon_deg'), number('view_x'), number('view_y')];
@@ -70,7 +70,7 @@ export class MapPointMenu {
     this[which] = heightWithin(value_m) ?? this[which];
   }
 
-  /** Asks for confirmation where every action does. */
+  /** Opens the confirmation of "Go here". */
   go(facts: VehicleFacts): void {
     const mapPoint = this.mapPoint;
     const way = mapPoint === null ? null : distance_m(facts, mapPoint);
@@ -91,7 +91,7 @@ export class MapPointMenu {
     });
   }
 
-  /** Points the camera there once. */
+  /** Points the camera at the point once. */
   async look(facts: VehicleFacts): Promise<void> {
     const angles = this.mapPoint === null ? null : lookAngles(facts, this.mapPoint, this.point_home_m);
     if (angles === null) return;
@@ -100,7 +100,7 @@ export class MapPointMenu {
     await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofVehicle(facts.id), body }));
   }
 
-  /** The camera keeps looking there, wherever the vehicle flies. */
+  /** Sets the point as the region of interest: the camera keeps pointing at it while the vehicle moves. */
   async keepLooking(facts: VehicleFacts): Promise<void> {
     const home = homeAmsl_m(facts);
     if (this.mapPoint === null || home === null) return;
@@ -109,7 +109,7 @@ export class MapPointMenu {
     await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...ofVehicle(facts.id), body }));
   }
 
-  /** What a vehicle was asked to do by place, for the map to draw. */
+  /** The vehicle's targets for the map to draw. */
   wantedOf(facts: VehicleFacts): WantedOf {
     const going = this.going.get(facts.id);
     if (going !== undefined && !stillGoing(going, facts, this.nowS())) this.going.delete(facts.id);
@@ -139,7 +139,7 @@ export class MapPointMenu {
     const down_m_s = await ask(SPEEDS.down_m_s);
     if (level_m_s === null) {
       const { [id]: _gone, ...others } = this.speeds;
-      this.speeds = others; // asked again the next time
+      this.speeds = others; // requested again the next time
     } else this.speeds = { ...this.speeds, [id]: { level_m_s, up_m_s, down_m_s } };
   }
 }

@@ -1,4 +1,6 @@
-/** A place that was pointed at on the map or in 3D: what can be done there, why not, and with which numbers. */
+/**
+ * A point on the map or in 3D: the possible actions there, reasons for unavailable ones, distances and times. Pure.
+ */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
@@ -6,15 +8,15 @@ import { limits, type Angles } from '../../vehicle/gimbal';
 import { bearing_rad, groundDistance_m, type Pixel, type Place } from '../../vehicle/geo';
 
 export interface MapPoint extends Place {
-  /** Height of the ground there, where the view knows it. */
+  /** Terrain altitude at the point; null if the view does not know it. */
   ground_amsl_m: number | null;
-  /** Null: on the map, at its place; else where in the stage it was pointed at in 3D. */
+  /** Null for a point on the map; for a point in 3D its pixel on the stage. */
   in3d: Pixel | null;
 }
 
-/** The API's own bounds [m above home]. */
+/** The API's limits [m above home]. */
 export const HEIGHT_RANGE_M = { min: -100, max: 1000 } as const;
-/** The API refuses a place farther away than this [m] unless told otherwise. */
+/** Largest distance [m] that the API accepts by default. */
 export const GO_WITHIN_M = 1000;
 
 const RECORDED = 'A recording takes no commands.';
@@ -22,7 +24,7 @@ const UNHEARD = 'No connection to the vehicle.';
 const NO_PLACE = 'The vehicle’s position is not known.';
 const NO_HOME = 'The home position is not known.';
 
-/** How fast it flies by itself, as its parameters say; null is unknown. */
+/** The vehicle's speeds in automatic modes, from its parameters; null is unknown. */
 export interface Speeds {
   level_m_s: number | null;
   up_m_s: number | null;
@@ -31,7 +33,7 @@ export interface Speeds {
 
 export const NO_SPEEDS: Speeds = { level_m_s: null, up_m_s: null, down_m_s: null };
 
-/** Home's height above sea level [m], by home itself or by the two heights the vehicle reports. */
+/** Altitude of home above sea level [m], from home itself or from the vehicle's two reported altitudes. */
 export function homeAmsl_m(facts: VehicleFacts): number | null {
   if (facts.home !== null) return facts.home.value.alt_amsl_m;
   return facts.global === null ? null : facts.global.value.alt_amsl_m - facts.global.value.alt_home_m;
@@ -41,7 +43,7 @@ export function distance_m(facts: VehicleFacts, mapPoint: Place): number | null 
   return facts.global === null ? null : groundDistance_m(facts.global.value, mapPoint);
 }
 
-/** Time to fly there [s]: the longer of the way and the climb; null where a speed that matters is not known. */
+/** Flight time [s]: the longer of the horizontal flight and the climb; null if a required speed is not known. */
 export function flightTime_s(facts: VehicleFacts, mapPoint: Place, alt_home_m: number, speeds: Speeds): number | null {
   const way = distance_m(facts, mapPoint);
   if (way === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
@@ -51,7 +53,7 @@ export function flightTime_s(facts: VehicleFacts, mapPoint: Place, alt_home_m: n
   return Math.max(way / speeds.level_m_s, rate === null ? 0 : Math.abs(climb) / rate);
 }
 
-/** Why "Go here" makes no sense now; null where it does. */
+/** Why "Go here" is not possible now; null if it is. */
 export function whyNotGo(facts: VehicleFacts, mapPoint: Place): string | null {
   if (facts.replayed) return RECORDED;
   if (facts.lost) return UNHEARD;
@@ -63,7 +65,9 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: Place): string | null {
   return way > GO_WITHIN_M ? `${text} ${unit} away: too far. Fly there in legs of at most ${GO_WITHIN_M} m.` : null;
 }
 
-/** Where the camera must look from where it is now, yaw from the nose and from north; null where that is not known. */
+/**
+ * Camera angles from the vehicle's present position, yaw from the nose and from north; null if they are not known.
+ */
 export function lookAngles(facts: VehicleFacts, mapPoint: Place, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
   const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
   if (facts.global === null || yaw_deg === null) return null;
@@ -80,7 +84,7 @@ function whyNoCamera(facts: VehicleFacts): string | null {
   return facts.global === null || facts.global.stale ? NO_PLACE : null;
 }
 
-/** Why "Look here" makes no sense now. */
+/** Why "Look here" is not possible now; null if it is. */
 export function whyNotLook(facts: VehicleFacts, mapPoint: Place, point_home_m: number, inControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
@@ -94,19 +98,21 @@ export function whyNotLook(facts: VehicleFacts, mapPoint: Place, point_home_m: n
   return null;
 }
 
-/** Why "Set ROI" makes no sense now: it needs no control, but a height above sea level. */
+/**
+ * Why "Set ROI" is not possible now; null if it is. It needs the altitude above sea level, but not gimbal control.
+ */
 export function whyNotRoi(facts: VehicleFacts): string | null {
   return whyNoCamera(facts) ?? (homeAmsl_m(facts) === null ? NO_HOME : null);
 }
 
-/** A height as it may be asked for; null where it is no number. */
+/** The altitude within the permitted range; null if it is not a number. */
 export function heightWithin(value_m: number): number | null {
   return Number.isFinite(value_m) ? Math.min(HEIGHT_RANGE_M.max, Math.max(HEIGHT_RANGE_M.min, value_m)) : null;
 }
 
 const COMPASS = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
 
-/** "34 m north-east": where a place is from another. */
+/** Distance and direction to a place: "34 m north-east". */
 export function wayText(from: Place, to: Place): string {
   const { text, unit } = metres(groundDistance_m(from, to));
   const point = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';
@@ -118,7 +124,7 @@ export interface Size {
   height: number;
 }
 
-/** Where the menu's upper left corner goes: beside the place, within what is free. */
+/** Position of the menu's upper left corner: beside the point, within the free area. */
 export function menuCorner(at: Pixel, menu: Size, free: { left: number; top: number; right: number; bottom: number }): Pixel {
   const gap = 20;
   const right = at.x + gap;

@@ -1,4 +1,4 @@
-/** The map's style, made here: the page's own ground, nothing from elsewhere. No glyphs, no sprites. */
+/** The map's style, built here without external resources, glyphs or sprites. */
 
 import type { StyleSpecification } from 'maplibre-gl';
 import type { Palette } from './map-draw';
@@ -6,7 +6,7 @@ import type { Palette } from './map-draw';
 export const GROUND = 'ground';
 
 export function mapStyle(palette: Palette): StyleSpecification {
-  // At once: a fade would need frames that a slow machine does not draw.
+  // No fading: it needs frames that a slow computer does not draw.
   return {
     version: 8,
     transition: { duration: 0, delay: 0 },

@@ -1,11 +1,11 @@
-/** Which offline maps the server has; asked for once the map is shown. */
+/** The server's offline maps, requested when the map is first shown. */
 
 import type { ApiClient } from '../../api/client';
 import { offlineMap, type OfflineMap } from './offline-maps';
 
 class Maps {
   list = $state.raw<readonly OfflineMap[]>([]);
-  /** Files that cannot be shown, each with the reason. */
+  /** Files that cannot be shown, each with its reason. */
   unreadable = $state.raw<readonly string[]>([]);
   private asked = false;
 

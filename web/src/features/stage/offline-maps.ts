@@ -1,4 +1,4 @@
-/** The operator's own map files, served by this server: what they are, and how they are drawn in the page's colours. */
+/** The operator's map files on this server, and their layers in the page's colours. */
 
 import type { LayerSpecification, SourceSpecification } from 'maplibre-gl';
 import type { components } from '../../api/schema';
@@ -11,7 +11,7 @@ export interface OfflineMap {
   source: SourceSpecification;
 }
 
-/** A file as MapLibre reads it; PMTiles describe themselves, an MBTiles' tiles come one by one. */
+/** A file as a MapLibre source. PMTiles contain their own description; tiles of MBTiles are requested one by one. */
 export function offlineMap(file: MapFile, origin: string): OfflineMap {
   const url = `${origin}${file.url}`;
   const type = file.tiles === 'vector' ? ('vector' as const) : ('raster' as const);
@@ -22,7 +22,7 @@ export function offlineMap(file: MapFile, origin: string): OfflineMap {
   return { file, source: { type, tiles: [`${url}/{z}/{x}/{y}`], ...range, ...bounds, ...size } as SourceSpecification };
 }
 
-/** Pictures keep their colours, calmed so that the flight stands out; vector tiles are drawn as plain shapes, without names. */
+/** Raster maps are dimmed so that the flight stands out; vector tiles are drawn as plain shapes without names. */
 export function tileLayers(map: OfflineMap, source: string, palette: Palette): LayerSpecification[] {
   if (map.file.tiles !== 'vector') {
     const calm = palette.dark ? { 'raster-brightness-max': 0.55, 'raster-saturation': -0.45 } : { 'raster-saturation': -0.25, 'raster-opacity': 0.85 };
@@ -48,7 +48,7 @@ export function tileLayers(map: OfflineMap, source: string, palette: Palette): L
   ]);
 }
 
-/** Who made the maps shown, as their licences ask; markup in it is left out. */
+/** Attribution of the maps shown, as their licences require; markup is removed. */
 export function attributionText(files: readonly MapFile[]): string {
   const said = files.map((f) =>
     (f.attribution ?? '')

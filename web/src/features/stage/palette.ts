@@ -1,4 +1,4 @@
-/** The page's colours of now, as canvas and map style need them. */
+/** The colours of the current theme for the canvas and the map's style. */
 
 import { theme } from '../../app/theme.svelte';
 import type { Palette } from './map-draw';

@@ -1,4 +1,4 @@
-/** Which view fills the stage, and what the 3D one shows: its camera, its vehicle, its theme. */
+/** The stage: whether map or 3D view is large, and the 3D view's camera, vehicle and theme. */
 
 import { covered } from '../../app/covers.svelte';
 import { freeMiddle } from '../../app/free';
@@ -12,17 +12,17 @@ export interface SceneView {
   mode: Camera;
   vehicle: string | null;
   theme: 'light' | 'dark';
-  /** What is not sent yet; null: nothing. */
+  /** Preview of the unsent setpoint; null: none. */
   preview: ScenePreview | null;
   dry_run: SceneDryRun | null;
 }
 
-/** What the keyboard may ask of the map while it is shown. */
+/** Commands that keyboard shortcuts send to the map. */
 export interface MapCommands {
   follow: () => void;
   near: () => void;
   northUp: () => void;
-  /** Puts places into what panels leave free. */
+  /** Fits positions into the uncovered area. */
   show: (places: readonly Place[]) => void;
 }
 
@@ -32,13 +32,16 @@ const SCENE_URL = '/scene/';
 class StageState {
   scene = $state.raw<SceneState>({ phase: 'asking' });
   camera = $state<Camera>('chase');
-  /** Under this name the server keeps what this page's 3D view shows. */
+  /** Key under which the server stores the state of this page's 3D view. */
   readonly token = `page-${Math.random().toString(36).slice(2, 12)}`;
-  /** Where the stage is on the screen [px]. */
+  /** Size of the stage [px]. */
   size = $state.raw({ width: 0, height: 0 });
-  /** Where on the stage the place lies whose menu is open: the map moves under it [px]. */
+  /** Pixel of the point whose menu is open; it changes when the map moves. */
   mapPointAt = $state.raw({ x: 0, y: 0 });
-  /** The middle of what panels leave free, right of and below the stage's own [px]: there map and 3D view have their vehicle. */
+  /**
+   * Offset of the middle of the uncovered area from the stage's middle, right and down [px]. Map and 3D view show the
+   * followed vehicle there.
+   */
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
   private toTell: SceneView | null = null;
@@ -53,7 +56,7 @@ class StageState {
     if (this.scene.phase === 'there') this.wantsMap = !this.wantsMap;
   }
 
-  /** The map fills the stage, whichever view did. */
+  /** Makes the map large. */
   showMap(): void {
     this.wantsMap = true;
   }
@@ -62,20 +65,23 @@ class StageState {
     this.map?.show(places);
   }
 
-  /** Tells only what changed: the menu is laid out anew each time. */
+  /** Assigns only a changed value, because each assignment makes a new menu layout. */
   pointAt(at: { x: number; y: number }): void {
     const [x, y] = [Math.round(at.x), Math.round(at.y)];
     if (x !== this.mapPointAt.x || y !== this.mapPointAt.y) this.mapPointAt = { x, y };
   }
 
-  /** The frame's address, with what it shows first. */
+  /** The iframe's URL with its initial state. */
   address(view: SceneView): string {
     const query = new URLSearchParams({ view: this.token, mode: view.mode, theme: view.theme });
     if (view.vehicle !== null) query.set('vehicle', view.vehicle);
     return `${SCENE_URL}?${query}`;
   }
 
-  /** Tells the running 3D view, one request at a time and then the newest; that it fails is seen, not worth a message. */
+  /**
+   * Sends the state to the running 3D view, one request at a time and then the newest. A failure is visible in the
+   * view and needs no message.
+   */
   async show(view: SceneView): Promise<void> {
     const telling = this.toTell !== null;
     this.toTell = view;
@@ -89,7 +95,7 @@ class StageState {
     this.toTell = null;
   }
 
-  /** Asks for the 3D view until it is there. */
+  /** Polls until the 3D view is available. */
   watch(): () => void {
     let ended = false;
     let timer: ReturnType<typeof setTimeout> | undefined;

@@ -71,7 +71,7 @@ describe('grid', () => {
   it('starts at home, every tenth line strong', () => {
     const { thin, strong } = gridLines(HERE, { west_m: -55, east_m: 105, south_m: -5, north_m: 5 }, 10);
     expect(thin).toHaveLength(14); // 16 meridians from −50 to 100, without 0 and 100
-    expect(strong).toHaveLength(3); // they, and the parallel through home
+    expect(strong).toHaveLength(3); // these two, and the parallel through home
     expect(strong.some(({ from, to }) => from.lon_deg === to.lon_deg && Math.abs(from.lon_deg - HERE.lon_deg) < 1e-12)).toBe(true);
   });
   it('covers what a turned view shows, and is none where a flat one would lie', () => {
@@ -120,7 +120,7 @@ describe('what can be done at a place', () => {
     expect(whyNotGo(facts(), placeAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
     expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
-    expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within reach
+    expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/reach: pitch 71°/);
     for (const [over, word] of [
       [{ replayed: true }, /recording/],
@@ -137,7 +137,7 @@ describe('what can be done at a place', () => {
   });
   it('points the camera down to a place ahead', () => {
     const angles = lookAngles(facts(), EAST_30, 0);
-    expect(angles?.yaw_deg).toBeCloseTo(0, 3); // it faces east
+    expect(angles?.yaw_deg).toBeCloseTo(0, 3); // the vehicle faces east
     expect(angles?.yaw_ned_deg).toBeCloseTo(90, 3);
     expect(angles?.pitch_deg).toBeCloseTo((-Math.atan2(12, 30) * 180) / Math.PI, 3);
     expect(lookAngles(facts({ attitude: null }), EAST_30, 0)).toBeNull();
@@ -169,7 +169,7 @@ describe('a place it was sent to', () => {
     expect(stillGoing({ ...wanted, ...HERE }, facts(), 60)).toBe(false);
     expect(stillGoing({ ...wanted, ...HERE, alt_home_m: 30 }, facts(), 60)).toBe(true);
     expect(stillGoing(wanted, facts({ status: reading({ armed: true, mode: 'rtl' }) }), 60)).toBe(false);
-    expect(stillGoing(wanted, facts({ status: reading({ armed: true, mode: 'takeoff' }) }), 2)).toBe(true); // has not shown it yet
+    expect(stillGoing(wanted, facts({ status: reading({ armed: true, mode: 'takeoff' }) }), 2)).toBe(true); // the vehicle has not shown the new mode yet
   });
 });
 

@@ -1,4 +1,4 @@
-/** GPS, battery and link as one short line each, with the severity that a word beside it explains. */
+/** GPS, battery and link as one short line each, with a severity and a word for it. */
 
 import { fixed, join, UNKNOWN } from '../../ui/format';
 import { ageText } from '../../live/age';
@@ -10,7 +10,7 @@ export type Severity = 'none' | 'caution' | 'danger';
 export interface Indicator {
   label: string;
   text: string;
-  /** A word that says what is wrong; empty where nothing is. */
+  /** A word for the problem; empty if there is none. */
   word: string;
   severity: Severity;
   stale: boolean;
@@ -18,7 +18,7 @@ export interface Indicator {
   details: [string, string][];
 }
 
-/** More frames lost than this and a pilot should know [%]. */
+/** Packet loss above which the link is shown as weak [%]. */
 const WEAK_PERCENT = 5;
 const FIX = ['no GPS', 'no fix', '2-D fix', '3-D fix', 'DGPS', 'RTK float', 'RTK fixed'];
 
@@ -50,7 +50,7 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
   };
 }
 
-/** The weakest cell decides: it is named first. */
+/** Voltages of the cells, the lowest first, because the weakest cell limits the battery. */
 function cellLines(cells_v: readonly number[] | null): [string, string][] {
   if (cells_v === null || cells_v.length === 0) return [['Cells', UNKNOWN]];
   const lowest = Math.min(...cells_v);
@@ -60,7 +60,7 @@ function cellLines(cells_v: readonly number[] | null): [string, string][] {
   ];
 }
 
-/** Each of several batteries on a line of its own. */
+/** One line for each of several batteries. */
 function batteryLines(batteries: Battery['batteries'] | undefined): [string, string][] {
   return (batteries ?? []).map((one) => [
     `Battery ${one.battery_id + 1}`,
@@ -98,7 +98,7 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
   };
 }
 
-/** Each component beside the autopilot on a line of its own. */
+/** One line for each component other than the autopilot. */
 export function componentLines(components: readonly Component[], now_unix_s: number): [string, string][] {
   return components
     .filter((one) => one.kind !== 'autopilot')
@@ -108,7 +108,7 @@ export function componentLines(components: readonly Component[], now_unix_s: num
     ]);
 }
 
-/** The vehicle's link as far as its heartbeat tells; `links` adds what the server counts. */
+/** The vehicle's link by its heartbeats; `links` adds the server's counters. */
 export function linkIndicator(
   heartbeatAge_s: number | null,
   lost: boolean,

@@ -1,19 +1,19 @@
-/** The station's links and warnings, asked for every few seconds: they change rarely and are no telemetry. */
+/** The server's links and warnings, polled every few seconds, because they are not part of the telemetry. */
 
 import type { ApiClient } from '../../api/client';
 import { lossPercent, type LinkLine, type StationNotice } from './links';
 
 const EVERY_MS = 3000;
-/** Loss is counted over this many answers: half a minute. */
+/** Number of answers over which packet loss is measured: half a minute. */
 const LOSS_OVER = 10;
 
 class Links {
   list = $state.raw<readonly LinkLine[]>([]);
   notices = $state.raw<readonly StationNotice[]>([]);
   known = $state(false);
-  /** What comes in now [bytes/s]; null before two answers. */
+  /** Received data rate; null before two answers. */
   rate_bytes_s = $state<number | null>(null);
-  /** Part of the frames lost lately [%]; null where none came. */
+  /** Recent packet loss; null if no packets came. */
   lost_percent = $state<number | null>(null);
   private before: { bytes: number; at_ms: number } | null = null;
   private readonly counts: { received: number; lost: number }[] = [];
@@ -42,7 +42,7 @@ class Links {
     const live = this.list.filter((l) => !l.forward);
     const now = { received: live.reduce((sum, l) => sum + l.frames_received, 0), lost: live.reduce((sum, l) => sum + l.frames_lost, 0) };
     const last = this.counts.at(-1);
-    // Another server, or a link that was closed: it counts from the start again.
+    // Another server or a closed link: its counters start again from zero.
     if (!this.known || (last !== undefined && now.received < last.received)) this.counts.length = 0;
     if (!this.known) return;
     this.counts.push(now);

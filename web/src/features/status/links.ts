@@ -1,4 +1,4 @@
-/** Links, recordings and what the station warns of (`GET /links`, `GET /warnings`), as words for the page. */
+/** Links, recordings and warnings of the server (`GET /links`, `GET /warnings`) as texts. */
 
 import type { components } from '../../api/schema';
 import { duration, fixed, join, timeOfDay, UNKNOWN } from '../../ui/format';
@@ -15,27 +15,27 @@ const STATES: Readonly<Record<string, string>> = {
   ended: 'replay ended',
 };
 
-/** Bytes as a person reads them. */
+/** A number of bytes as text. */
 export function bytesText(bytes: number): string {
   if (bytes < 1000) return `${bytes} B`;
   if (bytes < 999_500) return `${(bytes / 1000).toFixed(0)} kB`;
   return `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
-/** Part of the frames lost between two counts [%]; null where none came between them. */
+/** Packet loss between two counts [%]; null if no packets came in between. */
 export function lossPercent(from: { received: number; lost: number }, to: { received: number; lost: number }): number | null {
   const lost = Math.max(0, to.lost - from.lost);
   const all = to.received - from.received + lost;
   return all <= 0 ? null : (lost / all) * 100;
 }
 
-/** Part of the frames that the gaps in their sequence numbers say are missing [%]. */
+/** Packet loss according to gaps in the sequence numbers [%]. */
 function lostPercent(link: LinkLine): string {
   const all = link.frames_received + link.frames_lost;
   return all === 0 ? UNKNOWN : `${fixed((link.frames_lost / all) * 100, 1)} %`;
 }
 
-/** As many as can be read; the rest as a number. */
+/** Number of peers that are listed; the others are counted. */
 const PEERS_SHOWN = 4;
 
 function peersText(peers: readonly string[]): string {
@@ -44,7 +44,7 @@ function peersText(peers: readonly string[]): string {
   return [...peers.slice(0, PEERS_SHOWN), ...(more > 0 ? [`and ${more} more`] : [])].join('\n');
 }
 
-/** A line for each thing the station counts of a link. */
+/** One line for each counter of a link. */
 function counted(link: LinkLine, several: boolean): [string, string][] {
   const lines: [string, string][] = several ? [['', link.name]] : [['Link', link.name]];
   lines.push(
@@ -66,8 +66,8 @@ function counted(link: LinkLine, several: boolean): [string, string][] {
 }
 
 /**
- * @param rate_bytes_s what comes in now over all links; null before two answers.
- * @param lost_percent of the frames of the last half minute; null where none came.
+ * @param rate_bytes_s received data rate of all links; null before two answers.
+ * @param lost_percent packet loss of the last half minute; null if no packets came.
  */
 export function linkDetails(
   links: readonly LinkLine[],
@@ -88,7 +88,7 @@ export function linkDetails(
   return { details, text };
 }
 
-/** Whether a link is being written to disk now. */
+/** Whether a link is being recorded now. */
 export function recordsNow(link: LinkLine): boolean {
   return link.recording !== null && link.recording.file !== null && link.recording.stopped === null;
 }
@@ -101,7 +101,7 @@ function recordingLine(link: LinkLine): string {
   return join([file.file, bytesText(file.bytes), file.started_unix_s === null ? null : `since ${timeOfDay(file.started_unix_s)}`]);
 }
 
-/** What is on disk of each link, as the station says it; the longest running file gives the time shown. */
+/** State of the recordings; the longest running one gives the time shown. */
 export function recordingIndicator(links: readonly LinkLine[], known: boolean, now_unix_s: number): Indicator {
   const base = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
   if (!known) return { ...base, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };

@@ -1,4 +1,4 @@
-/** What the vehicle does and who makes it do so, in words: the pill in the middle of the top bar. */
+/** The vehicle's mode and who commands it, as the text of the pill in the top bar. */
 
 import type { Status } from '../../live/topics';
 
@@ -19,9 +19,9 @@ export interface StatusFacts {
   offline?: boolean;
   replayed: boolean;
   ready: boolean | null;
-  /** Who from outside put it into its mode; null where nobody did. */
+  /** Who outside this server set the mode; null if nobody did. */
   outside?: string | null;
-  /** The stream this server sends, where one is active. */
+  /** The active stream of this server. */
   stream: { type: string; rate_hz: number | null; client: string | null } | null;
 }
 
@@ -46,7 +46,7 @@ const FLOWN: Readonly<Record<string, Flown>> = {
   acro: { title: 'Acro', who: 'a pilot flies' },
 };
 
-/** Mode and owner, with no word about arming. */
+/** Mode and commanding client, without the arming state. */
 function flown(status: Status, stream: StatusFacts['stream']): Flown {
   if (status.mode === 'offboard') {
     if (stream === null) return { title: 'Offboard', who: 'setpoints from another computer, not this server' };
@@ -61,7 +61,7 @@ function seconds(age_s: number): string {
   return `${Math.max(0, Math.round(age_s))} s`;
 }
 
-/** True where the vehicle flies something else than it was asked for. */
+/** Whether a failsafe changed the mode that was requested. */
 export function isFailsafe(status: Status): boolean {
   return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 && status.intended_custom_mode !== status.custom_mode;
 }

@@ -30,7 +30,7 @@ describe('list of vehicles', () => {
     expect(ids('', 'attention')).toEqual(['21']);
     expect(ids('9')).toEqual([]);
     expect(ids('dis')).toEqual(['1', '12']);
-    expect(ids('armed')).toEqual([]); // a word is found by its beginning
+    expect(ids('armed')).toEqual([]); // the beginning of a word is enough
   });
 
   it('goes through the list by arrows and stops at its ends', () => {

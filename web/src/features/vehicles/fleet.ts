@@ -1,4 +1,4 @@
-/** The list of vehicles: each one's state in a word, found by text, narrowed by state. Pure. */
+/** The list of vehicles: state texts, text search and filters. Pure. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 
@@ -12,9 +12,9 @@ export const FILTERS: readonly { value: Filter; text: string }[] = [
 
 export interface Row {
   facts: VehicleFacts;
-  /** Place in the whole fleet: its identity colour. */
+  /** Index in the whole fleet, which selects its identity colour. */
   index: number;
-  /** What it does, in a word or two. */
+  /** Its state in one or two words. */
   words: string;
   tone: 'danger' | 'caution' | 'dim';
   percent: number | null;
@@ -25,7 +25,7 @@ export interface Row {
 
 const LOW_PERCENT = 25;
 
-/** What a vehicle does; a server that this page cannot reach says nothing of the vehicle's own connection. */
+/** State of a vehicle. While the server itself is unreachable, the vehicle's own connection is unknown. */
 export function stateWords(facts: VehicleFacts): { words: string; tone: Row['tone'] } {
   if (facts.offline) return { words: 'no server', tone: 'danger' };
   if (facts.lost) return { words: 'lost', tone: 'danger' };
@@ -40,12 +40,12 @@ export function rowOf(facts: VehicleFacts, index: number): Row {
   return { facts, index, ...stateWords(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, attention: facts.lost || low };
 }
 
-/** Whether the server may be asked to forget a vehicle: it does not hear it, and no recording has it. */
+/** Whether the vehicle can be removed from the server: its connection is lost, and it is not a replay. */
 export function removable(facts: VehicleFacts): boolean {
   return facts.lost && !facts.offline && !facts.replayed;
 }
 
-/** Those that a person asked for, in the order of their numbers. */
+/** The rows that match text and filter, sorted by number. */
 export function narrowed(rows: readonly Row[], text: string, filter: Filter): Row[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
@@ -56,7 +56,7 @@ export function narrowed(rows: readonly Row[], text: string, filter: Filter): Ro
   });
 }
 
-/** The row that an arrow key leads to; null for another key. */
+/** The row that an arrow key selects; null for other keys. */
 export function stepped(at: number, count: number, key: string): number | null {
   if (count === 0) return null;
   switch (key) {
@@ -73,7 +73,7 @@ export function stepped(at: number, count: number, key: string): number | null {
   }
 }
 
-/** What came of holding several vehicles. */
+/** Result of a Hold command to several vehicles. */
 export function heldWords(asked: number, refused: readonly string[]): string {
   if (refused.length === 0) return asked === 1 ? 'The vehicle switched to Hold.' : `All ${asked} vehicles switched to Hold.`;
   const named = refused.slice(0, 5).join(', ') + (refused.length > 5 ? ` and ${refused.length - 5} more` : '');

@@ -1,4 +1,4 @@
-/** The list of vehicles: open or not, holding all that fly, removing those that are silent. */
+/** State of the list of vehicles; holds all flying vehicles and removes lost ones. */
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -10,9 +10,9 @@ class VehicleList {
   open = $state(false);
   text = $state('');
   filter = $state<Filter>('all');
-  /** Whether vehicles were asked to hold and their answers are awaited. */
+  /** Whether a Hold command is waiting for its answers. */
   holding = $state(false);
-  /** What came of it; null: nothing yet. */
+  /** Result of the last command; null before the first. */
   said = $state.raw<{ text: string; refused: boolean } | null>(null);
 
   toggle(): void {
@@ -25,7 +25,7 @@ class VehicleList {
     this.said = null;
   }
 
-  /** Hold for all of them in one request and without a question, as Hold is everywhere. */
+  /** Sends Hold to all of them in one request, without a confirmation (Hold never needs one). */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
     if (this.holding || vehicles.length === 0) return;
     this.said = null;
@@ -41,7 +41,7 @@ class VehicleList {
     }
   }
 
-  /** Forgets a vehicle that is not heard any more; a refusal says why. */
+  /** Removes a vehicle whose connection is lost; a refusal is shown. */
   async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
     const outcome = await api.delete('/vehicles/{v}', ofVehicle(vehicle.id));
     const text = outcome.ok ? `${vehicle.name} is removed.` : wordsOf(outcome.problem);
