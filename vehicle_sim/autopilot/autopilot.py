@@ -232,7 +232,7 @@ class Autopilot:
             if level is not ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES):
-            self._row.cut_in(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+            self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
         elif level is ControlLevel.TRAJECTORY and not offboard and not self._row.below_trajectory:
             self._write_trajectory(setpoint)
 
@@ -268,7 +268,7 @@ class Autopilot:
         if self._control_mode.level is not ControlLevel.TRAJECTORY:
             self._steer_offboard()
         elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES) and self.takeoff.flying:
-            self._row.cut_in(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+            self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
 
     def _steer_offboard(self) -> None:
         setpoint = self.offboard.setpoint

@@ -99,17 +99,17 @@ class SetpointRow:
         s.rates_frd_rad_s[i] = rates_frd_rad_s
         s.thrust[i] = thrust
 
-    def cut_in(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
+    def override_level(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
                thrust: float) -> None:  # fmt: skip
         """Overrides with an attitude, or body rates, until the next output of the outer controllers."""
         s, i = self._all, self._i
         s.thrust[i] = thrust
         if q_ned_frd is not None:
             s.q_ned_frd[i] = q_ned_frd
-            s.cut_in[i] = ControlLevel.ATTITUDE
+            s.override_level[i] = ControlLevel.ATTITUDE
         else:
             s.rates_frd_rad_s[i] = rates_frd_rad_s
-            s.cut_in[i] = ControlLevel.RATES
+            s.override_level[i] = ControlLevel.RATES
 
     def thrust_torque(self, thrust: float, torque_frd: Vector) -> None:
         """Writes collective thrust 0..1 and normalised torques, which bypass the rate controller."""

@@ -1,7 +1,7 @@
 """Control allocation: collective thrust and torques become four motor signals (PX4's, airmode off).
 
-The mixer is the normalised pseudo-inverse of the rotor geometry (CA_ROTOR*). What does not fit into 0..1 is
-taken back in PX4's order: thrust down, then roll and pitch, then yaw, with a margin that leaves some yaw.
+The mixer is the normalised pseudo-inverse of the rotor geometry (CA_ROTOR*). If a signal is outside 0..1,
+demands are reduced in PX4's order: thrust, then roll and pitch, then yaw; a margin keeps some yaw.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class Allocation:
     def __init__(self, count: int) -> None:
         self._mix = np.zeros((count, 4, ROTOR_COUNT))
         self._unmix = np.zeros((count, ROTOR_COUNT, 3))
-        self.short_of = np.zeros((count, 3))
-        """(N, 3) torque asked for less torque given in the last step."""
+        self.unallocated = np.zeros((count, 3))
+        """(N, 3) torque setpoint minus allocated torque in the last step."""
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Build the mixer of vehicle `i` from CA_ROTOR*.
+        """Builds the mixer of vehicle `i` from CA_ROTOR*.
 
         Raises:
             ValueError: rotors that cannot control all four axes.
@@ -50,17 +50,19 @@ class Allocation:
         """Writes the motor signals.
 
         Args:
-            powered: (N,) whose motors are controlled; those of the others stand still.
+            powered: (N,) vehicles whose motors are controlled; the motors of the others stop.
             torque: (N, 3) normalised.
             thrust: (N,) collective.
             motors: (N, 4) written, 0..1.
         """
-        _allocate(powered, torque, thrust, self._mix, self._unmix, self.short_of, motors)
+        _allocate(powered, torque, thrust, self._mix, self._unmix, self.unallocated, motors)
 
 
 @formula
-def _fit(mix: FloatArray, roll: float, pitch: float, yaw: float, thrust: float, motors: FloatArray) -> None:
-    """Writes signals (4,) within 0..1 as near as can be to what is demanded of a mixer (4, 4)."""
+def _limit_signals(
+    mix: FloatArray, roll: float, pitch: float, yaw: float, thrust: float, motors: FloatArray
+) -> None:
+    """Writes signals (4,) within 0..1 that approximate the demands to a mixer (4, 4)."""
     for k in range(ROTOR_COUNT):
         motors[k] = roll * mix[0, k] + pitch * mix[1, k] + thrust * mix[3, k]
     _desaturate(motors, mix[3], -1.0, 1.0, True)
@@ -76,28 +78,28 @@ def _fit(mix: FloatArray, roll: float, pitch: float, yaw: float, thrust: float, 
 
 @formula
 def _desaturate(motors: FloatArray, axis: FloatArray, sign: float, highest: float, one_way: bool) -> None:
-    """Moves the motors (4,) along `sign * axis` (4,) until they fit as well as they can; twice, as PX4 does.
+    """Moves the motors (4,) along `sign * axis` (4,) until saturation is minimal; two passes, as in PX4.
 
     Args:
-        motors: signals that may lie outside of 0..highest.
-        axis: change of the signals for a unit of what may be given up.
+        motors: signals that may be outside 0..highest.
+        axis: change of the signals per unit of the demand that may be reduced.
         sign: 1 or -1.
         highest: upper limit.
-        one_way: only a positive amount may be taken.
+        one_way: only positive steps are allowed.
     """
-    first = _amount(motors, axis, sign, highest)
+    first = _step_length(motors, axis, sign, highest)
     if one_way and first <= 0.0:
         return
     for k in range(ROTOR_COUNT):
         motors[k] += first * sign * axis[k]
-    second = 0.5 * _amount(motors, axis, sign, highest)
+    second = 0.5 * _step_length(motors, axis, sign, highest)
     for k in range(ROTOR_COUNT):
         motors[k] += second * sign * axis[k]
 
 
 @formula
-def _amount(motors: FloatArray, axis: FloatArray, sign: float, highest: float) -> float:
-    """How far to move: the largest need upwards plus the largest need downwards."""
+def _step_length(motors: FloatArray, axis: FloatArray, sign: float, highest: float) -> float:
+    """Step length: the largest positive plus the largest negative correction that a motor needs."""
     least = most = 0.0
     for k in range(ROTOR_COUNT):
         direction = sign * axis[k]
@@ -114,7 +116,7 @@ def _amount(motors: FloatArray, axis: FloatArray, sign: float, highest: float) -
 
 
 def mixer_of(parameters: Parameters) -> FloatArray:
-    """(4, ROTOR_COUNT): motor signals for a unit of roll, pitch, yaw torque and of collective thrust.
+    """(4, ROTOR_COUNT): motor signals per unit of roll, pitch, yaw torque and of collective thrust.
 
     Raises:
         ValueError: rotors that cannot control all four axes.
@@ -134,7 +136,7 @@ def mixer_of(parameters: Parameters) -> FloatArray:
 
 
 def rotor_effectiveness(parameters: Parameters) -> FloatArray:
-    """(4, ROTOR_COUNT): roll, pitch, yaw torque and lift of each rotor at full signal, by CA_ROTOR*."""
+    """(4, ROTOR_COUNT): roll, pitch, yaw torque and lift of each rotor at full signal, from CA_ROTOR*."""
     effect = np.zeros((4, ROTOR_COUNT))
     for k in range(ROTOR_COUNT):
 
@@ -142,10 +144,10 @@ def rotor_effectiveness(parameters: Parameters) -> FloatArray:
             return parameters.usable(f"CA_ROTOR{k}_{name}")
 
         axis = np.array([value("AX"), value("AY"), value("AZ")])
-        place = np.array([value("PX"), value("PY"), value("PZ")])
+        position = np.array([value("PX"), value("PY"), value("PZ")])
         axis = axis / max(float(np.linalg.norm(axis)), _SMALL)
         strength = value("CT")
-        effect[:3, k] = strength * (np.cross(place, axis) - value("KM") * axis)
+        effect[:3, k] = strength * (np.cross(position, axis) - value("KM") * axis)
         effect[3, k] = -strength * axis[2]
     return effect
 
@@ -153,27 +155,27 @@ def rotor_effectiveness(parameters: Parameters) -> FloatArray:
 @kernel
 def _allocate(
     powered: Flags, torque: Rows, thrust: Column, mix: Blocks, unmix: Blocks,
-    short_of: Rows, motors: Rows,
+    unallocated: Rows, motors: Rows,
 ) -> None:  # fmt: skip
     for i in range(motors.shape[0]):
-        short_of[i] = 0.0
+        unallocated[i] = 0.0
         if not powered[i]:
             motors[i] = 0.0
             continue
         roll, pitch, yaw = within(torque[i, 0], -1.0, 1.0), within(torque[i, 1], -1.0, 1.0), within(
             torque[i, 2], -1.0, 1.0
         )  # fmt: skip
-        fits = True
+        unsaturated = True
         for k in range(ROTOR_COUNT):
             motors[i, k] = roll * mix[i, 0, k] + pitch * mix[i, 1, k] + yaw * mix[i, 2, k] + (
                 thrust[i] * mix[i, 3, k]
             )  # fmt: skip
-            fits = fits and 0.0 <= motors[i, k] <= 1.0
-        if fits:
+            unsaturated = unsaturated and 0.0 <= motors[i, k] <= 1.0
+        if unsaturated:
             continue
-        _fit(mix[i], roll, pitch, yaw, thrust[i], motors[i])
-        for axis, wanted in ((0, roll), (1, pitch), (2, yaw)):
-            missing = wanted
+        _limit_signals(mix[i], roll, pitch, yaw, thrust[i], motors[i])
+        for axis, demand in ((0, roll), (1, pitch), (2, yaw)):
+            remainder = demand
             for k in range(ROTOR_COUNT):
-                missing -= motors[i, k] * unmix[i, k, axis]
-            short_of[i, axis] = missing if abs(missing) >= _SMALL else 0.0
+                remainder -= motors[i, k] * unmix[i, k, axis]
+            unallocated[i, axis] = remainder if abs(remainder) >= _SMALL else 0.0

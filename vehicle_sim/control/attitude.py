@@ -1,7 +1,7 @@
 """Attitude control: the attitude error becomes body rates (mc_att_control).
 
-Tilt first: the shortest turn that brings the thrust axis where it should point, then as much yaw as
-MC_YAW_WEIGHT lets through.
+Tilt has priority: the shortest rotation that aligns the thrust axis, then the part of the yaw rotation that
+MC_YAW_WEIGHT allows.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class AttitudeControl:
         self._limit = np.zeros((count, 3))
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read MC_* of vehicle `i`."""
+        """Reads MC_* of vehicle `i`."""
 
         def value(name: str) -> float:
             return parameters.usable(name)
@@ -46,32 +46,34 @@ class AttitudeControl:
         self._limit[i] = [math.radians(value(f"MC_{axis}RATE_MAX")) for axis in ("ROLL", "PITCH", "YAW")]
 
     def update(
-        self, turned: BoolArray, q: FloatArray, wanted: FloatArray, yaw_rate_ned_rad_s: FloatArray,
+        self, controlled: BoolArray, q: FloatArray, q_setpoint: FloatArray, yaw_rate_ned_rad_s: FloatArray,
         rates: FloatArray,
     ) -> None:  # fmt: skip
         """Writes the body rate setpoints.
 
         Args:
-            turned: (N,) whose attitude is controlled; the rates of the others stay.
+            controlled: (N,) vehicles whose attitude is controlled; the rates of the others are not changed.
             q: (N, 4) attitude.
-            wanted: (N, 4) attitude setpoint.
-            yaw_rate_ned_rad_s: (N,) feed-forward about the vertical; NaN is none.
+            q_setpoint: (N, 4) attitude setpoint.
+            yaw_rate_ned_rad_s: (N,) feed-forward about the vertical; NaN: none.
             rates: (N, 3) written.
         """
-        _turn_towards(turned, q, wanted, yaw_rate_ned_rad_s, self._gain, self._yaw_weight, self._limit, rates)
+        _rotate_towards(
+            controlled, q, q_setpoint, yaw_rate_ned_rad_s, self._gain, self._yaw_weight, self._limit, rates
+        )
 
 
 @kernel
-def _turn_towards(
-    turned: Flags, attitude: Rows, wanted: Rows, yaw_rate_ned_rad_s: Column,
+def _rotate_towards(
+    controlled: Flags, attitude: Rows, q_setpoint: Rows, yaw_rate_ned_rad_s: Column,
     gain: Rows, yaw_weight: Column, limit: Rows, rates: Rows,
 ) -> None:  # fmt: skip
     for i in range(rates.shape[0]):
-        if not turned[i]:
+        if not controlled[i]:
             continue
-        q, aim = attitude[i], wanted[i]
-        w, x, y, z = product(q[0], -q[1], -q[2], -q[3], aim[0], aim[1], aim[2], aim[3])
-        # The wanted thrust axis seen from the body gives the pure tilt: error = tilt ⊗ twist about z.
+        q, target = attitude[i], q_setpoint[i]
+        w, x, y, z = product(q[0], -q[1], -q[2], -q[3], target[0], target[1], target[2], target[3])
+        # The setpoint's thrust axis in the body frame gives the pure tilt: error = tilt ⊗ twist about z.
         norm = math.sqrt(w * w + z * z)
         if norm < _OPPOSITE:
             sign = -1.0 if w < 0.0 else 1.0

@@ -1,7 +1,7 @@
-"""The controllers in their order: position and attitude at 125 Hz, body rates and motors at 250 Hz.
+"""Runs the controllers in order: position and attitude at 125 Hz, body rates and motors at 250 Hz.
 
-PX4 runs the outer loops whenever the estimator publishes, every second IMU sample of the SIH, and the rate
-loop on each.
+PX4 runs the outer loops at each output of the estimator, which is every second IMU sample of the SIH, and the
+rate loop at each IMU sample.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ class Cascade:
         self._thrust = np.zeros(count)
         self._groups = _Groups.of(count)
         self._any_direct = False
-        """Whether any vehicle is flown below its body rates."""
+        """Whether any vehicle is controlled by thrust and torque or by motor signals."""
         self.motor_signal = np.zeros((count, ROTOR_COUNT))
-        """(N, 4) 0..1, what the rotors follow."""
+        """(N, 4) 0..1, motor signals to the rotors."""
         self.motors_us = np.full((count, ROTOR_COUNT), MOTOR_DISARMED_US)
-        """(N, 4) the same as PX4 reports it: 900 disarmed, 1000..2000 armed."""
+        """(N, 4) motor signals as PX4 reports them: 900 disarmed, 1000..2000 armed."""
         self.torque_frd = np.zeros((count, 3))
-        """(N, 3) normalised, what was asked of the mixer last."""
+        """(N, 3) normalised, last torque setpoint of the mixer."""
         self.target = TargetState(
             q_ned_frd=np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1)),
             rates_frd_rad_s=np.zeros((count, 3)),
@@ -79,12 +79,12 @@ class Cascade:
         )
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read all control parameters of vehicle `i`."""
+        """Reads all control parameters of vehicle `i`."""
         for block in (self._allocation, self._position, self._hover, self._attitude, self._rate):
             block.configure(i, parameters)
 
     def reset(self, i: int) -> None:
-        """Vehicle `i` starts anew."""
+        """Resets the controllers of vehicle `i`."""
         self._position.reset(i)
         self._hover.reset(np.arange(len(self._thrust)) == i)
         self._rate.reset(i)
@@ -94,57 +94,63 @@ class Cascade:
         self._groups.trajectory[i] = False
 
     def update(self, setpoints: Setpoints, estimate: EstimateState) -> None:
-        """One step; results in `motor_signal`, `motors_us` and `target`."""
+        """Runs one step; results are in `motor_signal`, `motors_us` and `target`."""
         groups = self._groups
         self._steps += 1
         if self._steps % OUTER_EVERY_STEPS == 0:
-            self._outer(setpoints, estimate)
-        elif any_nonzero(setpoints.cut_in):
-            self._cut_in_rates(setpoints)
+            self._update_outer_loops(setpoints, estimate)
+        elif any_nonzero(setpoints.override_level):
+            self._override_rates(setpoints)
         self._rate.update(
             groups.rates, estimate.rates_frd_rad_s, estimate.angular_acceleration_frd_rad_s2,
-            self.target.rates_frd_rad_s, setpoints.landed, self._allocation.short_of, self.torque_frd,
+            self.target.rates_frd_rad_s, setpoints.landed, self._allocation.unallocated, self.torque_frd,
         )  # fmt: skip
         if self._any_direct:
             torque = np.nan_to_num(setpoints.torque_frd)
             np.copyto(self.torque_frd, torque, where=(groups.level == _THRUST_TORQUE)[:, None])
         self._allocation.update(groups.powered, self.torque_frd, self._thrust, self.motor_signal)
-        _drive(groups.level, setpoints.armed, setpoints.motors, self.motor_signal, self.motors_us)
+        _write_motors(groups.level, setpoints.armed, setpoints.motors, self.motor_signal, self.motors_us)
 
-    def _cut_in_rates(self, setpoints: Setpoints) -> None:
-        """Body rates that arrived between two outputs of the outer controllers are flown at once."""
-        rows = (setpoints.cut_in == _RATES) & self._groups.trajectory
+    def _override_rates(self, setpoints: Setpoints) -> None:
+        """Applies body rates at once that arrived between two outputs of the outer controllers."""
+        rows = (setpoints.override_level == _RATES) & self._groups.trajectory
         if any_of(rows):
             rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_FASTEST_RAD_S, _FASTEST_RAD_S)
             np.copyto(self.target.rates_frd_rad_s, rates, where=rows[:, None])
             np.copyto(self._thrust, np.clip(np.nan_to_num(setpoints.thrust), 0.0, 1.0), where=rows)
-            setpoints.cut_in[rows] = _DISARMED
+            setpoints.override_level[rows] = _DISARMED
 
-    def _outer(self, setpoints: Setpoints, estimate: EstimateState) -> None:
+    def _update_outer_loops(self, setpoints: Setpoints, estimate: EstimateState) -> None:
         target, groups = self.target, self._groups
-        self._any_direct = _group(
+        self._any_direct = _update_groups(
             setpoints.level, setpoints.armed, setpoints.landed, setpoints.ramp_thrust, groups.level,
-            groups.powered, groups.rates, groups.turned, groups.trajectory, groups.fresh, groups.grounded,
-            self._thrust, target.rates_frd_rad_s,
+            groups.powered, groups.rates, groups.attitude, groups.trajectory, groups.reset_integral,
+            groups.grounded, self._thrust, target.rates_frd_rad_s,
         )  # fmt: skip
-        self._position.track(estimate)
+        self._position.filter_velocity(estimate)
         self._hover.reset(groups.grounded)
         self._position.update(
-            groups.trajectory, groups.fresh, setpoints, estimate, self._hover.value, target, self._thrust
+            groups.trajectory,
+            groups.reset_integral,
+            setpoints,
+            estimate,
+            self._hover.value,
+            target,
+            self._thrust,
         )
         _take_lower_levels(
-            groups.level, setpoints.cut_in, setpoints.q_ned_frd, setpoints.rates_frd_rad_s, setpoints.thrust,
-            target.q_ned_frd, target.rates_frd_rad_s, self._thrust,
+            groups.level, setpoints.override_level, setpoints.q_ned_frd, setpoints.rates_frd_rad_s,
+            setpoints.thrust, target.q_ned_frd, target.rates_frd_rad_s, self._thrust,
         )  # fmt: skip
         self._attitude.update(
-            groups.turned, estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s,
+            groups.attitude, estimate.q_ned_frd, target.q_ned_frd, setpoints.yaw_rate_ned_rad_s,
             target.rates_frd_rad_s,
         )  # fmt: skip
         target.thrust[:] = self._thrust
         if self._steps % (OUTER_EVERY_STEPS * HOVER_EVERY_OUTER) == 0:
-            self._learn_hover(groups.trajectory & ~groups.grounded, estimate)
+            self._estimate_hover_thrust(groups.trajectory & ~groups.grounded, estimate)
 
-    def _learn_hover(self, flying: BoolArray, estimate: EstimateState) -> None:
+    def _estimate_hover_thrust(self, flying: BoolArray, estimate: EstimateState) -> None:
         if not any_of(flying):
             return
         q = estimate.q_ned_frd
@@ -162,46 +168,47 @@ class Cascade:
 
 @dataclass(frozen=True, slots=True)
 class _Groups:
-    """The vehicles by control level, as the outer controllers saw it last; (N,) each, written in place."""
+    """Vehicles by control level at the last run of the outer controllers; (N,) each, written in place."""
 
     level: IntArray
-    """ControlLevel; of who is not armed DISARMED."""
+    """ControlLevel; DISARMED for vehicles that are not armed."""
     powered: BoolArray
-    """Some controller runs."""
+    """At least one controller runs."""
     rates: BoolArray
-    """The body rates are controlled,"""
-    turned: BoolArray
-    """and the attitude,"""
+    """The body rates are controlled."""
+    attitude: BoolArray
+    """The attitude is controlled."""
     trajectory: BoolArray
-    """and the position."""
-    fresh: BoolArray
-    """Of those on a trajectory: just begun, or still standing. PX4 integrates from the start of the take-off
-    ramp on, though the vehicle still stands: that downward part is what lets it lift about 3 s after the ramp
-    began."""
+    """The position is controlled."""
+    reset_integral: BoolArray
+    """Vehicles that have just entered level TRAJECTORY or are still on the ground. PX4 integrates from the
+    start of the take-off ramp, while the vehicle is still on the ground. That downward part of the integral
+    delays lift-off until about 3 s after the start of the ramp."""
     grounded: BoolArray
-    """The hover thrust cannot be learnt."""
+    """The hover thrust cannot be estimated."""
 
     @classmethod
     def of(cls, count: int) -> _Groups:
-        """Nobody is armed."""
+        """Groups of disarmed vehicles."""
         masks = np.zeros((6, count), dtype=np.bool_)
         return cls(np.zeros(count, dtype=np.int64), *masks)
 
 
 @kernel
-def _group(
-    wanted: Integers, armed: Flags, landed: Flags, ramp: Flags, level: Integers,
-    powered: Flags, rates: Flags, turned: Flags, trajectory: Flags, fresh: Flags,
+def _update_groups(
+    requested_level: Integers, armed: Flags, landed: Flags, ramp: Flags, level: Integers,
+    powered: Flags, rates: Flags, attitude: Flags, trajectory: Flags, reset_integral: Flags,
     grounded: Flags, thrust: Column, target_rates: Rows,
 ) -> bool:  # fmt: skip
-    """Sorts the vehicles; who has no controller has no thrust. Whether any is flown below its body rates."""
+    """Groups the vehicles; those without a controller get zero thrust. Returns whether any is controlled
+    below body rates."""
     any_direct = False
     for i in range(level.shape[0]):
-        level[i] = now = wanted[i] if armed[i] else _DISARMED
-        powered[i], rates[i], turned[i] = now > _DISARMED, now >= _RATES, now >= _ATTITUDE
-        flies = now == _TRAJECTORY
-        fresh[i] = flies and (not trajectory[i] or (landed[i] and not ramp[i]))
-        trajectory[i] = flies
+        level[i] = now = requested_level[i] if armed[i] else _DISARMED
+        powered[i], rates[i], attitude[i] = now > _DISARMED, now >= _RATES, now >= _ATTITUDE
+        on_trajectory = now == _TRAJECTORY
+        reset_integral[i] = on_trajectory and (not trajectory[i] or (landed[i] and not ramp[i]))
+        trajectory[i] = on_trajectory
         grounded[i] = not armed[i] or landed[i] or ramp[i]
         if not powered[i]:
             thrust[i] = target_rates[i, 0] = target_rates[i, 1] = target_rates[i, 2] = 0.0
@@ -211,19 +218,19 @@ def _group(
 
 @kernel
 def _take_lower_levels(
-    level: Integers, cut_in: Integers, q: Rows, rates: Rows, thrust: Column,
+    level: Integers, override_level: Integers, q: Rows, rates: Rows, thrust: Column,
     target_q: Rows, target_rates: Rows, target_thrust: Column,
 ) -> None:  # fmt: skip
-    """Attitude, rate and thrust setpoints of vehicles flown by them; no number changes nothing.
+    """Copies attitude, rate and thrust setpoints of vehicles at those levels; NaN changes nothing.
 
-    An attitude that cuts in on a trajectory is flown once.
+    An attitude setpoint that overrides a trajectory is applied once.
     """
     for i in range(level.shape[0]):
-        cuts_in = cut_in[i] == _ATTITUDE
-        if cuts_in:
-            cut_in[i] = _DISARMED
-            cuts_in = level[i] == _TRAJECTORY
-        if level[i] == _DISARMED or (level[i] == _TRAJECTORY and not cuts_in):
+        overrides = override_level[i] == _ATTITUDE
+        if overrides:
+            override_level[i] = _DISARMED
+            overrides = level[i] == _TRAJECTORY
+        if level[i] == _DISARMED or (level[i] == _TRAJECTORY and not overrides):
             continue
         target_thrust[i] = 0.0 if math.isnan(thrust[i]) else within(thrust[i], 0.0, 1.0)
         if level[i] >= _ATTITUDE:
@@ -240,15 +247,15 @@ def _take_lower_levels(
 
 
 @kernel
-def _drive(level: Integers, armed: Flags, motors: Rows, signal: Rows, pulses_us: Rows) -> None:
-    """What the motors get; past all controllers a motor with NaN or a negative signal stands still."""
+def _write_motors(level: Integers, armed: Flags, motors: Rows, signal: Rows, pulses_us: Rows) -> None:
+    """Writes the motor signals. At level MOTORS a motor with NaN or a negative signal stops."""
     for i in range(level.shape[0]):
         for k in range(ROTOR_COUNT):
             if not armed[i]:
                 signal[i, k], pulses_us[i, k] = 0.0, MOTOR_DISARMED_US
                 continue
-            turns = True
+            running = True
             if level[i] == _MOTORS:
-                turns = motors[i, k] >= 0.0
-                signal[i, k] = min(motors[i, k], 1.0) if turns else 0.0
-            pulses_us[i, k] = MOTOR_MIN_US + MOTOR_SPAN_US * signal[i, k] if turns else MOTOR_DISARMED_US
+                running = motors[i, k] >= 0.0
+                signal[i, k] = min(motors[i, k], 1.0) if running else 0.0
+            pulses_us[i, k] = MOTOR_MIN_US + MOTOR_SPAN_US * signal[i, k] if running else MOTOR_DISARMED_US

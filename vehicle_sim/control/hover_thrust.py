@@ -1,6 +1,6 @@
 """The hover thrust as PX4 estimates it: a one-state Kalman filter on vertical acceleration and thrust.
 
-Where MPC_USE_HTE is off, on the ground and while the take-off ramp runs, MPC_THR_HOVER is used as it is.
+MPC_THR_HOVER is used unchanged on the ground, during the take-off ramp, and always if MPC_USE_HTE is off.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _FIRST_ACCELERATION_VARIANCE = 5.0
-_NOISE_LEARNING_S = 2.0
-_LEAST_NOISE_M2_S4 = 1.0
-"""What the vibration of turning rotors leaves in PX4's vertical acceleration (1.4 m/s² over two samples)."""
+_NOISE_TIME_CONSTANT_S = 2.0
+_MIN_NOISE_M2_S4 = 1.0
+"""Noise in PX4's vertical acceleration from rotor vibration (1.4 m/s² over two samples)."""
 _FAST_NOISE_FACTOR = 10.0
-"""How much less a measurement counts at speeds where drag is mistaken for weight."""
+"""Factor on the measurement noise at high speed, where drag looks like weight."""
 
 
 class HoverThrust:
@@ -37,7 +37,7 @@ class HoverThrust:
     def __init__(self, count: int, dt_s: float) -> None:
         self._dt_s = dt_s
         self.value = np.full(count, 0.5)
-        """(N,) the hover thrust to control with, 0..1."""
+        """(N,) hover thrust that the controllers use, 0..1."""
         self._default = np.full(count, 0.5)
         self._use = np.ones(count, dtype=np.bool_)
         self._variance = np.zeros(count)
@@ -49,7 +49,7 @@ class HoverThrust:
         self._speed_limits = np.zeros((count, 2))
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read HTE_* and MPC_THR_HOVER of vehicle `i`."""
+        """Reads HTE_* and MPC_THR_HOVER of vehicle `i`."""
 
         def value(name: str) -> float:
             return parameters.usable(name)
@@ -68,8 +68,8 @@ class HoverThrust:
         self._speed_limits[i] = value("HTE_VXY_THR"), value("HTE_VZ_THR")
 
     def reset(self, grounded: BoolArray) -> None:
-        """Back to MPC_THR_HOVER for the vehicles in `grounded` (N,)."""
-        _forget(grounded, self._default, self._start_variance, self.value, self._variance, self._noise)
+        """Resets the estimate to MPC_THR_HOVER for the vehicles in `grounded` (N,)."""
+        _reset(grounded, self._default, self._start_variance, self.value, self._variance, self._noise)
 
     def update(
         self,
@@ -78,15 +78,15 @@ class HoverThrust:
         acceleration_up_m_s2: FloatArray,
         velocity_ned_m_s: FloatArray,
     ) -> None:
-        """Learn from one measurement.
+        """Updates the estimates with one measurement.
 
         Args:
-            active: (N,) flying under thrust control.
+            active: (N,) vehicles that fly under thrust control.
             lift: (N,) thrust setpoint times the cosine of the tilt.
             acceleration_up_m_s2: (N,).
             velocity_ned_m_s: (N, 3).
         """
-        _learn(
+        _update(
             self._dt_s, active, self._use, lift, acceleration_up_m_s2, velocity_ned_m_s, self._default,
             self._process_variance, self._gate, self._range, self._speed_limits, self.value, self._variance,
             self._noise,
@@ -94,7 +94,7 @@ class HoverThrust:
 
 
 @kernel
-def _forget(
+def _reset(
     grounded: Flags, default: Column, start_variance: Column, value: Column,
     variance: Column, noise: Column,
 ) -> None:  # fmt: skip
@@ -104,12 +104,12 @@ def _forget(
 
 
 @kernel
-def _learn(
+def _update(
     dt_s: float, active: Flags, use: Flags, lift: Column, acceleration_up_m_s2: Column,
     velocity: Rows, default: Column, process_variance: Column, gate: Column,
-    reach: Column, speed_limits: Rows, value: Column, variance: Column, noise: Column,
+    range_: Column, speed_limits: Rows, value: Column, variance: Column, noise: Column,
 ) -> None:  # fmt: skip
-    share = dt_s / (_NOISE_LEARNING_S + dt_s)
+    share = dt_s / (_NOISE_TIME_CONSTANT_S + dt_s)
     for i in range(value.shape[0]):
         if not (active[i] and use[i]):
             continue
@@ -117,14 +117,14 @@ def _learn(
         variance[i] += process_variance[i] * dt_s * dt_s
         slope = -GRAVITY_M_S2 * lift[i] / (hover * hover)
         innovation = acceleration_up_m_s2[i] - GRAVITY_M_S2 * (lift[i] / hover - 1.0)
-        level = math.sqrt(velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1])
-        fast = level > speed_limits[i, 0] or abs(velocity[i, 2]) > speed_limits[i, 1]
-        counted = noise[i] * (_FAST_NOISE_FACTOR if fast else 1.0)
-        total = max(slope * slope * variance[i] + counted, 1e-6)
+        horizontal_speed = math.sqrt(velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1])
+        fast = horizontal_speed > speed_limits[i, 0] or abs(velocity[i, 2]) > speed_limits[i, 1]
+        measurement_noise = noise[i] * (_FAST_NOISE_FACTOR if fast else 1.0)
+        total = max(slope * slope * variance[i] + measurement_noise, 1e-6)
         gain = variance[i] * slope / total
         if innovation * innovation < gate[i] * gate[i] * total:
-            lowest, highest = max(default[i] - reach[i], 0.1), min(default[i] + reach[i], 0.9)
+            lowest, highest = max(default[i] - range_[i], 0.1), min(default[i] + range_[i], 0.9)
             value[i] = min(max(hover + gain * innovation, lowest), highest)
             variance[i] = within((1.0 - gain * slope) * variance[i], 1e-10, 1.0)
-        seen = within(innovation * innovation, _LEAST_NOISE_M2_S4, 40.0)
-        noise[i] += share * (seen - noise[i])
+        squared = within(innovation * innovation, _MIN_NOISE_M2_S4, 40.0)
+        noise[i] += share * (squared - noise[i])

@@ -1,7 +1,7 @@
 """Position and velocity control: trajectory setpoints become an attitude and a thrust (mc_pos_control).
 
 P on position, PID on velocity, acceleration to thrust vector, thrust vector to attitude. NaN in a setpoint
-means "not controlled" and is added as PX4 adds it: a finite part stands alone where the other is NaN.
+means "not controlled". As in PX4, the sum of a finite value and NaN is the finite value.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _TINY = 1e-9
-_BEYOND = 1e6
-"""Faster and harder than anything: m/s, m/s²."""
+_BOUND = 1e6
+"""Upper bound of setpoints, beyond any flyable value: m/s, m/s²."""
 _SPEED_XY, _SPEED_UP, _SPEED_DOWN, _THRUST_MIN, _THRUST_MAX, _THRUST_XY_MARGIN, _TILT_MAX = range(7)
 """Columns of the limits."""
 
@@ -52,7 +52,7 @@ class PositionControl:
         self._heading_before_rad = np.zeros(count)
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read MPC_* of vehicle `i`."""
+        """Reads MPC_* of vehicle `i`."""
 
         def value(name: str) -> float:
             return parameters.usable(name)
@@ -78,12 +78,12 @@ class PositionControl:
         self._derivative_gain[i] = _alpha(value("MPC_VELD_LP"), self._dt_s)
 
     def reset(self, i: int) -> None:
-        """Vehicle `i` forgets what was integrated."""
+        """Clears the velocity integral of vehicle `i`."""
         self.velocity_integral[i] = 0.0
 
-    def track(self, estimate: EstimateState) -> None:
-        """Keep the filtered velocity and its derivative up to date, also while nobody asks for control."""
-        _track(
+    def filter_velocity(self, estimate: EstimateState) -> None:
+        """Updates the filtered velocity and its derivative, also while position control is off."""
+        _filter_velocity(
             self._dt_s, estimate.velocity_ned_m_s, self._velocity_keep, self._derivative_gain, self._velocity,
             self._velocity_rate,
         )  # fmt: skip
@@ -91,29 +91,29 @@ class PositionControl:
     def hover_thrust_changed(
         self, changed: BoolArray, old: FloatArray, new: FloatArray, target: TargetState
     ) -> None:
-        """Move the vertical integral where a new hover thrust (N,) must not change the thrust."""
+        """Shifts the vertical integral so that a new hover thrust (N,) does not change the thrust."""
         demand = target.acceleration_ned_m_s2[:, 2]
         demand = np.where(np.isnan(demand), 0.0, demand)
         shift = (demand - GRAVITY_M_S2) * (old / new) + GRAVITY_M_S2 - demand
         self.velocity_integral[:, 2] += np.where(changed, shift, 0.0)
 
     def update(
-        self, controlled: BoolArray, fresh: BoolArray, setpoints: Setpoints, estimate: EstimateState,
+        self, controlled: BoolArray, reset_integral: BoolArray, setpoints: Setpoints, estimate: EstimateState,
         hover_thrust: FloatArray, target: TargetState, thrust: FloatArray,
     ) -> None:  # fmt: skip
-        """One control step.
+        """Runs one control step.
 
         Args:
-            controlled: (N,) who flies on a trajectory; the rows of the others stay.
-            fresh: (N,) who begins to, or stands: forgets what was integrated.
-            setpoints: the trajectory.
-            estimate: where the vehicles are.
+            controlled: (N,) vehicles at level TRAJECTORY; the rows of the others are not changed.
+            reset_integral: (N,) vehicles whose velocity integral is cleared: just begun, or on the ground.
+            setpoints: the trajectory setpoints.
+            estimate: estimated states of the vehicles.
             hover_thrust: (N,).
-            target: written: what is followed, and the attitude setpoint.
+            target: written: the setpoint that is followed, and the attitude setpoint.
             thrust: (N,) written, collective 0..1.
         """
-        _follow(
-            controlled, fresh, self._dt_s, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
+        _control(
+            controlled, reset_integral, self._dt_s, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
             setpoints.acceleration_ned_m_s2, setpoints.yaw_ned_rad, setpoints.ramp_thrust,
             setpoints.climb_limit_m_s, setpoints.descent_limit_m_s, setpoints.min_thrust,
             setpoints.thrust_limit, setpoints.tilt_limit_rad,
@@ -129,41 +129,41 @@ class PositionControl:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Gain of a first-order low-pass; one without a cutoff."""
+    """Gain of a first-order low-pass; 1 without a cutoff."""
     if cutoff_hz <= 0.0:
         return 1.0
     return dt_s / (dt_s + 1.0 / (2.0 * math.pi * cutoff_hz))
 
 
 @formula
-def _towards(wanted: FloatArray, position: FloatArray, gain: FloatArray) -> Three:
-    """P control of position: velocities [m/s], NaN where it is not controlled."""
+def _position_control(setpoint: FloatArray, position: FloatArray, gain: FloatArray) -> Three:
+    """P control of position: velocities [m/s], NaN where position is not controlled."""
     return (
-        _bounded((wanted[0] - position[0]) * gain[0]),
-        _bounded((wanted[1] - position[1]) * gain[1]),
-        _bounded((wanted[2] - position[2]) * gain[2]),
+        _bounded((setpoint[0] - position[0]) * gain[0]),
+        _bounded((setpoint[1] - position[1]) * gain[1]),
+        _bounded((setpoint[2] - position[2]) * gain[2]),
     )
 
 
 @formula
-def _lift(
+def _thrust_vector(
     dn: float, de: float, dd: float, hover_thrust: float, decouple: bool, tilt_limit: float, lowest: float,
     highest: float, margin: float,
 ) -> tuple[Three, Three]:  # fmt: skip
-    """Body's up axis and thrust, tilted towards the acceleration demanded and lifting against gravity.
+    """The body's up axis and the thrust vector for an acceleration and gravity.
 
-    Height has precedence over the horizontal part.
+    Vertical thrust has priority over horizontal thrust.
     """
     up = GRAVITY_M_S2 if decouple else max(GRAVITY_M_S2 - dd, _TINY)
-    level = _length(dn, de)
-    tilt = min(math.atan2(level, up), tilt_limit)
-    part = math.sin(tilt) / max(level, _TINY)
+    demand_length = _length(dn, de)
+    tilt = min(math.atan2(demand_length, up), tilt_limit)
+    part = math.sin(tilt) / max(demand_length, _TINY)
     zn, ze, zd = -dn * part, -de * part, math.cos(tilt)
     collective = max(hover_thrust * (1.0 - dd / GRAVITY_M_S2) / zd, lowest)
     tn, te, td = -zn * collective, -ze * collective, -zd * collective
     horizontal = _length(tn, te)
-    kept = min(horizontal, margin)
-    td = max(td, -math.sqrt(max(highest * highest - kept * kept, 0.0)))
+    reserved = min(horizontal, margin)
+    td = max(td, -math.sqrt(max(highest * highest - reserved * reserved, 0.0)))
     room = math.sqrt(max(highest * highest - td * td, 0.0))
     scale = min(1.0, room / max(horizontal, _TINY))
     return (zn, ze, zd), (tn * scale, te * scale, td)
@@ -171,13 +171,16 @@ def _lift(
 
 @formula
 def _integrate(
-    dt_s: float, aim: FloatArray, velocity: FloatArray, demand_ne: tuple[float, float], thrust: Three,
-    hover_thrust: float, lowest: float, highest: float, gain: FloatArray, integral_gain: FloatArray,
-    integral: FloatArray,
+    dt_s: float, velocity_setpoint: FloatArray, velocity: FloatArray, demand_ne: tuple[float, float],
+    thrust: Three, hover_thrust: float, lowest: float, highest: float, gain: FloatArray,
+    integral_gain: FloatArray, integral: FloatArray,
 ) -> None:  # fmt: skip
-    """Integrates the velocity error, less what the thrust limits keep from happening."""
-    error_n, error_e = _known(aim[0] - velocity[0]), _known(aim[1] - velocity[1])
-    error_d = _known(aim[2] - velocity[2])
+    """Integrates the velocity error, with anti-windup where the thrust limits apply."""
+    error_n, error_e = (
+        _zero_if_nan(velocity_setpoint[0] - velocity[0]),
+        _zero_if_nan(velocity_setpoint[1] - velocity[1]),
+    )
+    error_d = _zero_if_nan(velocity_setpoint[2] - velocity[2])
     if (thrust[2] >= -lowest and error_d >= 0.0) or (thrust[2] <= -highest and error_d <= 0.0):
         error_d = 0.0
     made_n, made_e = thrust[0] * GRAVITY_M_S2 / hover_thrust, thrust[1] * GRAVITY_M_S2 / hover_thrust
@@ -197,7 +200,7 @@ def _length(north: float, east: float) -> float:
 
 @formula
 def _sum(a: float, b: float) -> float:
-    """a + b where both are numbers, else the one that is, else NaN."""
+    """a + b if both are finite, else the finite one, else NaN."""
     total = a + b
     if math.isnan(total):
         return b if math.isnan(a) else a
@@ -205,22 +208,22 @@ def _sum(a: float, b: float) -> float:
 
 
 @formula
-def _known(value: float) -> float:
+def _zero_if_nan(value: float) -> float:
     """Zero for NaN."""
     return 0.0 if math.isnan(value) else value
 
 
 @formula
 def _bounded(value: float) -> float:
-    """Keeps what nobody can fly (infinite, 1e30) from overflowing; NaN stays NaN."""
-    return within(value, -_BEYOND, _BEYOND)
+    """Bounds values that cannot be flown (infinite, 1e30) against overflow; NaN stays NaN."""
+    return within(value, -_BOUND, _BOUND)
 
 
 @formula
 def _constrained(
     first_n: float, first_e: float, second_n: float, second_e: float, limit: float
 ) -> tuple[float, float]:
-    """`first` and as much of `second` as keeps the length within the limit."""
+    """The sum of `first` and the largest part of `second` that keeps the length within the limit."""
     first, second = _length(first_n, first_e), max(_length(second_n, second_e), _TINY)
     if first >= limit:
         scale = limit / max(first, _TINY)
@@ -234,9 +237,9 @@ def _constrained(
 
 @formula
 def _write_attitude(zn: float, ze: float, zd: float, yaw_ned_rad: float, q: FloatArray) -> None:
-    """Writes the attitude (4,) whose down axis is (zn, ze, zd), nose towards the yaw.
+    """Writes the attitude (4,) with the down axis (zn, ze, zd) and the nose towards the yaw.
 
-    Not for half turns about a slanted axis, where the signs are lost; the controllers never ask for one.
+    Not valid for half turns about a slanted axis, where the signs are lost; the controllers never need one.
     """
     sin_yaw, cos_yaw = math.sin(yaw_ned_rad), math.cos(yaw_ned_rad)
     xn, xe, xd = cos_yaw * zd, sin_yaw * zd, -(cos_yaw * zn + sin_yaw * ze)
@@ -252,7 +255,7 @@ def _write_attitude(zn: float, ze: float, zd: float, yaw_ned_rad: float, q: Floa
 
 
 @kernel
-def _track(
+def _filter_velocity(
     dt_s: float, measured: Rows, keep: Rows, derivative_gain: Rows, velocity: Rows,
     rate: Rows,
 ) -> None:  # fmt: skip
@@ -264,8 +267,8 @@ def _track(
 
 
 @kernel
-def _follow(
-    controlled: Flags, fresh: Flags, dt_s: float, wanted_position: Rows,
+def _control(
+    controlled: Flags, reset_integral: Flags, dt_s: float, wanted_position: Rows,
     wanted_velocity: Rows, wanted_acceleration: Rows, wanted_yaw: Column,
     ramp_thrust: Flags, climb_limit: Column, descent_limit: Column, min_thrust: Column, thrust_limit: Column,
     tilt_limit: Column, position: Rows, heading: Column, velocity: Rows,
@@ -277,7 +280,7 @@ def _follow(
     for i in range(controlled.shape[0]):
         if not controlled[i]:
             continue
-        if fresh[i]:
+        if reset_integral[i]:
             integral[i] = 0.0
         limit, hover = limits[i], hover_thrust[i]
         climb = limit[_SPEED_UP] if math.isnan(climb_limit[i]) else climb_limit[i]
@@ -286,35 +289,40 @@ def _follow(
         lowest = min(limit[_THRUST_MIN] if math.isnan(min_thrust[i]) else min_thrust[i], highest)
         tilt = limit[_TILT_MAX] if math.isnan(tilt_limit[i]) else tilt_limit[i]
 
-        aim = target_velocity[i]
-        by_n, by_e, by_d = _towards(wanted_position[i], position[i], position_p[i])
-        aim[0] = _bounded(_sum(wanted_velocity[i, 0], by_n))
-        aim[1] = _bounded(_sum(wanted_velocity[i, 1], by_e))
-        aim[2] = within(_bounded(_sum(wanted_velocity[i, 2], by_d)), -climb, descent)
-        if _length(aim[0], aim[1]) > limit[_SPEED_XY]:
-            first_n, first_e = _known(by_n), _known(by_e)
-            aim[0], aim[1] = _constrained(
-                first_n, first_e, _known(aim[0] - first_n), _known(aim[1] - first_e), limit[_SPEED_XY]
+        velocity_setpoint = target_velocity[i]
+        by_n, by_e, by_d = _position_control(wanted_position[i], position[i], position_p[i])
+        velocity_setpoint[0] = _bounded(_sum(wanted_velocity[i, 0], by_n))
+        velocity_setpoint[1] = _bounded(_sum(wanted_velocity[i, 1], by_e))
+        velocity_setpoint[2] = within(_bounded(_sum(wanted_velocity[i, 2], by_d)), -climb, descent)
+        if _length(velocity_setpoint[0], velocity_setpoint[1]) > limit[_SPEED_XY]:
+            first_n, first_e = _zero_if_nan(by_n), _zero_if_nan(by_e)
+            velocity_setpoint[0], velocity_setpoint[1] = _constrained(
+                first_n,
+                first_e,
+                _zero_if_nan(velocity_setpoint[0] - first_n),
+                _zero_if_nan(velocity_setpoint[1] - first_e),
+                limit[_SPEED_XY],
             )
 
         demand = target_acceleration[i]
         for k in range(3):
-            correction = velocity_p[i, k] * (aim[k] - velocity[i, k]) + integral[i, k] - (
+            correction = velocity_p[i, k] * (velocity_setpoint[k] - velocity[i, k]) + integral[i, k] - (
                 velocity_d[i, k] * velocity_rate[i, k]
             )  # fmt: skip
             feed_forward = math.nan if k == 2 and ramp_thrust[i] else wanted_acceleration[i, k]
             demand[k] = _bounded(_sum(feed_forward, correction))
-        dn, de, dd = _known(demand[0]), _known(demand[1]), _known(demand[2])
+        dn, de, dd = _zero_if_nan(demand[0]), _zero_if_nan(demand[1]), _zero_if_nan(demand[2])
 
-        (zn, ze, zd), (tn, te, td) = _lift(
+        (zn, ze, zd), (tn, te, td) = _thrust_vector(
             dn, de, dd, hover, decouple[i], tilt, lowest, highest, limit[_THRUST_XY_MARGIN]
         )
         _integrate(
-            dt_s, aim, velocity[i], (dn, de), (tn, te, td), hover, lowest, highest, velocity_p[i],
-            velocity_i[i], integral[i],
+            dt_s, velocity_setpoint, velocity[i], (dn, de), (tn, te, td), hover, lowest, highest,
+            velocity_p[i], velocity_i[i], integral[i],
         )  # fmt: skip
         thrust[i] = math.sqrt(tn * tn + te * te + td * td)
-        # Without a yaw PX4 holds the heading it read one update ago, which brakes a commanded turn a little.
+        # Without a yaw setpoint PX4 holds the heading of the last update, which slows a commanded turn a
+        # little.
         yaw = wanted_yaw[i] if math.isfinite(wanted_yaw[i]) else heading_before[i]
         heading_before[i] = heading[i]
         if thrust[i] > _TINY:

@@ -1,7 +1,7 @@
 """Body rate control: a PID on each axis gives normalised torques (mc_rate_control).
 
-The derivative works on the measured angular acceleration, the integrator fades at large errors and stops
-towards a saturated axis, and the yaw torque passes a low-pass (MC_YAW_TQ_CUTOFF).
+The derivative uses the measured angular acceleration. The integrator's gain falls at large errors, and
+integration stops in the direction of saturation. The yaw torque passes a low-pass (MC_YAW_TQ_CUTOFF).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class RateControl:
         self._yaw_torque = np.zeros(count)
 
     def configure(self, i: int, parameters: Parameters) -> None:
-        """Read MC_*RATE_* of vehicle `i`."""
+        """Reads MC_*RATE_* of vehicle `i`."""
         for k, (axis, short) in enumerate((("ROLL", "RR"), ("PITCH", "PR"), ("YAW", "YR"))):
             name = f"MC_{axis}RATE_"
             overall = parameters.usable(name + "K")
@@ -56,35 +56,35 @@ class RateControl:
         )
 
     def reset(self, i: int) -> None:
-        """Vehicle `i` forgets what was integrated."""
+        """Clears the integrators and the yaw filter of vehicle `i`."""
         self.integral[i] = 0.0
         self._yaw_torque[i] = 0.0
 
     def update(
-        self, controlled: BoolArray, rates: FloatArray, acceleration: FloatArray, wanted: FloatArray,
-        landed: BoolArray, short_of: FloatArray, torque: FloatArray,
+        self, controlled: BoolArray, rates: FloatArray, acceleration: FloatArray, setpoint: FloatArray,
+        landed: BoolArray, unallocated: FloatArray, torque: FloatArray,
     ) -> None:  # fmt: skip
         """Writes the normalised torques.
 
         Args:
-            controlled: (N,) whose body rates are controlled; the others have no torque.
+            controlled: (N,) vehicles whose body rates are controlled; the others get zero torque.
             rates: (N, 3) filtered body rates.
             acceleration: (N, 3) filtered angular acceleration.
-            wanted: (N, 3) rate setpoints.
-            landed: (N,) do not integrate.
-            short_of: (N, 3) torque that the motors could not give in the last step.
+            setpoint: (N, 3) rate setpoints.
+            landed: (N,) vehicles whose integrators are not updated.
+            unallocated: (N, 3) torque that the motors could not produce in the last step.
             torque: (N, 3) written.
         """
-        _hold_rates(
-            controlled, rates, acceleration, wanted, landed, short_of, self._p, self._i_dt, self._d, self._ff,
-            self._limit, self._yaw_gain, self.integral, self._yaw_torque, torque,
+        _control_rates(
+            controlled, rates, acceleration, setpoint, landed, unallocated, self._p, self._i_dt, self._d,
+            self._ff, self._limit, self._yaw_gain, self.integral, self._yaw_torque, torque,
         )  # fmt: skip
 
 
 @kernel
-def _hold_rates(
-    controlled: Flags, rates: Rows, acceleration: Rows, wanted: Rows, landed: Flags,
-    short_of: Rows, p: Rows, i_dt: Rows, d: Rows, feed_forward: Rows,
+def _control_rates(
+    controlled: Flags, rates: Rows, acceleration: Rows, setpoint: Rows, landed: Flags,
+    unallocated: Rows, p: Rows, i_dt: Rows, d: Rows, feed_forward: Rows,
     limit: Rows, yaw_gain: Column, integral: Rows, yaw_torque: Column, torque: Rows,
 ) -> None:  # fmt: skip
     for i in range(torque.shape[0]):
@@ -93,13 +93,13 @@ def _hold_rates(
             yaw_torque[i] = 0.0
             continue
         for k in range(3):
-            error = wanted[i, k] - rates[i, k]
+            error = setpoint[i, k] - rates[i, k]
             torque[i, k] = p[i, k] * error + integral[i, k] - d[i, k] * acceleration[i, k] + (
-                feed_forward[i, k] * wanted[i, k]
+                feed_forward[i, k] * setpoint[i, k]
             )  # fmt: skip
-            faded = error / _INTEGRAL_FADE_RAD_S
-            growth = max(1.0 - faded * faded, 0.0) * error * i_dt[i, k]
-            if landed[i] or short_of[i, k] * growth > 0.0:
+            error_ratio = error / _INTEGRAL_FADE_RAD_S
+            growth = max(1.0 - error_ratio * error_ratio, 0.0) * error * i_dt[i, k]
+            if landed[i] or unallocated[i, k] * growth > 0.0:
                 growth = 0.0
             integral[i, k] = within(integral[i, k] + growth, -limit[i, k], limit[i, k])
         yaw_torque[i] += yaw_gain[i] * (torque[i, 2] - yaw_torque[i])

@@ -1,7 +1,7 @@
-"""Setpoints of the controllers: the only data passed from the flight modes to the control cascade.
+"""Setpoints of the controllers: the only data that flight modes pass to the control cascade.
 
-A mode writes rows of `Setpoints` between two steps; the controllers only read. NaN means "not
-controlled" everywhere.
+A mode writes rows of `Setpoints` between two steps; the controllers only read them. NaN always means "not
+controlled".
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ IntArray = NDArray[np.int64]
 
 
 class ControlLevel(IntEnum):
-    """Where a vehicle's setpoint enters the cascade."""
+    """Controller of the cascade that a vehicle's setpoint goes to."""
 
     DISARMED = 0
-    """No controller runs: motors idle when armed, stand still when not."""
+    """No controller runs: motors idle when armed, and are stopped when disarmed."""
     MOTORS = 1
-    """`motors` as they are."""
+    """`motors` go to the motors unchanged."""
     THRUST_TORQUE = 2
-    """`torque_frd` and `thrust` to the mixer."""
+    """`torque_frd` and `thrust` go to the mixer."""
     RATES = 3
     """`rates_frd_rad_s` and `thrust`."""
     ATTITUDE = 4
@@ -40,7 +40,7 @@ def _nan(*shape: int) -> FloatArray:
 
 @dataclass(slots=True)
 class Setpoints:
-    """Setpoints of N vehicles; arrays are written in place by the autopilot.
+    """Setpoints of N vehicles; the autopilot writes the arrays in place.
 
     NED metres and radians; `q_ned_frd` is (w, x, y, z); thrust is collective, 0..1, up positive.
     """
@@ -66,14 +66,15 @@ class Setpoints:
     rates_frd_rad_s: FloatArray
     """(N, 3), level RATES."""
     torque_frd: FloatArray
-    """(N, 3) normalised -1..1, level THRUST_TORQUE; no number counts as zero."""
+    """(N, 3) normalised -1..1, level THRUST_TORQUE; NaN counts as zero."""
     motors: FloatArray
-    """(N, 4) 0..1, level MOTORS; NaN and below zero: that motor stands still (disarmed)."""
-    cut_in: IntArray
-    """(N,) RATES or ATTITUDE: such a setpoint arrived while the trajectory is flown, and holds until the
+    """(N, 4) 0..1, level MOTORS; a motor with NaN or a negative value stops."""
+    override_level: IntArray
+    """(N,) RATES or ATTITUDE: a setpoint of this level has arrived during a trajectory, and holds until the
     outer controllers write again; DISARMED: none. The cascade resets it."""
     ramp_thrust: BoolArray
-    """(N,) the take-off ramp runs: MPC_THR_HOVER as it is, no feed-forward of acceleration in z."""
+    """(N,) the take-off ramp runs: MPC_THR_HOVER is used unchanged, without feed-forward of acceleration in
+    z."""
     thrust_limit: FloatArray
     """(N,) upper limit of the collective thrust at level TRAJECTORY, 0..1."""
     min_thrust: FloatArray
@@ -85,13 +86,13 @@ class Setpoints:
     tilt_limit_rad: FloatArray
     """(N,) NaN: MPC_TILTMAX_AIR (near the ground the autopilot passes MPC_TILTMAX_LND)."""
     landed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """(N,) on the ground or touching it: integrators are held at zero while it is true."""
+    """(N,) on the ground or in ground contact: integrators are held at zero."""
     in_air: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """(N,) the land detector's word, which the estimator takes its range finder by."""
+    """(N,) state of the land detector, which decides whether the estimator uses the range finder."""
 
     @classmethod
     def idle(cls, count: int) -> Setpoints:
-        """The setpoints of disarmed vehicles without commands."""
+        """Setpoints of disarmed vehicles without commands."""
         return cls(
             level=np.zeros(count, dtype=np.int64),
             armed=np.zeros(count, dtype=np.bool_),
@@ -105,7 +106,7 @@ class Setpoints:
             rates_frd_rad_s=np.zeros((count, 3)),
             torque_frd=np.zeros((count, 3)),
             motors=_nan(count, 4),
-            cut_in=np.zeros(count, dtype=np.int64),
+            override_level=np.zeros(count, dtype=np.int64),
             ramp_thrust=np.zeros(count, dtype=np.bool_),
             thrust_limit=np.ones(count),
             min_thrust=_nan(count),
@@ -117,7 +118,7 @@ class Setpoints:
         )
 
     def clear(self, i: int) -> None:
-        """Forget every target of vehicle `i` (a mode starts from a clean row); armed and limits stay."""
+        """Clears every setpoint of vehicle `i` when a mode starts; armed state and limits are kept."""
         for row in (self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2):
             row[i] = np.nan
         self.yaw_ned_rad[i] = np.nan
@@ -127,4 +128,4 @@ class Setpoints:
         self.rates_frd_rad_s[i] = 0.0
         self.torque_frd[i] = 0.0
         self.motors[i] = np.nan
-        self.cut_in[i] = ControlLevel.DISARMED
+        self.override_level[i] = ControlLevel.DISARMED

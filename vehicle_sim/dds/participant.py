@@ -1,7 +1,7 @@
-"""Carries the ROS 2 topics of vehicles over Cyclone DDS: a participant for each, nothing that waits.
+"""Carries the ROS 2 topics of vehicles over Cyclone DDS, with one participant for each; no call blocks.
 
-Threads of Cyclone discover other programs and receive their messages. The simulation's thread sends (best
-effort: straight to the socket) and takes what has arrived.
+Cyclone's threads discover other programs and receive their messages. The simulation's thread sends (best
+effort: directly to the socket) and takes received messages.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from vehicle_sim.ros2.messages import MESSAGES, MessageType
 from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST, dds_name
 
 LOOPBACK = "lo"
-MOST_PARTICIPANTS = 99
-"""On loopback: without multicast, participants are found at one port each."""
+MAX_PARTICIPANTS = 99
+"""On loopback: without multicast, discovery uses one port for each participant."""
 REPLIES_KEPT = 10
 SERVICE_TYPE = "px4_msgs.srv.dds_.VehicleCommand_{}_"
 
 
 class DdsUnavailable(Exception):
-    """DDS cannot be had in this domain or on this interface."""
+    """DDS is not available in this domain or on this interface."""
 
 
 def configuration(interface: str | None) -> str:
-    """Cyclone's settings: loopback with unicast alone, or one interface with multicast.
+    """Cyclone's settings: loopback with unicast only, or one interface with multicast.
 
-    Without an interface nothing leaves the machine, whatever `CYCLONEDDS_URI` says.
+    Without an interface no message leaves the machine, whatever `CYCLONEDDS_URI` contains.
     """
     if interface is None:
         general = "<AllowMulticast>false</AllowMulticast>"
         discovery = (
-            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{MOST_PARTICIPANTS}"
+            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{MAX_PARTICIPANTS}"
             '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers>'
         )
     else:
@@ -54,7 +54,7 @@ def configuration(interface: str | None) -> str:
     )
 
 
-def _out(reliable: bool = False) -> Qos:
+def _writer_qos(reliable: bool = False) -> Qos:
     return Qos(
         Policy.Reliability.Reliable(duration()) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal,
@@ -62,7 +62,7 @@ def _out(reliable: bool = False) -> Qos:
     )
 
 
-def _in(depth: int, reliable: bool = False) -> Qos:
+def _reader_qos(depth: int, reliable: bool = False) -> Qos:
     return Qos(
         Policy.Reliability.Reliable(duration()) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.Volatile,
@@ -82,45 +82,48 @@ class DdsPort:
 
     def __init__(self, domain: DdsDomain, domain_id: int, namespace: str) -> None:
         self._domain = domain
-        """Cyclone ends a domain, with everything in it, when nobody refers to it any more."""
+        """A reference: Cyclone deletes a domain and everything in it after the last reference is gone."""
         self._participant = DomainParticipant(domain_id)
         self._namespace = namespace
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
         self._readers: list[_Reader] = []
         self._waitset = WaitSet(self._participant)
         for output in OUTPUTS:
-            self._write(output.name, idl_type(output.message), _out())
+            self._write(output.name, idl_type(output.message), _writer_qos())
         reply = idl_type(MESSAGES["VehicleCommandAck"], SERVICE_TYPE.format("Response"))
-        self._write(SERVICE_REPLY, reply, _out(reliable=True))
+        self._write(SERVICE_REPLY, reply, _writer_qos(reliable=True))
         for each in INPUTS:
-            self._read(each.name, idl_type(each.message), each.depth, _in(each.depth))
+            self._read(each.name, idl_type(each.message), each.depth, _reader_qos(each.depth))
         command: MessageType = MESSAGES["VehicleCommand"]
         depth = 2 * command.constants["ORB_QUEUE_LENGTH"]
         request = idl_type(command, SERVICE_TYPE.format("Request"))
-        self._read(SERVICE_REQUEST, request, depth, _in(depth, reliable=True))
+        self._read(SERVICE_REQUEST, request, depth, _reader_qos(depth, reliable=True))
 
-    def _topic(self, name: str, made: type[Sample]) -> Any:
-        return Topic(self._participant, dds_name(name, self._namespace), made)
+    def _topic(self, name: str, sample_type: type[Sample]) -> Any:
+        return Topic(self._participant, dds_name(name, self._namespace), sample_type)
 
-    def _write(self, name: str, made: type[Sample], qos: Qos) -> None:
-        self._writers[name] = (made, DataWriter(self._participant, self._topic(name, made), qos=qos))
+    def _write(self, name: str, sample_type: type[Sample], qos: Qos) -> None:
+        self._writers[name] = (
+            sample_type,
+            DataWriter(self._participant, self._topic(name, sample_type), qos=qos),
+        )
 
-    def _read(self, name: str, made: type[Sample], depth: int, qos: Qos) -> None:
-        reader: Any = DataReader(self._participant, self._topic(name, made), qos=qos)
+    def _read(self, name: str, sample_type: type[Sample], depth: int, qos: Qos) -> None:
+        reader: Any = DataReader(self._participant, self._topic(name, sample_type), qos=qos)
         self._readers.append(_Reader(name, reader, depth))
         mask = SampleState.Any | ViewState.Any | InstanceState.Any
         self._waitset.attach(ReadCondition(reader, mask))
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message; what DDS refuses is lost, as best effort is."""
-        made, writer = self._writers[topic]
+        """Sends a message; a message that DDS rejects is lost, as with best effort."""
+        sample_type, writer = self._writers[topic]
         try:
-            writer.write(made.of(data))
+            writer.write(sample_type.of(data))
         except DDSException:
             return
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """What has arrived: of each topic at most as many as are kept."""
+        """Received messages, at most the queue depth of each topic."""
         if not self._waitset.wait(0):
             return []
         received: list[tuple[str, bytes]] = []
@@ -129,7 +132,7 @@ class DdsPort:
                 samples = each.reader.take(each.depth)
             except DDSException:
                 continue
-            # The end of a writer comes as an `InvalidSample`.
+            # When a writer ends, Cyclone delivers an `InvalidSample`.
             received += [(each.topic, sample.cdr) for sample in samples if isinstance(sample, Sample)]
         return received
 
@@ -142,7 +145,7 @@ class DdsDomain:
         interface: network interface; None: loopback.
 
     Raises:
-        DdsUnavailable: no such interface, or the domain is open already.
+        DdsUnavailable: no such interface, or the domain is already open.
     """
 
     def __init__(self, domain_id: int, interface: str | None = None) -> None:
@@ -153,10 +156,10 @@ class DdsDomain:
             raise self._unavailable(problem) from None
 
     def open(self, namespace: str = "") -> DdsPort:
-        """A participant for a vehicle.
+        """Creates the participant of a vehicle.
 
         Raises:
-            DdsUnavailable: DDS gives none.
+            DdsUnavailable: DDS cannot create one.
         """
         try:
             return DdsPort(self, self._domain_id, namespace)

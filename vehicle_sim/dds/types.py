@@ -1,6 +1,6 @@
-"""PX4's message types as Cyclone DDS knows them; samples stay bytes, which `ros2.messages` packs and unpacks.
+"""PX4's message types for Cyclone DDS; samples stay bytes, which `ros2.messages` packs and unpacks.
 
-Cyclone's own Python encoder takes 30 µs to 300 µs a message, as often as 900 times a second and vehicle.
+Cyclone's own Python encoder takes 30 µs to 300 µs per message, at up to 900 messages per second and vehicle.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ _PRIMITIVES: dict[str, Any] = {
 
 
 class Sample(IdlStruct):
-    """A sample as it goes over the wire; `idl_type` makes a subclass for each type."""
+    """A sample as bytes on the wire; `idl_type` creates a subclass for each type."""
 
     cdr = b""
-    """With encapsulation header; not annotated, since Cyclone takes annotations for fields."""
+    """With encapsulation header. It has no annotation, because Cyclone treats annotations as fields."""
 
     def serialize(self, *_: Any, **__: Any) -> bytes:
-        """What Cyclone sends."""
+        """The bytes that Cyclone sends."""
         return self.cdr
 
     @classmethod
     def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Self:
-        """What Cyclone received, unchecked."""
+        """A sample of the bytes that Cyclone received, without a check."""
         return cls.of(bytes(data))
 
     @classmethod
     def deserialize_key(cls, data: bytes, *_: Any, **__: Any) -> Self:
-        """What Cyclone makes of the news that a writer has ended; these types have no keys."""
+        """Called by Cyclone when a writer has ended; these types have no keys."""
         return cls.of(b"")
 
     @classmethod
@@ -55,14 +55,14 @@ def _idl_field(kind: str, length: int) -> Any:
 
 @cache
 def idl_dataclass(message: MessageType) -> type[IdlStruct]:
-    """The type with Cyclone's own encoder: for nested types, and to compare ours with."""
+    """The type with Cyclone's own encoder: for nested types, and for comparison in tests."""
     fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
     return make_idl_struct(message.name, f"px4_msgs.msg.dds_.{message.name}_", fields)
 
 
 @cache
 def idl_type(message: MessageType, typename: str = "") -> type[Sample]:
-    """The type of a topic; `typename` where it has another name on the wire (services)."""
+    """The type of a topic; `typename` if it has another name on the wire (services)."""
     fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
     made: Any = make_idl_struct(
         message.name, typename or f"px4_msgs.msg.dds_.{message.name}_", fields, dataclassify=False,

@@ -1,4 +1,5 @@
-"""PX4's ROS 2 client of one vehicle: messages in, messages out, no DDS and no clock of its own."""
+"""PX4's ROS 2 client of one vehicle: it decodes and encodes messages, and has no DDS and no clock of
+its own."""
 
 from __future__ import annotations
 
@@ -13,36 +14,36 @@ from vehicle_sim.ros2.setpoints import SetpointInputs
 from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, SERVICE_REPLY, SERVICE_REQUEST
 from vehicle_sim.topics.states import States
 
-CONNECTS_S: Final = {True: 6.4, False: 1.3}
+CONNECTED_AFTER_S: Final = {True: 6.4, False: 1.3}
 """Time after boot of the first message, with and without time synchronization (`UXRCE_DDS_SYNCT`)."""
 COMMAND_EVERY_US: Final = 10_000
-"""The commander takes one command a turn."""
+"""The commander processes one command per cycle."""
 COMMANDS_KEPT: Final = 4
-"""Of a burst the last ones count: PX4 drops older ones silently."""
+"""Of a burst, PX4 keeps the last commands and drops older ones silently."""
 Values = Mapping[str, Any]
 
 
-def _stay_silent(_command: Command) -> None:
-    """PX4 has no module that answers this command here."""
+def _ignore(_command: Command) -> None:
+    """Ignores the command: PX4 has no module that answers it over ROS 2."""
 
 
 class Port(Protocol):
-    """What carries the messages; topics have the names of `topics.py`."""
+    """Carries the messages; topics have the names of `topics.py`."""
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message; never waits."""
+        """Sends a message; does not block."""
         ...
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """Received messages, a bounded number; never waits."""
+        """Received messages, a bounded number; does not block."""
         ...
 
 
 class AckingHost(CommandHost, Protocol):
-    """A host that reports the answers to commands, whatever brought them."""
+    """A host that reports the acknowledgements of commands from any source."""
 
     def add_ack_listener(self, listener: Callable[[Command, int, int], None]) -> None:
-        """Call `listener(command, result, progress)` with each."""
+        """Calls `listener(command, result, progress)` for each acknowledgement."""
         ...
 
 
@@ -52,10 +53,10 @@ class Bridge:
     Args:
         host: the vehicle.
         states: its state topics.
-        handlers: who carries out which command.
+        handlers: handler of each command.
         silent: commands that PX4 answers over MAVLink only.
-        port: what carries the messages.
-        report: told once for each topic on which something malformed arrives.
+        port: carries the messages.
+        report: called once for each topic on which a malformed message arrives.
     """
 
     def __init__(
@@ -68,19 +69,19 @@ class Bridge:
         report: Callable[[str], None],
     ) -> None:
         self._host, self._view, self._port, self._report = host, host.view, port, report
-        self._handlers = {**handlers, **dict.fromkeys(silent, _stay_silent)}
+        self._handlers = {**handlers, **dict.fromkeys(silent, _ignore)}
         synchronized = self._view.optional_choice("UXRCE_DDS_SYNCT", 1) != 0
         offset_us = int(self._view.boot_time_unix_s * 1e6) if synchronized else 0
         self._offset_us = offset_us
-        self._connects_at_us = int(CONNECTS_S[synchronized] * 1e6)
+        self._connected_at_us = int(CONNECTED_AFTER_S[synchronized] * 1e6)
         self._outputs = Outputs(
             host.autopilot, states, port.publish, offset_us, synchronized=synchronized
         )  # fmt: skip
         self._commands: deque[tuple[Values, bool]] = deque(maxlen=COMMANDS_KEPT)
-        """Each with whether the service asked for it."""
+        """Each with whether the service sent it."""
         self._command_at_us = 0
-        self._asked: Command | None = None
-        """The service's command that is not answered yet."""
+        self._service_command: Command | None = None
+        """The service's command that is not acknowledged yet."""
         self._malformed: set[str] = set()
         setpoints = SetpointInputs(host.autopilot)
         self._receivers: dict[str, Callable[[Values], None]] = {
@@ -94,14 +95,14 @@ class Bridge:
 
     @property
     def connected(self) -> bool:
-        """Whether the boot has come so far that messages go in and out."""
-        return self._view.time_boot_us() >= self._connects_at_us
+        """Whether the vehicle has booted so far that it sends and receives messages."""
+        return self._view.time_boot_us() >= self._connected_at_us
 
     def step(self) -> None:
-        """Called after each simulation step."""
+        """Exchanges messages; called after each simulation step."""
         now_us = self._view.time_boot_us()
         received = self._port.take()
-        if now_us < self._connects_at_us:
+        if now_us < self._connected_at_us:
             return
         for topic, data in received:
             self._receive(topic, data)
@@ -125,7 +126,7 @@ class Bridge:
             return
         receiver(values)
 
-    def _command(self, values: Values, asked: bool) -> None:
+    def _command(self, values: Values, from_service: bool) -> None:
         system, component = self._host.own
         if values["target_system"] not in (0, system) or values["target_component"] not in (0, component):
             return
@@ -133,8 +134,8 @@ class Bridge:
             values["command"], *(values[f"param{n}"] for n in range(1, 8)),
             sender=(values["source_system"], values["source_component"]), link=ROS2,
         )  # fmt: skip
-        if asked:
-            self._asked = command
+        if from_service:
+            self._service_command = command
         execute(self._host, self._handlers, command)
 
     def _acknowledge(self, command: Command, result: int, progress: int) -> None:
@@ -147,6 +148,6 @@ class Bridge:
         }  # fmt: skip
         data = MESSAGES["VehicleCommandAck"].encode(values)
         self._port.publish(COMMAND_ACK, data)
-        if command is self._asked and result != IN_PROGRESS:
-            self._asked = None
+        if command is self._service_command and result != IN_PROGRESS:
+            self._service_command = None
             self._port.publish(SERVICE_REPLY, data)

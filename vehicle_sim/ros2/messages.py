@@ -1,7 +1,7 @@
 """The ROS 2 message types of PX4: fields, constants, byte layout and hash, from `px4_msgs.txt`.
 
-On the wire a message is little-endian CDR: each value is aligned to its own size. All types of PX4 have
-a fixed size, so one `struct` format packs a message.
+On the wire a message is little-endian CDR: each value is aligned to its own size. All types of PX4 have a
+fixed size, so one `struct` format packs a message.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193
 
 
 class MalformedMessage(ValueError):
-    """Bytes that are no message of the type."""
+    """Bytes that are not a valid message of the type."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class MessageType:
-    """One type; `nested` has the types that its fields may have."""
+    """One message type; `nested` contains the types that its fields may have."""
 
     name: str
     fields: tuple[Field, ...]
@@ -65,7 +65,7 @@ class MessageType:
 
     @cached_property
     def index(self) -> Mapping[str, int]:
-        """Position of each field's first value among the values of `pack`."""
+        """Index of each field's first value among the values of `pack`."""
         index: dict[str, int] = {}
         at = 0
         for field in self.flat:
@@ -85,12 +85,13 @@ class MessageType:
 
     @property
     def size(self) -> int:
-        """Bytes without header and padding at the end."""
+        """Bytes without the header and the padding at the end."""
         return self._struct.size
 
     @cached_property
     def hash(self) -> int:
-        """What PX4 answers for this type in message_format_response: FNV-1a over its fields' declarations."""
+        """Hash that PX4 sends for this type in message_format_response: FNV-1a over its fields'
+        declarations."""
         value = _FNV_OFFSET
         for byte in self._declarations().encode():
             value = (value ^ byte) * _FNV_PRIME & 0xFFFFFFFF
@@ -112,9 +113,9 @@ class MessageType:
         return values
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """Values in order, arrays spread out, as bytes with header.
+        """Packs values in order, arrays flattened, into bytes with header.
 
-        A float32 beyond its range becomes infinite, as in C, so that a diverged estimate can be sent.
+        A float32 outside its range becomes infinite, as in C, so that a diverged estimate can be sent.
 
         Raises:
             struct.error: an integer does not fit its field.
@@ -135,7 +136,7 @@ class MessageType:
         return found
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
-        """Named values as bytes with header; what is not given is zero.
+        """Encodes named values into bytes with header; missing values are zero.
 
         Raises:
             KeyError: no such field.
@@ -153,7 +154,7 @@ class MessageType:
         return self.pack(flat)
 
     def decode(self, data: bytes) -> dict[str, Any]:
-        """Bytes with header as named values; a text ends at its first NUL.
+        """Decodes bytes with header into named values; a text ends at its first NUL.
 
         Raises:
             MalformedMessage: too short, or another encoding.
@@ -178,7 +179,7 @@ class MessageType:
 
 
 def parse(text: str) -> dict[str, MessageType]:
-    """The types of a text like `px4_msgs.txt`; a nested type goes before the types that use it."""
+    """The types of a text like `px4_msgs.txt`; a nested type must precede the types that use it."""
     types: dict[str, MessageType] = {}
     for section in text.split("\n[")[1:]:
         name, _, body = section.partition("]\n")
@@ -198,4 +199,4 @@ def parse(text: str) -> dict[str, MessageType]:
 
 
 MESSAGES: Final = parse((Path(__file__).parent / "px4_msgs.txt").read_text(encoding="utf-8"))
-"""By name."""
+"""Types by name."""

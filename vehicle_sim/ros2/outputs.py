@@ -1,4 +1,4 @@
-"""What one vehicle publishes over ROS 2, read from the same table as its log and its console."""
+"""Publications of one vehicle over ROS 2, from the same topic table as its log and its console."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic
 from vehicle_sim.topics.states import States, StateTopic
 
 TICK_US = 20_000
-"""Period of the autopilot: topics of its decisions change no sooner."""
+"""Period of the autopilot; state topics do not change more often."""
 TIMESYNC_US, TRIPLET_US = 1_000_000, 50_000
 DDS_PROTOCOL = 2
 """TimesyncStatus.SOURCE_PROTOCOL_DDS."""
@@ -36,41 +36,41 @@ class _ArrayReader:
         lengths = {field.name: field.length for field in message.flat}
         self._sampled = message.index.get("timestamp_sample") if topic.sampled else None
         for key, source in topic.sources.items():
-            places = [
+            indices = [
                 message.index[name] + n for name in key.split() for n in range(lengths[name] or 1)
             ]  # fmt: skip
             if callable(source):
-                self._sources.append((source, places))
+                self._sources.append((source, indices))
                 continue
-            for place in places:
-                self._values[place] = source
+            for index in indices:
+                self._values[index] = source
 
     def read(self, simulation: Simulation, row: int, timestamp_us: int) -> bytes:
-        """The message now."""
+        """Encodes the current message."""
         values = self._values
         values[0] = timestamp_us
         if self._sampled is not None:
             values[self._sampled] = timestamp_us
-        for source, places in self._sources:
+        for source, indices in self._sources:
             found = source(simulation)[row]
-            if len(places) == 1:
-                values[places[0]] = found
+            if len(indices) == 1:
+                values[indices[0]] = found
             else:
-                for place, value in zip(places, found.tolist(), strict=True):
-                    values[place] = value
+                for index, value in zip(indices, found.tolist(), strict=True):
+                    values[index] = value
         return self._message.pack(values)
 
 
-class _Due:
-    """When an output is due, and what of the vehicle it was last published for."""
+class _Schedule:
+    """Time of the next publication of an output, and the vehicle's state at the last one."""
 
     def __init__(self, output: Output) -> None:
         self.output = output
         self.at_us = 0
         self.key: object = None
 
-    def passed(self, now_us: int) -> bool:
-        """Whether its period is over; the next one begins."""
+    def period_ended(self, now_us: int) -> bool:
+        """Whether the period has ended; if so, the next one begins."""
         if now_us < self.at_us:
             return False
         every_us = self.output.every_us
@@ -84,9 +84,9 @@ class Outputs:
     Args:
         autopilot: of the vehicle.
         states: its state topics.
-        publish: takes a topic's name and the message's bytes.
-        offset_us: what is added to times since boot in `timestamp` and `timestamp_sample`.
-        synchronized: whether it reports its time offset (`UXRCE_DDS_SYNCT`).
+        publish: called with a topic's name and the message's bytes.
+        offset_us: added to times since boot in `timestamp` and `timestamp_sample`.
+        synchronized: whether the vehicle reports its time offset (`UXRCE_DDS_SYNCT`).
     """
 
     def __init__(
@@ -97,12 +97,12 @@ class Outputs:
         arrays = {topic.layout.name: topic for topic in ARRAY_TOPICS}
         by_name = {topic.layout.name: topic for topic in states.topics}
         self._arrays = [
-            (_Due(output), _ArrayReader(arrays[output.source], output.message))
+            (_Schedule(output), _ArrayReader(arrays[output.source], output.message))
             for output in OUTPUTS
             if output.source in arrays
         ]
-        self._states: list[tuple[_Due, StateTopic]] = [
-            (_Due(output), by_name[output.source]) for output in OUTPUTS if output.source in by_name
+        self._states: list[tuple[_Schedule, StateTopic]] = [
+            (_Schedule(output), by_name[output.source]) for output in OUTPUTS if output.source in by_name
         ]
         self._fast_states = [pair for pair in self._states if 0 < pair[0].output.every_us < TICK_US]
         self._states = [pair for pair in self._states if pair not in self._fast_states]
@@ -110,32 +110,32 @@ class Outputs:
         self._waypoint: object = None
 
     def step(self, now_us: int) -> None:
-        """Called after each simulation step."""
+        """Publishes the due topics; called after each simulation step."""
         simulation, row = self._view.simulation, self._view.row
         timestamp_us = now_us + self._offset_us
         for due, reader in self._arrays:
             if self._array_due(due, now_us):
                 self._publish(due.output.name, reader.read(simulation, row, timestamp_us))
         for due, topic in self._fast_states:
-            if due.passed(now_us):
+            if due.period_ended(now_us):
                 self._send(due.output, dict(topic.read()), now_us)
         if now_us >= self._tick_at_us:
             self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
-            self._decisions(now_us)
+            self._publish_states(now_us)
 
-    def _array_due(self, due: _Due, now_us: int) -> bool:
+    def _array_due(self, due: _Schedule, now_us: int) -> bool:
         if due.output.every_us > 0:
-            return due.passed(now_us)
+            return due.period_ended(now_us)
         count = self._view.simulation.sensors.gps_count
         if count == due.key:
             return False
         due.key = count
         return True
 
-    def _decisions(self, now_us: int) -> None:
+    def _publish_states(self, now_us: int) -> None:
         for due, topic in self._states:
             key = topic.key() if topic.key is not None else None
-            periodic = due.output.every_us > 0 and due.passed(now_us)
+            periodic = due.output.every_us > 0 and due.period_ended(now_us)
             if periodic or key != due.key:
                 due.key = key
                 values = dict(topic.read())
@@ -164,7 +164,7 @@ class Outputs:
         )  # fmt: skip
 
     def _triplet(self, now_us: int) -> None:
-        """At 20 Hz while disarmed; in flight with each new waypoint."""
+        """Publishes at 20 Hz while disarmed; in flight with each new waypoint."""
         armed, waypoint = self._autopilot.commander.armed, self._autopilot.waypoint
         if waypoint == self._waypoint and (armed or now_us < self._triplet_at_us):
             return

@@ -1,4 +1,4 @@
-"""Setpoints and sticks that arrive over ROS 2: what their messages mean to the autopilot."""
+"""Setpoints and sticks from ROS 2: conversion of their messages into commands to the autopilot."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from vehicle_sim.state import ROTOR_COUNT
 
 Values = Mapping[str, Any]
 STICK_RANGE = 1000.0
-FASTEST_RAD_S = 50.0
+MAX_RATE_RAD_S = 50.0
 KINDS = {
     "position": Kind.POSITION, "velocity": Kind.VELOCITY, "acceleration": Kind.ACCELERATION,
     "attitude": Kind.ATTITUDE, "body_rate": Kind.RATES, "thrust_and_torque": Kind.THRUST_TORQUE,
     "direct_actuator": Kind.ACTUATORS,
 }  # fmt: skip
-"""Flags of OffboardControlMode; the first that is set counts."""
+"""Flags of OffboardControlMode; the first flag that is set counts."""
 
 
 class SetpointInputs:
-    """Hands each message to the autopilot of one vehicle."""
+    """Passes each message to the autopilot of one vehicle."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot
@@ -54,11 +54,11 @@ class SetpointInputs:
         self._autopilot.offboard.control_mode(kind)
 
     def _trajectory(self, v: Values) -> None:
-        position, velocity, acceleration = (_sane(v[n]) for n in ("position", "velocity", "acceleration"))
+        position, velocity, acceleration = (_limited(v[n]) for n in ("position", "velocity", "acceleration"))
         kind = trajectory_kind(position, velocity, acceleration)
-        # All NaN is still a setpoint: the position controller then holds the velocity at zero.
+        # All NaN is a valid setpoint too: the position controller then holds the velocity at zero.
         kind = Kind.ACCELERATION if kind is Kind.NONE else kind
-        (yaw_rad, yaw_rate_rad_s, _) = _sane((v["yaw"], v["yawspeed"], 0.0))
+        (yaw_rad, yaw_rate_rad_s, _) = _limited((v["yaw"], v["yawspeed"], 0.0))
         self._autopilot.take_setpoint(
             Setpoint(kind, position, velocity, acceleration, yaw_rad, yaw_rate_rad_s)
         )
@@ -73,13 +73,13 @@ class SetpointInputs:
             Setpoint(
                 Kind.ATTITUDE, q_ned_frd=(w / norm, x / norm, y / norm, z / norm),
                 thrust=lift_of(v["thrust_body"]),
-                yaw_rate_ned_rad_s=turn_rad_s if abs(turn_rad_s) <= FASTEST_RAD_S else math.nan,
+                yaw_rate_ned_rad_s=turn_rad_s if abs(turn_rad_s) <= MAX_RATE_RAD_S else math.nan,
             )
         )  # fmt: skip
 
     def _rates(self, v: Values) -> None:
         roll, pitch, yaw = (
-            max(-FASTEST_RAD_S, min(FASTEST_RAD_S, v[axis])) if math.isfinite(v[axis]) else 0.0
+            max(-MAX_RATE_RAD_S, min(MAX_RATE_RAD_S, v[axis])) if math.isfinite(v[axis]) else 0.0
             for axis in ("roll", "pitch", "yaw")
         )
         self._autopilot.take_setpoint(
@@ -87,7 +87,7 @@ class SetpointInputs:
         )
 
     def _thrust(self, v: Values) -> None:
-        """Takes effect with the next torque."""
+        """Stores the thrust; it is applied with the next torque."""
         self._thrust_frd = v["xyz"]
 
     def _torque(self, v: Values) -> None:
@@ -99,7 +99,7 @@ class SetpointInputs:
     def _goto(self, v: Values) -> None:
         self._autopilot.take_goto(
             Goto(
-                _sane(v["position"]),
+                _limited(v["position"]),
                 v["heading"] if v["flag_control_heading"] else math.nan,
                 _speed(v["max_horizontal_speed"]) if v["flag_set_max_horizontal_speed"] else math.nan,
                 _speed(v["max_vertical_speed"]) if v["flag_set_max_vertical_speed"] else math.nan,
@@ -120,8 +120,8 @@ class SetpointInputs:
             autopilot.commander.sticks_heard()
 
 
-def _sane(values: tuple[float, ...]) -> Vector:
-    """No number where there is none, and none that is larger than could ever be flown."""
+def _limited(values: tuple[float, ...]) -> Vector:
+    """Replaces infinite values by NaN and limits the others to a flyable range."""
     x, y, z = (max(-LIMIT, min(LIMIT, each)) if math.isfinite(each) else math.nan for each in values)
     return x, y, z
 

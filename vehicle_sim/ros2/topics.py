@@ -1,4 +1,4 @@
-"""The topics that PX4 v1.16 bridges to ROS 2 by default, with their types, sources and rates (measured)."""
+"""The topics that PX4 v1.16 bridges to ROS 2 by default, with their types, sources and measured rates."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Final
 from vehicle_sim.ros2.messages import MESSAGES, MessageType
 
 FASTEST_US: Final = 10_000
-"""The client sends no topic more often."""
+"""The client does not send a topic more often."""
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
     """A topic that the vehicle publishes.
 
-    `source` is its name in the simulator's table of topics; empty: published on an event, or never by a
-    multicopter.
+    `source` is its name in the simulator's table of topics. It is empty for topics that are published on an
+    event, or never by a multicopter.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """A topic that the vehicle subscribes."""
+    """A topic that the vehicle subscribes to."""
 
     name: str
     type: str
@@ -45,7 +45,7 @@ class Input:
 
     @property
     def depth(self) -> int:
-        """Samples kept: twice the queue of the topic inside the vehicle."""
+        """Number of samples kept: twice the topic's queue length inside the vehicle."""
         return 2 * self.message.constants.get("ORB_QUEUE_LENGTH", 1)
 
 
@@ -55,7 +55,7 @@ TRIPLET: Final = "/fmu/out/position_setpoint_triplet"
 COMMAND: Final = "/fmu/in/vehicle_command"
 SERVICE_REQUEST: Final = "/fmu/vehicle_commandRequest"
 SERVICE_REPLY: Final = "/fmu/vehicle_commandReply"
-"""The service `/fmu/vehicle_command`: on the wire a topic for requests and one for replies."""
+"""The service `/fmu/vehicle_command`: on the wire one topic for requests and one for replies."""
 
 OUTPUTS: Final = (
     Output("/fmu/out/register_ext_component_reply", "RegisterExtComponentReply"),

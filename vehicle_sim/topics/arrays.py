@@ -1,7 +1,7 @@
-"""Topics that come from arrays of the simulation: their fields, sources and periods.
+"""Topics whose values come from arrays of the simulation: their fields, sources and periods.
 
-Names, units and order of the fields are PX4's; fields without a source are zero. Periods were
-measured on a PX4 v1.16 (profile 131) and, for the default profile alone, are those of its own table.
+Names, units and order of the fields are PX4's; fields without a source are zero. Periods were measured on PX4
+v1.16 (profile 131); those that only the default profile uses are from PX4's own table.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NAN = math.nan
 DEFAULT, REPLAY, HIGH_RATE = 1 << 0, 1 << 1, 1 << 4
 """Bits of SDLOG_PROFILE."""
 GPS_SAMPLES = "gps_count"
-"""Used instead of a period: published with each GPS sample."""
+"""Instead of a period: the topic is published with each GPS sample."""
 Pace = int | str
 """Period in milliseconds, or `GPS_SAMPLES`."""
 GYRO_ID, ACCEL_ID, MAG_ID, BARO_ID, GPS_ID = 1310988, 1310988, 197388, 6620172, 11468804
@@ -33,21 +33,21 @@ GYRO_ID, ACCEL_ID, MAG_ID, BARO_ID, GPS_ID = 1310988, 1310988, 197388, 6620172, 
 
 @dataclass(frozen=True, slots=True)
 class ArrayTopic:
-    """One topic, for all vehicles."""
+    """One topic of all vehicles."""
 
     layout: Layout
     paces: Mapping[int, Pace]
-    """Period by bit of the profile; of several selected bits the shortest period applies."""
+    """Period for each bit of the profile; of several selected bits the shortest period applies."""
     sources: Mapping[str, Source | float] = field(default_factory=dict)
-    """Source by field; several names are the columns of one array."""
+    """Source of each field; a key with several names assigns the columns of one array."""
     sampled: bool = False
-    """Whether it has a sample timestamp, which equals its timestamp here."""
+    """Whether it has a sample timestamp, which here equals its timestamp."""
 
     def pace(self, profile: int) -> Pace | None:
         """Period in a profile; None: not logged."""
-        chosen = [pace for bit, pace in self.paces.items() if profile & bit]
-        words = [pace for pace in chosen if isinstance(pace, str)]
-        return words[0] if words else min(chosen, default=None)
+        selected = [pace for bit, pace in self.paces.items() if profile & bit]
+        named = [pace for pace in selected if isinstance(pace, str)]
+        return named[0] if named else min(selected, default=None)
 
 
 def _motors(s: Simulation) -> NDArray[Any]:
@@ -101,7 +101,7 @@ def _velocity_variance(s: Simulation) -> NDArray[Any]:
 
 
 def _resets(s: Simulation) -> NDArray[Any]:
-    """Sum of the reset counters: PX4 counts them in one number here."""
+    """Sum of the reset counters; PX4 has one counter for all of them here."""
     f = s.fusion
     counters = f.xy_reset_counter + f.z_reset_counter + f.vxy_reset_counter + f.vz_reset_counter
     return (counters + f.heading_reset_counter) & 0xFF
@@ -314,14 +314,14 @@ def _topics() -> list[ArrayTopic]:
 
 
 def _true_position() -> dict[str, Source | float]:
-    def place(s: Simulation) -> tuple[NDArray[Any], NDArray[Any]]:
+    def global_position(s: Simulation) -> tuple[NDArray[Any], NDArray[Any]]:
         p = s.truth.position_ned_m
         lat0, lon0 = np.full(s.count, s.home.lat_deg), np.full(s.count, s.home.lon_deg)
         return to_global(p[:, 0], p[:, 1], lat0, lon0)
 
     return {
-        "lat": lambda s: place(s)[0],
-        "lon": lambda s: place(s)[1],
+        "lat": lambda s: global_position(s)[0],
+        "lon": lambda s: global_position(s)[1],
         "alt": lambda s: s.home.alt_amsl_m - s.truth.position_ned_m[:, 2],
         "alt_ellipsoid": lambda s: s.home.alt_amsl_m - s.truth.position_ned_m[:, 2],
         "lat_lon_valid": 1,
@@ -330,18 +330,18 @@ def _true_position() -> dict[str, Source | float]:
 
 
 ARRAY_TOPICS: tuple[ArrayTopic, ...] = tuple(_topics())
-"""Ordered by their ids."""
+"""Ordered by id."""
 
 
 def current(topic: ArrayTopic, simulation: Simulation, row: int) -> dict[str, Any]:
     """Current values of a topic for one vehicle, without timestamps."""
-    given: dict[str, Any] = {}
+    by_field: dict[str, Any] = {}
     for key, source in topic.sources.items():
         names = key.split()
         value = np.asarray(source(simulation)[row] if callable(source) else source)
-        given |= {name: value[k] for k, name in enumerate(names)} if len(names) > 1 else {key: value}
+        by_field |= {name: value[k] for k, name in enumerate(names)} if len(names) > 1 else {key: value}
     values: dict[str, Any] = {}
     for each in topic.layout.fields:
-        value = np.asarray(given.get(each.name, 0))
+        value = np.asarray(by_field.get(each.name, 0))
         values[each.name] = np.broadcast_to(value, (each.length,)).tolist() if each.length else value.item()
     return values

@@ -1,4 +1,4 @@
-"""The topic `failsafe_flags`: which modes need what, and what is wrong now."""
+"""The topic `failsafe_flags`: requirements of each mode, and current faults."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ REQUIREMENTS: Final = {
     "home_position": 0x20, "wind_and_flight_time_compliance": 0x280018, "prevent_arming": 0x3C3020,
     "manual_control": 0x8447, "other": 0x7F800000,
 }  # fmt: skip
-"""Bit masks of the navigation states that need it."""
+"""Bit masks of the navigation states that have the requirement."""
 DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in REQUIREMENTS) + (
     "bool angular_velocity_invalid;bool attitude_invalid;bool local_altitude_invalid;"
     "bool local_position_invalid;bool local_position_invalid_relaxed;bool local_velocity_invalid;"
@@ -28,7 +28,7 @@ DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in REQUIREMEN
 
 
 def conditions(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
-    """What is wrong now; a change of it is published at once."""
+    """Current faults; the topic is published at once when they change."""
     estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
     position = checks.position_good
     return {
@@ -53,6 +53,6 @@ def conditions(view: VehicleView, commander: Commander, home: Home) -> dict[str,
 
 
 def values(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
-    """All fields but the timestamp."""
+    """All fields except the timestamp."""
     masks = {f"mode_req_{name}": mask for name, mask in REQUIREMENTS.items()}
     return masks | conditions(view, commander, home)

@@ -1,4 +1,4 @@
-"""How a topic's samples lie in a log or on a bus: named fields of fixed types, one after the other."""
+"""Byte layout of a topic's samples in a log or on a bus: named fields of fixed types in order."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TYPES: dict[str, tuple[str, str]] = {
     "int32_t": ("i", "<i4"), "uint32_t": ("I", "<u4"), "int64_t": ("q", "<i8"), "uint64_t": ("Q", "<u8"),
     "float": ("f", "<f4"), "double": ("d", "<f8"), "bool": ("?", "?"), "char": ("c", "S1"),
 }  # fmt: skip
-"""PX4's types as `struct` and NumPy call them."""
+"""`struct` and NumPy codes of PX4's types."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +38,11 @@ def _fields(declaration: str) -> tuple[Field, ...]:
 
 
 class Layout:
-    """Of one topic; `pack` and `blank` make the data messages of a log (ULog kind D).
+    """Layout of one topic; `pack` and `blank` create the data messages of a log (ULog kind D).
 
     Args:
         name: of the topic.
-        declaration: `type name` or `type[n] name`, divided by semicolons; the time of the sample goes first.
+        declaration: `type name` or `type[n] name`, separated by semicolons; the timestamp is added in front.
         msg_id: number in the file.
         multi_id: instance of the topic.
     """
@@ -67,7 +67,7 @@ class Layout:
         return np.dtype(columns)
 
     def blank(self) -> np.ndarray[Any, np.dtype[Any]]:
-        """One record of zeros with its head."""
+        """One record of zeros with its message header."""
         record = np.zeros((), dtype=self.dtype)
         record["message_size"] = self._struct.size + 2
         record["message_type"] = ord("D")
@@ -75,5 +75,5 @@ class Layout:
         return record
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """One data message of the values in order, arrays spread out."""
+        """One data message of the values in order, arrays flattened."""
         return self._head + self._struct.pack(*values)

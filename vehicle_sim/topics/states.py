@@ -1,6 +1,6 @@
-"""The topics about what the vehicle decides: mode, arming, landing, health, battery, home, mission.
+"""State topics of a vehicle: mode, arming, landing, health, battery, home, mission.
 
-Written when they change and again from time to time, as PX4 does. Also what `listener` shows of them.
+They are written when they change and again periodically, as in PX4. The console's `listener` shows them too.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from vehicle_sim.topics.layout import Layout
 Values = Mapping[str, Any]
 NAN = math.nan
 VALID_STATES, SETTABLE_STATES = 0x7FFEE47F, 0x007EC47F
-"""Bit masks of the modes there are and of those one may choose, as `vehicle_status` tells them."""
+"""Bit masks of the existing modes and of those that can be set, as `vehicle_status` reports them."""
 ARMING_DISARMED, ARMING_ARMED = 1, 2
 ROTARY_WING, QUADROTOR = 1, 2
 NEVER_MS = 1 << 62
 FIRST_MODE_US = 116_000
-"""When the commander of a PX4 in simulation takes its first mode."""
+"""Time at which the commander of a simulated PX4 sets its first mode."""
 EVENT_ARGUMENTS = 25
 TRAJECTORY_KINDS = (Kind.POSITION, Kind.VELOCITY, Kind.ACCELERATION)
 _TAKEOFF = {
@@ -45,14 +45,14 @@ class StateTopic:
     """0: only when it changes."""
     read: Callable[[], Values]
     key: Callable[[], object] | None = None
-    """Written at once when this changes."""
+    """The topic is written at once when this value changes."""
 
     def pack(self, time_us: int, values: Values | None = None) -> bytes:
-        """A data message; what `read` leaves out is zero."""
-        given = dict(self.read() if values is None else values, timestamp=time_us)
+        """A data message; fields missing in `read` are zero."""
+        by_field = dict(self.read() if values is None else values, timestamp=time_us)
         flat: list[Any] = []
         for field in self.layout.fields:
-            value = given.get(field.name, 0)
+            value = by_field.get(field.name, 0)
             if field.length:
                 items = list(value) if isinstance(value, list | tuple | bytes) else [value] * field.length
                 flat += items
@@ -66,11 +66,11 @@ FUSION_FLAGS = (
     "fake_hgt", "valid_fake_pos", "gravity_vector", "mag", "mag_3d", "mag_hdg", "mag_dec",
     "mag_aligned_in_flight", "mag_heading_consistent", "mag_field_disturbed", "vehicle_at_rest", "in_air",
 )  # fmt: skip
-"""Flags of `Fusion`; all but the first two are logged under their own names."""
+"""Flags of `Fusion`; all except the first two are logged under their own names."""
 
 
 class States:
-    """State topics of one vehicle, and the times only their history knows."""
+    """State topics of one vehicle, and times of past changes that they report."""
 
     def __init__(self, autopilot: Autopilot, system_id: int) -> None:
         self._autopilot = autopilot
@@ -80,10 +80,10 @@ class States:
         self._armed_us = self._took_off_us = 0
         self._mode_us = FIRST_MODE_US
         self._reasons = [0, 0]
-        """Of arming and of disarming."""
+        """Reasons of arming and of disarming."""
         self._mode = self._commander.active
         self._listeners: list[Callable[[bytes], None]] = []
-        self.topics = tuple(self._make())
+        self.topics = tuple(self._create_topics())
         self._event = Layout(
             "event",
             f"uint32_t id;uint16_t event_sequence;uint8_t[{EVENT_ARGUMENTS}] arguments;uint8_t log_levels",
@@ -92,27 +92,27 @@ class States:
         self._due_ms = [0] * len(self.topics)
         self._next_ms = 0
         self._watched = list(dict.fromkeys(topic.key for topic in self.topics if topic.key is not None))
-        self._keys: list[object] = [None] * len(self._watched)
-        autopilot.announcer.add_listener(self._note)
+        self._last_keys: list[object] = [None] * len(self._watched)
+        autopilot.announcer.add_listener(self._record_times)
 
     @property
     def layouts(self) -> tuple[Layout, ...]:
-        """Of all topics told here."""
+        """Layouts of all state topics and of events."""
         return (*(topic.layout for topic in self.topics), self._event)
 
     def restart(self) -> None:
-        """A log begins: everything is due."""
+        """Makes all topics due when a log begins."""
         self._due_ms = [0] * len(self.topics)
         self._next_ms = 0
 
     def due(self, now_us: int) -> bytes:
-        """Messages of what changed or is due again."""
+        """Messages of topics that have changed or are due again."""
         now_ms = now_us // 1000
         keys = [key() for key in self._watched]
-        if keys == self._keys and now_ms < self._next_ms:
+        if keys == self._last_keys and now_ms < self._next_ms:
             return b""
-        changed = {f for f, old, new in zip(self._watched, self._keys, keys, strict=True) if old != new}
-        self._keys = keys
+        changed = {f for f, old, new in zip(self._watched, self._last_keys, keys, strict=True) if old != new}
+        self._last_keys = keys
         out: list[bytes] = []
         for n, topic in enumerate(self.topics):
             if topic.key in changed or now_ms >= self._due_ms[n]:
@@ -123,13 +123,13 @@ class States:
         return b"".join(out)
 
     def event(self, event: Event) -> bytes:
-        """An event as a message."""
+        """Packs an event as a message."""
         arguments = event.arguments[:EVENT_ARGUMENTS]
         return self._event.pack(
             [event.time_boot_ms * 1000, event.id, event.sequence, *arguments, event.log_levels]
         )
 
-    def _note(self, item: StatusText | Event) -> None:
+    def _record_times(self, item: StatusText | Event) -> None:
         if isinstance(item, StatusText):
             return
         now_us = self._view.time_boot_us()
@@ -143,7 +143,7 @@ class States:
 
     # --- the topics ------------------------------------------------------------------------------------
 
-    def _make(self) -> list[StateTopic]:
+    def _create_topics(self) -> list[StateTopic]:
         topics: list[StateTopic] = []
 
         def add(name: str, every_ms: int, read: Callable[[], Values], declaration: str,
@@ -249,23 +249,23 @@ class States:
     def _control_mode(self) -> Values:
         c = self._commander
         mode = MODES[c.active]
-        offboard, ended = c.active is NavState.OFFBOARD, c.active is NavState.TERMINATION
-        angles = not ended and c.active is not NavState.ACRO
+        offboard, terminated = c.active is NavState.OFFBOARD, c.active is NavState.TERMINATION
+        angles = not terminated and c.active is not NavState.ACRO
         if offboard:
             angles = c.offboard.kind in (*TRAJECTORY_KINDS, Kind.ATTITUDE)
         height = angles and c.active not in (NavState.MANUAL, NavState.STABILIZED)
         height = height and not (offboard and c.offboard.kind is Kind.ATTITUDE)
-        place = height and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
-        rates = not ended and (not offboard or angles or c.offboard.kind is Kind.RATES)
-        allocation = not ended and (not offboard or rates or c.offboard.kind is Kind.THRUST_TORQUE)
+        position = height and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
+        rates = not terminated and (not offboard or angles or c.offboard.kind is Kind.RATES)
+        allocation = not terminated and (not offboard or rates or c.offboard.kind is Kind.THRUST_TORQUE)
         return {
             "flag_armed": c.armed, "flag_multicopter_position_control_enabled": height,
             "flag_control_manual_enabled": mode.needs_sticks, "flag_control_auto_enabled": mode.auto,
-            "flag_control_offboard_enabled": offboard, "flag_control_position_enabled": place,
-            "flag_control_velocity_enabled": place, "flag_control_altitude_enabled": height,
+            "flag_control_offboard_enabled": offboard, "flag_control_position_enabled": position,
+            "flag_control_velocity_enabled": position, "flag_control_altitude_enabled": height,
             "flag_control_climb_rate_enabled": height, "flag_control_attitude_enabled": angles,
             "flag_control_rates_enabled": rates, "flag_control_allocation_enabled": allocation,
-            "flag_control_termination_enabled": ended,
+            "flag_control_termination_enabled": terminated,
         }  # fmt: skip
 
     def _armed(self) -> Values:

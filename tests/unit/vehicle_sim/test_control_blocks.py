@@ -56,14 +56,14 @@ def test_at_full_thrust_lift_gives_way_to_roll():
     motors = signals(block, np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
     assert motors.max() == pytest.approx(1.0)
     assert motors[0, 1] - motors[0, 0] == pytest.approx(0.2 * 2 * math.sqrt(0.5))
-    assert block.short_of[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert block.unallocated[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
 
 
 def test_without_thrust_there_is_no_torque_as_airmode_is_off():
     block = allocation()
     motors = signals(block, np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
     assert motors[0] == pytest.approx(np.zeros(4), abs=1e-9)
-    assert np.all(block.short_of[0] > 0.1)
+    assert np.all(block.unallocated[0] > 0.1)
 
 
 def test_yaw_gives_way_first():
