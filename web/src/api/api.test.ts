@@ -1,12 +1,12 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient, ofVehicle, pageName, type Outcome } from './client';
 import { furtherReasons, parseProblem } from './problems';
-import { Turns } from './turns';
+import { CommandQueue } from './turns';
 
 const headersOf = (init: RequestInit | undefined): object => Object.fromEntries(new Headers(init?.headers));
 
 describe('problems', () => {
-  it('reads the vehicle’s words and what to do', () => {
+  it('reads the vehicle’s reasons and the remedy', () => {
     const problem = parseProblem(409, {
       title: 'The vehicle refused',
       code: 'rejected',
@@ -23,15 +23,15 @@ describe('problems', () => {
     const plain = parseProblem(422, { detail: [{ loc: ['body', 'alt_home_m'], msg: 'Input should be less than 120' }] });
     expect(plain).toMatchObject({ field: 'alt_home_m', detail: 'alt_home_m: Input should be less than 120', code: 'invalid_request' });
   });
-  it('says something where the body says nothing', () => {
+  it('has a detail where the body is empty', () => {
     for (const body of [null, 'oops', [], {}]) {
       expect(parseProblem(502, body)).toMatchObject({ title: 'The server answered 502', detail: 'The server gave no reason.', reasons: [] });
     }
   });
 });
 
-describe('files', () => {
-  it('are sent as they are, and what is wrong with them is an answer', async () => {
+describe('file calls', () => {
+  it('send a file unchanged and return its problem', async () => {
     const file = new Blob(['QGC WPL 110']);
     const asked: RequestInit[] = [];
     const answers = [new Response(JSON.stringify({ notes: [] })), new Response(JSON.stringify({ detail: 'line 2: no number.' }), { status: 422 })];
@@ -52,7 +52,7 @@ describe('files', () => {
     expect(await read()).toMatchObject({ ok: false, problem: { detail: 'line 2: no number.', status: 422 } });
   });
 
-  it('come with the notes of their header, or with none', async () => {
+  it('return the notes of the header, or none', async () => {
     const download = async (headers: Record<string, string>, status = 200) => {
       const client = new ApiClient('page-7', undefined, (path, init) => {
         expect([path, init.body]).toEqual(['/api/v1/plans/export?format=yaml', '{"plan":{}}']);
@@ -70,7 +70,7 @@ describe('files', () => {
 });
 
 describe('client', () => {
-  it('names itself, sends JSON, returns the answer', async () => {
+  it('sends its name and JSON, returns the answer', async () => {
     let seen: RequestInit = {};
     const client = new ApiClient('page-7', undefined, (_, init) => {
       seen = init;
@@ -80,13 +80,13 @@ describe('client', () => {
     expect(headersOf(seen)).toMatchObject({ 'x-client': 'page-7', 'content-type': 'application/json' });
     expect(seen.body).toBe('{"alt_home_m":10}');
   });
-  it('turns a refusal and a dead server into problems', async () => {
+  it('turns a refusal and an unreachable server into problems', async () => {
     const refused = new ApiClient('p', undefined, () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
     expect(await refused.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
     const dead = new ApiClient('p', undefined, () => Promise.reject(new TypeError('failed')));
     expect(await dead.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
   });
-  it('says that the server wants another token', async () => {
+  it('reports that the server rejects the token', async () => {
     let told = 0;
     const answer = (status: number) => Promise.resolve(new Response('{"detail":"no","code":"token_missing"}', { status }));
     for (const status of [401, 403])
@@ -97,19 +97,24 @@ describe('client', () => {
       ).get('/version');
     expect(told).toBe(1);
   });
-  it('tells two pages apart', () => {
+  it('gives two pages different names', () => {
     expect(pageName(() => 0)).toBe('page-0000');
     expect(pageName(() => 0.999999)).toBe('page-fffe');
   });
 });
 
-describe('turns', () => {
+describe('requests of one vehicle', () => {
   const settle = async (): Promise<void> => void (await vi.advanceTimersByTimeAsync(0));
   beforeEach(() => void vi.useFakeTimers());
   afterEach(() => void vi.useRealTimers());
 
-  function orders(): { turns: Turns; sent: string[]; answer: (name: string) => void; order: (name: string, vehicles: string[]) => Promise<Outcome<string>> } {
-    const turns = new Turns();
+  function orders(): {
+    turns: CommandQueue;
+    sent: string[];
+    answer: (name: string) => void;
+    order: (name: string, vehicles: string[]) => Promise<Outcome<string>>;
+  } {
+    const turns = new CommandQueue();
     const sent: string[] = [];
     const answers = new Map<string, () => void>();
     const order = (name: string, vehicles: string[]): Promise<Outcome<string>> =>
@@ -120,7 +125,7 @@ describe('turns', () => {
     return { turns, sent, answer: (name) => answers.get(name)?.(), order };
   }
 
-  it('sends what is new once all that was sent to the same vehicles before is answered', async () => {
+  it('are sent after all earlier ones to the same vehicles were answered', async () => {
     const { turns, sent, answer, order } = orders();
     void order('1 and 2', ['1', '2']);
     const second = order('2', ['2']);
@@ -137,7 +142,7 @@ describe('turns', () => {
     expect(turns.busy(['2'])).toBe(false);
   });
 
-  it('never sends what has waited too long, nor anything past what is still unanswered', async () => {
+  it('are not sent after waiting too long, nor past an unanswered one', async () => {
     const { turns, sent, answer, order } = orders();
     void order('renewal', ['1']);
     const late = order('late', ['1']);
@@ -155,8 +160,8 @@ describe('turns', () => {
     expect(turns.busy(['1'])).toBe(false);
   });
 
-  it('goes on after one that failed', async () => {
-    const turns = new Turns();
+  it('continue after a failed one', async () => {
+    const turns = new CommandQueue();
     await expect(turns.run(['1'], () => Promise.reject(new Error('gone')))).rejects.toThrow('gone');
     expect(await turns.run(['1'], () => Promise.resolve({ ok: true, value: 'next' }))).toEqual({ ok: true, value: 'next' });
   });

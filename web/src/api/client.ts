@@ -25,7 +25,7 @@ type Ask<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, 
 /**
  * A request of openapi-fetch, kept as its parts, because outside a browser `Request` accepts no path without a host.
  */
-class Asked {
+class PendingRequest {
   constructor(
     readonly url: string,
     readonly init: RequestInit,
@@ -48,7 +48,7 @@ export class ApiClient {
     private readonly signedOut: () => void = () => undefined,
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
   ) {
-    this.server = createClient<Api>({ baseUrl: BASE, Request: Asked as never, fetch: (asked) => this.send(asked as unknown as Asked) });
+    this.server = createClient<Api>({ baseUrl: BASE, Request: PendingRequest as never, fetch: (asked) => this.send(asked as unknown as PendingRequest) });
   }
 
   /** The present identity; a person may rename the page. */
@@ -83,7 +83,7 @@ export class ApiClient {
     }
   }
 
-  private send({ url, init }: Asked): Promise<Response> {
+  private send({ url, init }: PendingRequest): Promise<Response> {
     const headers = new Headers(init.headers);
     headers.set('Accept', 'application/json');
     headers.set('X-Client', this.name);

@@ -8,9 +8,9 @@ import type { Outcome } from './client';
 import { unreachable } from './problems';
 
 /** Longest wait for the answer to earlier requests [ms]. */
-const PATIENCE_MS = 3000;
+const MAX_WAIT_MS = 3000;
 
-export class Turns {
+export class CommandQueue {
   private readonly last = new Map<string, Promise<unknown>>();
 
   /** Whether an answer is still awaited for any of these vehicles. */
@@ -35,7 +35,7 @@ export class Turns {
 
 function inTime(before: Promise<unknown>): Promise<boolean> {
   return new Promise((done) => {
-    const timer = setTimeout(() => done(false), PATIENCE_MS);
+    const timer = setTimeout(() => done(false), MAX_WAIT_MS);
     void before.then(() => {
       clearTimeout(timer);
       done(true);

@@ -6,15 +6,15 @@ import { loadFleet } from './backfill';
 const answering = (value: unknown): ApiClient => new ApiClient('p', undefined, () => Promise.resolve(Response.json(value)));
 const identity = (firmware: string) => ({ vehicle: '1', topic: 'identity', vehicle_time_boot_s: null, received_unix_s: 90, value: { firmware } });
 
-describe('the fleet as the server lists it', () => {
-  it('never replaces what the socket told, which it tells only once', async () => {
+describe('the fleet from the server', () => {
+  it('never replaces samples from the socket', async () => {
     const store = new TelemetryStore(() => 100);
     store.apply({ type: 'samples', samples: [identity('1.16.0')] });
     expect(await loadFleet(answering([{ id: '1', identity: { firmware: null } }]), store)).toEqual({ ids: ['1'], forgotten: false });
     expect(store.vehicle('1').identity.firmware).toBe('1.16.0');
   });
 
-  it('is what is known of a vehicle that the socket has not told yet, until it does', async () => {
+  it('provides values that the socket has not sent yet', async () => {
     const store = new TelemetryStore(() => 100);
     await loadFleet(answering([{ id: '1', identity: { firmware: '1.15.0' } }]), store);
     expect(store.vehicle('1').identity.firmware).toBe('1.15.0');
@@ -22,7 +22,7 @@ describe('the fleet as the server lists it', () => {
     expect(store.vehicle('1').identity.firmware).toBe('1.16.0');
   });
 
-  it('says when a vehicle was forgotten that it no longer lists', async () => {
+  it('reports that a vehicle was removed', async () => {
     const store = new TelemetryStore(() => 100);
     store.vehicle('2');
     expect(await loadFleet(answering([{ id: '1' }]), store)).toEqual({ ids: ['1'], forgotten: true });

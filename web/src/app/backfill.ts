@@ -65,7 +65,7 @@ export async function loadPast(api: ApiClient, store: TelemetryStore, id: string
     for (const raw of list(messages.value, 'messages')) {
       const { kind, unix_s, text, severity } = raw;
       if (typeof kind !== 'string' || typeof unix_s !== 'number' || typeof text !== 'string') continue;
-      vehicle.say({ kind, unix_s, text, vehicle: id, severity: severity as WireEvent['severity'] });
+      vehicle.addMessage({ kind, unix_s, text, vehicle: id, severity: severity as WireEvent['severity'] });
     }
   }
   store.revision += 1;

@@ -6,7 +6,7 @@ import { Shortcuts } from './shortcuts.svelte';
 const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPUT', tabIndex: 0, ...(type === undefined ? {} : { type }), ...more });
 const withRole = (role: string): KeyTarget => ({ tagName: 'DIV', tabIndex: 0, getAttribute: (name) => (name === 'role' ? role : null) });
 
-describe('whom a character belongs to', () => {
+describe('a pressed character', () => {
   it.each(['text', 'search', 'url', 'tel', 'email', 'password', 'number', 'date', 'datetime-local', 'month', 'week', 'time', 'not-a-type-yet'])(
     'an input of type %s takes text',
     (type) => {
@@ -22,7 +22,7 @@ describe('whom a character belongs to', () => {
       expect(isShortcut('h', input(type))).toBe(true);
     },
   );
-  it('counts an input without a type, a text area and what is edited in place as text', () => {
+  it('belongs to an input without a type, a text area and an editable element', () => {
     for (const target of [
       input(),
       { tagName: 'TEXTAREA' },
@@ -34,54 +34,54 @@ describe('whom a character belongs to', () => {
       expect(takesText(target)).toBe(true);
     }
   });
-  it('lets the shortcuts through where nothing can be typed', () => {
+  it('is a shortcut on elements without text input', () => {
     for (const target of [null, { tagName: 'BODY' }, { tagName: 'BUTTON', tabIndex: 0 }, withRole('slider'), input('text', { readOnly: true })]) {
       expect(isShortcut('h', target)).toBe(true);
       expect(isShortcut('t', target)).toBe(true);
     }
   });
-  it('leaves a list its type-ahead, but never Hold, Land now and Stop motors', () => {
+  it('selects in a list, except Hold, Land now and Stop motors', () => {
     const list = { tagName: 'SELECT', tabIndex: 0 };
     expect(typesAhead(list)).toBe(true);
     for (const key of ['h', 'H', 'L', 'K']) expect(isShortcut(key, list)).toBe(true);
     for (const key of ['t', 'l', 'r', '1', 'A', 'g']) expect(isShortcut(key, list)).toBe(false);
   });
-  it('finds Hold on a keyboard of another script too', () => {
+  it('is Hold also on a keyboard of another script', () => {
     expect(characterOf({ key: 'h', code: 'KeyH' })).toBe('h');
     expect(characterOf({ key: 'р', code: 'KeyH' })).toBe('h');
     expect(characterOf({ key: 'Л', code: 'KeyK' })).toBe('K');
     expect(characterOf({ key: 'r', code: 'KeyP' })).toBe('r'); // another Latin layout: the character of the key counts, not its position
     expect(characterOf({ key: 'Escape', code: 'Escape' })).toBe('Escape');
   });
-  it('gives Space and arrows to a control, not to a panel that was only given the focus', () => {
+  it('Space or an arrow belongs to a focused control, not to a focused panel', () => {
     expect(isControl({ tagName: 'BUTTON', tabIndex: 0 })).toBe(true);
     expect(isControl(withRole('application'))).toBe(true);
     for (const target of [null, { tagName: 'BODY', tabIndex: -1 }, { tagName: 'SECTION', tabIndex: -1 }]) expect(isControl(target)).toBe(false);
   });
 });
 
-describe('a key that went down on one control', () => {
-  it('acts there, for as long as it is held', () => {
+describe('a key pressed on one control', () => {
+  it('acts there while it is held', () => {
     const guard = new KeyGuard<string>();
     expect(guard.down({ key: ' ', target: 'slider' })).toBe(false);
     expect(guard.down({ key: ' ', target: 'slider', repeat: true })).toBe(false);
     expect(guard.up({ key: ' ', target: 'slider' })).toBe(false);
   });
-  it.each([' ', 'Enter'])('acts on no other while it is still held (%j)', (key) => {
+  it.each([' ', 'Enter'])('acts on no other control while it is held (%j)', (key) => {
     const guard = new KeyGuard<string>();
     guard.down({ key, target: 'slider' });
     expect(guard.down({ key, target: 'Stop motors', repeat: true })).toBe(true);
     expect(guard.up({ key, target: 'Stop motors' })).toBe(true);
     expect(guard.down({ key, target: 'Stop motors' })).toBe(false); // a new press does
   });
-  it('acts on nothing here where it went down in another window', () => {
+  it('acts on nothing here if it was pressed in another window', () => {
     const guard = new KeyGuard<string>();
     expect(guard.down({ key: 'Enter', target: 'slider', repeat: true })).toBe(true);
     guard.down({ key: ' ', target: 'slider' });
     guard.clear();
     expect(guard.up({ key: ' ', target: 'slider' })).toBe(true);
   });
-  it('presses nothing just after a question closed by itself', () => {
+  it('acts on nothing just after a confirmation closed by itself', () => {
     let quiet = true;
     const guard = new KeyGuard<string>(() => quiet);
     expect(guard.down({ key: ' ', target: 'Up 1 m more' })).toBe(true);
@@ -90,7 +90,7 @@ describe('a key that went down on one control', () => {
     expect(guard.up({ key: ' ', target: 'Up 1 m more' })).toBe(true);
     expect(guard.down({ key: ' ', target: 'Up 1 m more' })).toBe(false);
   });
-  it('leaves all other keys alone', () => {
+  it('does not affect other keys', () => {
     const guard = new KeyGuard<string>();
     expect(guard.down({ key: 'h', target: 'a', repeat: true })).toBe(false);
     expect(guard.up({ key: 'h', target: 'b' })).toBe(false);
@@ -98,7 +98,7 @@ describe('a key that went down on one control', () => {
 });
 
 describe('single-key shortcuts', () => {
-  it('are on until somebody switches them off, and stay off for this browser', () => {
+  it('are enabled until switched off, and the browser stores the setting', () => {
     const kept = new Map<string, string>();
     const storage = {
       getItem: (key: string) => kept.get(key) ?? null,

@@ -3,12 +3,12 @@
  * and handles the pointer.
  */
 
-import type { Place } from '../vehicle/geo';
+import type { GeoPosition } from '../vehicle/geo';
 
 /** A colour by its meaning: planned, geofence, forbidden, actual, neutral. */
 export type Tone = 'target' | 'caution' | 'danger' | 'actual' | 'text2';
 
-export interface LayerPoint extends Place {
+export interface LayerPoint extends GeoPosition {
   /** Unique within its layer. */
   readonly id: string;
   /**
@@ -25,14 +25,14 @@ export interface LayerPoint extends Place {
 }
 
 export interface LayerLine {
-  readonly places: readonly Place[];
+  readonly places: readonly GeoPosition[];
   readonly tone: Tone;
   /** `dotted`: a path that the autopilot chooses; `dashed`: a limit. */
   readonly style: 'solid' | 'dotted' | 'dashed';
 }
 
 export interface LayerArea {
-  readonly ring: readonly Place[];
+  readonly ring: readonly GeoPosition[];
   readonly tone: Tone;
 }
 
@@ -49,11 +49,11 @@ export interface LayerEditor {
   /** A drag begins. @returns the point that moves, which for a `middle` is the inserted one; null: it cannot move. */
   grab: (id: string) => string | null;
   /** Moves the grabbed point and all other selected points. */
-  drag: (id: string, to: Place) => void;
+  drag: (id: string, to: GeoPosition) => void;
   /** The drag has ended. @param keep false: all points go back. */
   drop: (keep: boolean) => void;
   /** A click on the ground. @returns false: the layer does not use it. */
-  press: (at: Place) => boolean;
+  press: (at: GeoPosition) => boolean;
   /** Deletes the selection. @returns false: nothing is selected. */
   remove: () => boolean;
 }

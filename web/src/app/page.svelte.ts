@@ -7,7 +7,7 @@ import { ApiClient } from '../api/client';
 import { TelemetryStore } from '../live/store';
 import { TelemetrySocket, type SocketState } from '../live/socket';
 import type { WireEvent } from '../live/wire';
-import { isLarge, ofAll, ofClose, type Subscription } from '../live/sight';
+import { isLarge, fleetSubscription, detailSubscription, type Subscription } from '../live/sight';
 import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../vehicle/offboard';
 import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
@@ -49,12 +49,12 @@ class Page {
   /** Called for each event, of whichever vehicle. */
   readonly onEvent: ((event: WireEvent) => void)[] = [];
   /** Topics of the chosen values, in addition to those that the page reads itself. */
-  private moreTopics: readonly string[] = [];
+  private chosenTopics: readonly string[] = [];
   /**
    * Vehicles besides the selected one whose topics a feature needs completely, for example those with renewed
    * setpoints.
    */
-  readonly inSight: (() => Iterable<string>)[] = [];
+  readonly neededVehicles: (() => Iterable<string>)[] = [];
   /** Called once per painted animation frame. */
   readonly onPaint: (() => void)[] = [];
 
@@ -129,7 +129,7 @@ class Page {
           fleetAt_ms = now_ms;
           this.fleetTick += 1;
         }
-        this.followSight();
+        this.updateSubscription();
       }
       for (const callback of this.onPaint) callback();
       requestAnimationFrame(frame);
@@ -147,8 +147,8 @@ class Page {
 
   select(id: string): void {
     this.chosen = id;
-    this.followSight();
-    this.lookBack();
+    this.updateSubscription();
+    this.loadHistory();
   }
 
   /** The selected vehicle itself, for lists too long to copy each frame. */
@@ -180,21 +180,21 @@ class Page {
   }
 
   wantTopics(topics: readonly string[]): void {
-    this.moreTopics = topics;
-    this.followSight();
+    this.chosenTopics = topics;
+    this.updateSubscription();
   }
 
   private fleetSubscription(): Subscription {
-    return ofAll(this.store.vehicles.size, this.moreTopics, this.store.isArmed(this.store.ids()));
+    return fleetSubscription(this.store.vehicles.size, this.chosenTopics, this.store.isArmed(this.store.ids()));
   }
 
   private closeSubscription(): Subscription | null {
-    const ids = [...(this.selectedId === null ? [] : [this.selectedId]), ...this.inSight.flatMap((read) => [...read()])];
-    return ofClose(this.store.vehicles.size, ids, this.moreTopics, this.store.isArmed(ids));
+    const ids = [...(this.selectedId === null ? [] : [this.selectedId]), ...this.neededVehicles.flatMap((read) => [...read()])];
+    return detailSubscription(this.store.vehicles.size, ids, this.chosenTopics, this.store.isArmed(ids));
   }
 
   /** Changes the subscription if other vehicles are needed now. */
-  private followSight(): void {
+  private updateSubscription(): void {
     const close = this.closeSubscription();
     const all = JSON.stringify(this.fleetSubscription());
     const both = all + JSON.stringify(close);
@@ -220,11 +220,11 @@ class Page {
     const wanted = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
     for (const id of wanted) this.pastOf.add(id);
     await Promise.all(wanted.map((id) => loadPast(this.api, this.store, id)));
-    this.lookBack();
+    this.loadHistory();
   }
 
   /** In a large fleet a vehicle's history is loaded when it is selected. */
-  private lookBack(): void {
+  private loadHistory(): void {
     const id = this.selectedId;
     if (id === null || this.pastOf.has(id) || !this.store.connected) return;
     this.pastOf.add(id);

@@ -2,12 +2,12 @@
 
 import type { Vector3 } from '../live/topics';
 import type { WireEvent } from '../live/wire';
-import type { Place } from '../vehicle/geo';
+import type { GeoPosition } from '../vehicle/geo';
 
 /** The unsent setpoint as a point on the map. */
 export interface MapPreview {
   vehicle: string;
-  place: Place;
+  place: GeoPosition;
   yaw_ned_rad: number | null;
   label: string;
 }

@@ -5,8 +5,8 @@
 
 import type { Outcome } from '../api/client';
 import type { components } from '../api/schema';
-import type { StartWish } from '../vehicle/setpoint';
-import type { Place } from '../vehicle/geo';
+import type { StreamStart } from '../vehicle/setpoint';
+import type { GeoPosition } from '../vehicle/geo';
 import type { VehicleFacts } from '../vehicle/facts';
 
 /** Cameras of the 3D view. */
@@ -18,7 +18,7 @@ export type Roi = components['schemas']['Roi'];
 export interface Services {
   offboard: {
     /** Starts the stream with the given setpoint, else at the vehicle's position. */
-    start: (facts: VehicleFacts, wish: StartWish | null) => Promise<Outcome<unknown>>;
+    start: (facts: VehicleFacts, wish: StreamStart | null) => Promise<Outcome<unknown>>;
   };
   gimbal: {
     /** Whether this server controls the gimbal. */
@@ -30,7 +30,7 @@ export interface Services {
     askHolder: (facts: VehicleFacts) => Promise<void>;
   };
   stage: {
-    readonly sceneIsThere: boolean;
+    readonly sceneAvailable: boolean;
     /** Whether map or 3D view is large. */
     readonly main: 'map' | 'scene';
     camera: Camera;
@@ -39,7 +39,7 @@ export interface Services {
     /** Makes the map large. */
     showMap: () => void;
     /** Fits positions into the part of the map that no panel covers. */
-    showPlaces: (places: readonly Place[]) => void;
+    showPlaces: (places: readonly GeoPosition[]) => void;
   };
 }
 

@@ -1,6 +1,6 @@
 /** Objects shared by all features: the request queue per vehicle, and the actions that ask for confirmation. */
 
-import { Turns } from '../api/turns';
+import { CommandQueue } from '../api/turns';
 import { ActionController } from './actions/controller.svelte';
 import { page } from './page.svelte';
 import { registry } from './registry.svelte';
@@ -8,7 +8,7 @@ import { service } from './services';
 
 export const nowS = (): number => performance.now() / 1000;
 
-export const turns = new Turns();
+export const turns = new CommandQueue();
 
 export const nameOf = (id: string): string => page.factsOf(id)?.name ?? `Vehicle ${id}`;
 
@@ -21,5 +21,5 @@ export const actions = new ActionController(
 
 registry.addCloser({ order: 0, isOpen: () => actions.asked !== null, close: () => actions.cancel() });
 registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismiss('bar') });
-page.onEvent.push((event) => actions.heard(event));
+page.onEvent.push((event) => actions.onEvent(event));
 page.onPaint.push(() => actions.paint(page.selectedId));

@@ -55,7 +55,7 @@ describe('the catalogue of values', () => {
     expect(CATALOGUE.some((q) => q.id.includes('.q'))).toBe(false);
     for (const id of USUAL) expect(BY_ID.has(id)).toBe(true);
   });
-  it('shows what the vehicle says, angles in degrees, unknown as a dash', () => {
+  it('shows the vehicle’s values, angles in degrees, unknown as a dash', () => {
     const now = source({
       attitude: { roll_rad: Math.PI / 6 },
       motors: { pwm_us: [1500] },
@@ -71,10 +71,10 @@ describe('the catalogue of values', () => {
     expect(read('hud.climb_m_s')).toMatchObject({ text: '–', age_s: null });
     expect(read('flown.climb')?.text).toBe('–');
   });
-  it('says that a value is old', () => {
+  it('shows the age of an old value', () => {
     expect(BY_ID.get('gps.hdop')?.read(source({ gps: { hdop: 0.8 } }, true))).toMatchObject({ text: '0.80', stale: true, age_s: 0.2 });
   });
-  it('keeps the order a person gave, and forgets what it does not know', () => {
+  it('keeps the chosen order and drops unknown values', () => {
     expect(readChoice(null)).toEqual(USUAL);
     expect(readChoice('{oops')).toEqual(USUAL);
     expect(readChoice('["gps.hdop","gone.field","gps.hdop","flown.climb"]')).toEqual(['gps.hdop', 'flown.climb']);
@@ -83,7 +83,7 @@ describe('the catalogue of values', () => {
     expect(moved(['a', 'b', 'c'], 2, 0)).toEqual(['c', 'a', 'b']);
     expect(moved(['a'], 4, 0)).toEqual(['a']);
   });
-  it('is found by name, unit and group, and offers nothing twice', () => {
+  it('finds values by name, unit and group, and offers none twice', () => {
     expect(found('battery volt', []).map((q) => q.id)).toContain('battery.voltage_v');
     expect(found('battery volt', ['battery.voltage_v']).map((q) => q.id)).not.toContain('battery.voltage_v');
     expect(found('µs', []).every((q) => q.group === 'Motors')).toBe(true);
@@ -94,18 +94,18 @@ describe('the catalogue of values', () => {
 describe('messages', () => {
   const line = (unix_s: number, severity: number): Message => ({ key: `${unix_s}`, unix_s, severity, kind: 'event', text: 'x' });
   const all = [line(9, 6), line(8, 4), line(7, 7), line(6, 2)];
-  it('are let through by severity', () => {
+  it('are filtered by severity', () => {
     expect(shown(all, 9, 'errors').map((m) => m.unix_s)).toEqual([6]);
     expect(shown(all, 9, 'warnings').map((m) => m.unix_s)).toEqual([8, 6]);
     expect(shown(all, 9).map((m) => m.unix_s)).toEqual([9, 8, 6]);
     expect(shown(all, 9, 'debug')).toHaveLength(4);
   });
-  it('are counted until read, with the tone of the worst', () => {
+  it('are counted until read, with the tone of the most severe', () => {
     expect(unread(all, 5)).toEqual({ count: 3, tone: 'danger' });
     expect(unread(all, 7)).toEqual({ count: 2, tone: 'caution' });
     expect(unread(all, 9)).toEqual({ count: 0, tone: 'dim' });
   });
-  it('have a shape beside the colour, and a full time', () => {
+  it('have a shape besides the colour, and a full time', () => {
     expect([2, 4, 6].map((s) => severityWord(s).shape)).toEqual(['square', 'triangle', 'dot']);
     expect(severityWord(6).full).toBe('Info');
     expect(fullTime(1_700_000_000.25)).toMatch(/^2023-11-1[45] \d\d:\d\d:20\.2$/);
@@ -113,7 +113,7 @@ describe('messages', () => {
 });
 
 describe('the offboard stream', () => {
-  it('has words for each of the server’s states', () => {
+  it('has a text for each state of the server', () => {
     for (const state of ['idle', 'starting', 'holding', 'to_hold', 'landing', 'undoing']) {
       const status = readOffboard({ streaming: false, state, setpoint: null });
       expect(status && streamWords(status)).not.toContain('NED');
@@ -126,7 +126,7 @@ describe('the offboard stream', () => {
 });
 
 describe('the link', () => {
-  it('counts what was lost lately, and says that it is weak', () => {
+  it('counts recent packet loss and shows a weak link', () => {
     expect(lossPercent({ received: 100, lost: 50 }, { received: 190, lost: 60 })).toBe(10);
     expect(lossPercent({ received: 100, lost: 0 }, { received: 100, lost: 0 })).toBeNull();
     expect(linkIndicator(0.2, false, [], '5 kB/s', 10)).toMatchObject({ word: 'weak', severity: 'caution' });
@@ -136,7 +136,7 @@ describe('the link', () => {
 });
 
 describe('the battery', () => {
-  it('names its weakest cell', () => {
+  it('shows its lowest cell', () => {
     const value = {
       remaining_percent: 50,
       voltage_v: 12,
@@ -150,7 +150,7 @@ describe('the battery', () => {
     expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
     expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
   });
-  it('lists the components beside the autopilot, and which are lost', () => {
+  it('lists the other components, and which are lost', () => {
     const camera = { component_id: 100, kind: 'camera', mav_type: 30, lost: false, last_heard_unix_s: null };
     const gone = { ...camera, component_id: 154, kind: 'gimbal', lost: true, last_heard_unix_s: 80 };
     expect(componentLines([{ ...camera, component_id: 1, kind: 'autopilot' }, camera, gone], 100)).toEqual([
@@ -180,13 +180,13 @@ const actionFacts: ActionFacts = {
   battery_percent: null,
 };
 
-describe('what is asked', () => {
-  it('says the height of the return once the vehicle has told it', () => {
+describe('a confirmation', () => {
+  it('shows the return altitude once the parameter has been read', () => {
     expect(question('rtl', actionFacts)?.effect).toContain('its return altitude');
     expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('at most 60 m above home');
     expect(question('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
   });
-  it('is not confirmed while it is not valid', () => {
+  it('cannot be confirmed while its value is invalid', () => {
     const c = new Confirmation(false, 0);
     c.blocked = true;
     c.press(0);
@@ -197,7 +197,7 @@ describe('what is asked', () => {
     c.slide(1, 2);
     expect(c.tick(2)).toBe('confirmed');
   });
-  it('shows how far it is to the page that asked, and to no other', async () => {
+  it('shows the progress only on the page that sent the command', async () => {
     let answer: (outcome: Outcome<unknown>) => void = () => undefined;
     const api = new ApiClient(
       { name: 'Anna', id: 'tab', key: 'k7' },
@@ -214,16 +214,16 @@ describe('what is asked', () => {
     actions.request('hold', facts);
     expect(actions.running.map((r) => [r.action, r.told])).toEqual([['hold', null]]);
     const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Commanding vehicle 1 to hold (attempt 2)', command: 'hold', fraction: 0.5 };
-    actions.heard({ ...told, client: 'Anna', client_key: 'k8' }); // another tab of the same name
+    actions.onEvent({ ...told, client: 'Anna', client_key: 'k8' }); // another tab of the same name
     expect(actions.running[0]?.told).toBeNull();
-    actions.heard({ ...told, client: 'Anna', client_key: 'k7' });
+    actions.onEvent({ ...told, client: 'Anna', client_key: 'k7' });
     expect(actions.running[0]).toMatchObject({ told: told.text, fraction: 0.5 });
     await Promise.resolve();
     answer({ ok: true, value: null });
     await new Promise((r) => setTimeout(r));
     expect(actions.running).toEqual([]);
   });
-  it('takes no height that the server would refuse', () => {
+  it('rejects an altitude that the server would refuse', () => {
     const { facts } = source({});
     const actions = new ActionController(
       new ApiClient('p'),
@@ -246,7 +246,7 @@ describe('what is asked', () => {
 });
 
 describe('the gimbal', () => {
-  it('is asked where it stopped once nothing new was sent, and says so until something is', async () => {
+  it('requests the final angles after the last command, and shows them until the next', async () => {
     vi.useFakeTimers();
     const { facts } = source({});
     const sent: { path: string; wait?: boolean }[] = [];

@@ -47,12 +47,12 @@ describe('age', () => {
     expect(staleAfterS('battery', null)).toBe(6);
     expect(staleAfterS('attitude', 0.02)).toBe(1);
   });
-  it('learns a period and ignores a pause', () => {
+  it('learns a period and ignores a gap', () => {
     const learnt = [1, 1, 1, 60].reduce<number | null>(learnPeriod, null);
     expect(learnt).toBe(1);
     expect(learnPeriod(1, 2)).toBeCloseTo(1.2);
   });
-  it('says an age as a person does', () => {
+  it('formats an age', () => {
     expect(ageText(4.02)).toBe('4.0 s');
     expect(ageText(75)).toBe('75 s');
     expect(ageText(600)).toBe('10 min');
@@ -61,7 +61,7 @@ describe('age', () => {
 });
 
 describe('flight time', () => {
-  it('runs from leaving the ground to being back, and keeps the last one', () => {
+  it('runs from take-off to landing, and keeps the last one', () => {
     let clock = advance(NO_FLIGHT, status(), 10);
     clock = advance(clock, status({ armed: true, landed_state: 'taking_off' }), 20);
     expect(clock.airborneSince_unix_s).toBeNull();
@@ -70,24 +70,24 @@ describe('flight time', () => {
     clock = advance(clock, status({ armed: true, landed_state: 'on_ground' }), 82);
     expect(clock).toMatchObject({ airborneSince_unix_s: null, last_s: 60 });
   });
-  it('is a lower bound where we came in the middle', () => {
+  it('is a lower bound if the page connected during the flight', () => {
     expect(advance(NO_FLIGHT, status({ armed: true, landed_state: 'in_air' }), 5).exact).toBe(false);
   });
 });
 
 describe('store', () => {
-  it('judges age by the server’s clock, not by ours', () => {
+  it('computes ages with the server’s clock', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 5000 });
     store.apply({ type: 'samples', samples: [sample('status', status(), 4998)] });
     expect(store.vehicle('1').read('status', store.nowUnixS())?.age_s).toBeCloseTo(2);
   });
-  it('corrects its idea of the server’s clock by a sample from its future', () => {
+  it('corrects its estimate of the server’s clock by a sample from its future', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000), sample('status', status(), 1003)] });
     expect(store.nowUnixS()).toBe(1003);
   });
-  it('never takes its clock from a recording, before or after it is known to be one', () => {
+  it('never takes its clock from a replay, before or after it is known to be one', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 1000 });
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 999), sample('status', status(), 999.5)] });
@@ -101,12 +101,12 @@ describe('store', () => {
     expect(store.nowUnixS('7')).toBe(future_s);
     expect(store.vehicle('1').read('status', store.nowUnixS('1'))).toMatchObject({ stale: false, age_s: 0.5 });
   });
-  it('keeps the newest of a topic whatever the order', () => {
+  it('keeps the newest sample of a topic in any order of arrival', () => {
     const store = new TelemetryStore(() => 100);
     store.apply({ type: 'samples', samples: [sample('status', status({ mode: 'land' }), 90), sample('status', status(), 80)] });
     expect(store.vehicle('1').read('status', 100)?.value.mode).toBe('land');
   });
-  it('calls a vehicle lost when the server says so, and back when it says so; not by a clock of its own', () => {
+  it('marks a vehicle as lost and found only when the server reports it', () => {
     const store = new TelemetryStore(() => 100);
     const vehicle = store.vehicle('1');
     expect(vehicleFacts(vehicle, 100, true).lost).toBe(true); // no sample yet
@@ -119,7 +119,7 @@ describe('store', () => {
     expect(vehicleFacts(vehicle, 170, true).lost).toBe(false);
     expect(vehicleFacts(vehicle, 170, false)).toMatchObject({ lost: true, offline: true });
   });
-  it('marks stale what stopped, with its age', () => {
+  it('marks a stopped topic as stale, with its age', () => {
     const store = new TelemetryStore(() => 100);
     const hud = { groundspeed_m_s: 1, airspeed_m_s: 0, climb_m_s: 0, throttle_percent: 1 };
     for (const at of [97, 97.5, 98]) store.apply({ type: 'samples', samples: [sample('hud', hud, at)] });
@@ -127,7 +127,7 @@ describe('store', () => {
     expect(store.vehicle('1').read('hud', 100)).toMatchObject({ stale: true, age_s: 2 });
     expect(store.vehicle('1').read('gps', 100)).toBeNull();
   });
-  it('forgets removed vehicles and sorts ids as numbers', () => {
+  it('removes vehicles and sorts ids as numbers', () => {
     const store = new TelemetryStore(() => 100);
     for (const id of ['10', '2', '1~2']) store.vehicle(id);
     expect(store.ids()).toEqual(['1~2', '2', '10']);
@@ -149,18 +149,18 @@ describe('store', () => {
 });
 
 describe('wire', () => {
-  it('takes the three frames and an error', () => {
+  it('reads the three frames and an error', () => {
     expect(parseFrame('{"type":"hello","schema_version":1,"server_time_unix_s":5}')).toMatchObject({ type: 'hello' });
     expect(parseFrame(JSON.stringify({ type: 'samples', samples: [sample('gps', {}, 1), { bad: 1 }] }))).toMatchObject({ samples: [{ topic: 'gps' }] });
     expect(parseFrame('{"type":"error","detail":"rate_hz: from 0.1 to 100."}')).toEqual({ type: 'error', text: 'rate_hz: from 0.1 to 100.' });
   });
-  it('ignores what it does not know or cannot read', () => {
+  it('ignores unknown and unreadable frames', () => {
     for (const text of ['', '[]', 'null', '{"type":"later"}', '{"type":"event","event":{}}', '{"type":"hello"}']) expect(parseFrame(text)).toBeNull();
   });
 });
 
 describe('trail', () => {
-  it('leaves out what is closer than its spacing and stays bounded', () => {
+  it('skips points closer than its spacing and limits their number', () => {
     const trail = new Trail(0.3, 100);
     expect(trail.add({ lat_deg: 47, lon_deg: 8 })).toBe(true);
     expect(trail.add({ lat_deg: 47.000001, lon_deg: 8 })).toBe(false);

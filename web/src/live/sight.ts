@@ -16,7 +16,7 @@ export interface Subscription {
 export const SMALL_FLEET = 8;
 export const FULL_RATE_HZ = 25;
 /** Rate while no vehicle is armed. */
-export const RESTING_RATE_HZ = 10;
+export const DISARMED_RATE_HZ = 10;
 export const FLEET_RATE_HZ = 2;
 
 export function isLarge(count: number): boolean {
@@ -27,17 +27,17 @@ export function isLarge(count: number): boolean {
  * Subscription to every vehicle. @param more topics of values that a person chose to see. @param armed whether a
  * vehicle is armed.
  */
-export function ofAll(count: number, more: readonly string[], armed: boolean): Subscription {
+export function fleetSubscription(count: number, more: readonly string[], armed: boolean): Subscription {
   if (isLarge(count)) return { vehicles: '*', topics: [...FLEET_TOPICS], rate_hz: FLEET_RATE_HZ };
-  return { vehicles: '*', ...inFull(more, armed) };
+  return { vehicles: '*', ...isFullySubscribed(more, armed) };
 }
 
 /** Subscription to the vehicles that are displayed or commanded here; null if `ofAll` already includes all topics. */
-export function ofClose(count: number, ids: readonly string[], more: readonly string[], armed: boolean): Subscription | null {
+export function detailSubscription(count: number, ids: readonly string[], more: readonly string[], armed: boolean): Subscription | null {
   if (!isLarge(count) || ids.length === 0) return null;
-  return { vehicles: [...new Set(ids)].sort(), ...inFull(more, armed) };
+  return { vehicles: [...new Set(ids)].sort(), ...isFullySubscribed(more, armed) };
 }
 
-function inFull(more: readonly string[], armed: boolean): { topics: string[]; rate_hz: number } {
-  return { topics: [...new Set([...PAGE_TOPICS, ...more])], rate_hz: armed ? FULL_RATE_HZ : RESTING_RATE_HZ };
+function isFullySubscribed(more: readonly string[], armed: boolean): { topics: string[]; rate_hz: number } {
+  return { topics: [...new Set([...PAGE_TOPICS, ...more])], rate_hz: armed ? FULL_RATE_HZ : DISARMED_RATE_HZ };
 }

@@ -56,7 +56,7 @@ function rig() {
 const HELLO = '{"type":"hello","schema_version":1,"server_time_unix_s":5}';
 
 describe('telemetry socket', () => {
-  it('subscribes on opening and hands frames on', () => {
+  it('subscribes on opening and passes frames on', () => {
     const { socket, sockets, frames } = rig();
     socket.start();
     sockets[0]?.onopen?.();
@@ -65,7 +65,7 @@ describe('telemetry socket', () => {
     expect(socket.state.phase).toBe('open');
     expect(frames).toHaveLength(1);
   });
-  it('asks a silent server to send all anew, and calls the connection dead where nothing comes', () => {
+  it('asks a silent server to send everything again, and closes the connection without an answer', () => {
     const { socket, sockets, pass } = rig();
     socket.start();
     const first = sockets[0];
@@ -93,7 +93,7 @@ describe('telemetry socket', () => {
     expect(sockets[0]?.sent).toHaveLength(1);
     expect(socket.state.phase).toBe('open');
   });
-  it('comes back by itself, waits longer each time, and says so', () => {
+  it('reconnects automatically, waits longer each time, and reports it', () => {
     const { socket, sockets, states, pass } = rig();
     socket.start();
     sockets[0]?.onclose?.();
@@ -104,14 +104,14 @@ describe('telemetry socket', () => {
     expect(states.at(-1)).toMatchObject({ phase: 'waiting', retryAt_ms: 1500 });
     expect([1, 2, 3, 9].map(retryDelayMs)).toEqual([500, 1000, 2000, 8000]);
   });
-  it('gives up a connection that never says hello', () => {
+  it('gives up a connection without a hello frame', () => {
     const { socket, sockets, pass } = rig();
     socket.start();
     pass(8000);
     expect(sockets[0]?.closed).toBe(true);
     expect(socket.state.phase).toBe('waiting');
   });
-  it('tries at once when asked, and only then', () => {
+  it('reconnects at once only on request', () => {
     const { socket, sockets } = rig();
     socket.start();
     socket.retryNow();
@@ -120,7 +120,7 @@ describe('telemetry socket', () => {
     socket.retryNow();
     expect(sockets).toHaveLength(2);
   });
-  it('does not pretend to read another schema', () => {
+  it('rejects another schema version', () => {
     const { socket, sockets, frames } = rig();
     socket.start();
     sockets[0]?.onmessage?.({ data: HELLO.replace('"schema_version":1', '"schema_version":2') });

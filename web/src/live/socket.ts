@@ -30,7 +30,7 @@ const OPEN_DEADLINE_MS = 8000;
 export const SILENT_MS = 6000;
 /** Without an answer for this long the connection counts as lost; the browser may not notice an unplugged network. */
 export const ANSWER_MS = 4000;
-const LOOK_MS = 1000;
+const CHECK_INTERVAL_MS = 1000;
 
 /** Delay before the given attempt [ms]: doubles up to 8 s. */
 export function retryDelayMs(attempt: number): number {
@@ -44,7 +44,7 @@ export class TelemetrySocket {
   private attempt = 1;
   private stopped = false;
   private watchTimer: unknown = null;
-  private heardAt_ms = 0;
+  private receivedAt_ms = 0;
   private askedAt_ms: number | null = null;
 
   constructor(
@@ -89,15 +89,15 @@ export class TelemetrySocket {
     this.set({ phase: 'connecting', attempt: this.attempt });
     const socket = this.deps.open(this.url);
     this.socket = socket;
-    this.timer = this.deps.setTimer(() => this.lost(socket), OPEN_DEADLINE_MS);
+    this.timer = this.deps.setTimer(() => this.onConnectionLost(socket), OPEN_DEADLINE_MS);
     socket.onopen = () => this.subscribe(socket);
     socket.onmessage = (event) => this.received(socket, event.data);
-    socket.onclose = () => this.lost(socket);
+    socket.onclose = () => this.onConnectionLost(socket);
   }
 
   private received(socket: SocketLike, data: unknown): void {
     if (socket !== this.socket || typeof data !== 'string') return;
-    this.heardAt_ms = this.deps.nowMs();
+    this.receivedAt_ms = this.deps.nowMs();
     this.askedAt_ms = null;
     const frame = parseFrame(data);
     if (frame === null) return;
@@ -124,16 +124,16 @@ export class TelemetrySocket {
     this.watchTimer = this.deps.setTimer(() => {
       if (socket !== this.socket) return;
       const now_ms = this.deps.nowMs();
-      if (this.askedAt_ms !== null && now_ms - this.askedAt_ms >= ANSWER_MS) return this.lost(socket);
-      if (this.askedAt_ms === null && this.expectsFrames() && now_ms - this.heardAt_ms >= SILENT_MS) {
+      if (this.askedAt_ms !== null && now_ms - this.askedAt_ms >= ANSWER_MS) return this.onConnectionLost(socket);
+      if (this.askedAt_ms === null && this.expectsFrames() && now_ms - this.receivedAt_ms >= SILENT_MS) {
         this.askedAt_ms = now_ms;
         this.subscribe(socket);
       }
       this.watch(socket);
-    }, LOOK_MS);
+    }, CHECK_INTERVAL_MS);
   }
 
-  private lost(socket: SocketLike): void {
+  private onConnectionLost(socket: SocketLike): void {
     if (socket !== this.socket || this.stopped) return;
     this.deps.clearTimer(this.timer);
     this.deps.clearTimer(this.watchTimer);

@@ -99,7 +99,7 @@ export class TelemetryStore {
     if (event.kind === 'readiness') return; // the topic of the same name has the content
     // The messages of a replay have the recording's time; the event that it was opened is not one of them.
     if (event.vehicle !== null && event['replayed'] === true) this.vehicle(event.vehicle);
-    else if (event.vehicle !== null) this.vehicle(event.vehicle).say(event);
+    else if (event.vehicle !== null) this.vehicle(event.vehicle).addMessage(event);
     else this.stationEvents = [event, ...this.stationEvents].slice(0, 50);
   }
 }

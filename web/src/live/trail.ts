@@ -10,7 +10,7 @@ export interface TrailPoint {
 
 const METRES_PER_DEG = 111_320;
 /** Number of recent points from which a new point must have a minimum distance, so that a hover adds few points. */
-const NEIGHBOURS = 24;
+const RECENT_POINTS = 24;
 
 export class Trail {
   readonly points: TrailPoint[] = [];
@@ -23,7 +23,7 @@ export class Trail {
   }
 
   add(point: TrailPoint): boolean {
-    for (let i = this.points.length - 1; i >= Math.max(0, this.points.length - NEIGHBOURS); i--) {
+    for (let i = this.points.length - 1; i >= Math.max(0, this.points.length - RECENT_POINTS); i--) {
       const other = this.points[i];
       if (other !== undefined && distance_m(other, point) < this.spacing_m) return false;
     }

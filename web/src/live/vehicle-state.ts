@@ -99,7 +99,7 @@ export class VehicleState {
   }
 
   /** Adds a message; an event that is received twice is added once. */
-  say(event: WireEvent): void {
+  addMessage(event: WireEvent): void {
     const key = `${event.unix_s}|${event.kind}|${event.text}`;
     if (event.text === '' || this.messages.some((m) => m.key === key)) return;
     const message = { key, unix_s: event.unix_s, severity: severityNumber(event.severity), kind: event.kind, text: event.text };

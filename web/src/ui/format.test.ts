@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { duration, fixed, heading, join, metres, wrap180 } from './format';
 
 describe('numbers', () => {
-  it('shows the unknown as a dash, never as zero', () => {
+  it('shows unknown values as a dash, never as zero', () => {
     for (const unknown of [null, undefined, NaN, Infinity]) {
       expect(fixed(unknown, 1)).toBe('–');
       expect(metres(unknown).text).toBe('–');
@@ -10,12 +10,12 @@ describe('numbers', () => {
       expect(duration(unknown)).toBe('–');
     }
   });
-  it('has a real minus, a plus where asked, and no minus zero', () => {
+  it('has a minus sign, a plus on request, and no minus zero', () => {
     expect(fixed(-3.24, 1)).toBe('−3.2');
     expect(fixed(3.24, 1, true)).toBe('+3.2');
     expect(fixed(-0.04, 1, true)).toBe('0.0');
   });
-  it('drops decimals as lengths grow', () => {
+  it('has fewer decimals for longer lengths', () => {
     expect(metres(12.44)).toEqual({ text: '12.4', unit: 'm' });
     expect(metres(412.4)).toEqual({ text: '412', unit: 'm' });
     expect(metres(12_400)).toEqual({ text: '12.4', unit: 'km' });
@@ -26,11 +26,11 @@ describe('numbers', () => {
     expect(heading(-90)).toBe('270');
     expect(heading(4)).toBe('004');
   });
-  it('counts minutes, then hours', () => {
+  it('formats minutes, then hours', () => {
     expect(duration(221.9)).toBe('03:41');
     expect(duration(3723)).toBe('1:02:03');
   });
-  it('wraps angles and joins what is known', () => {
+  it('wraps angles and joins known words', () => {
     expect(wrap180(270)).toBe(-90);
     expect(wrap180(180)).toBe(-180);
     expect(join(['14', null, '0.8 m'])).toBe('14 · 0.8 m');

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { identity, leave, rename } from '../app/identity';
-import { chipText, forceHint, notYours, otherHolder, outsideText, ownRequest, readControl, standing, toAnswer, type Control } from './control';
+import { chipText, forceHint, controlProblem, otherHolder, outsideText, ownRequest, readControl, controlState, requestToAnswer, type Control } from './control';
 
 const FREE: Control = {
   holder: null,
@@ -27,34 +27,34 @@ function memory(): Storage {
 }
 
 describe('who has control', () => {
-  it('is this page, another, nobody, or not known', () => {
-    expect(standing(ANNAS, 'a')).toBe('yours');
-    expect(standing(ANNAS, 'b')).toBe('others');
-    expect(standing(FREE, 'a')).toBe('free');
-    expect(standing(ANNAS, null)).toBe('unknown');
+  it('is this page, another client, nobody, or unknown', () => {
+    expect(controlState(ANNAS, 'a')).toBe('yours');
+    expect(controlState(ANNAS, 'b')).toBe('others');
+    expect(controlState(FREE, 'a')).toBe('free');
+    expect(controlState(ANNAS, null)).toBe('unknown');
     expect([chipText(ANNAS, 'a'), chipText(ANNAS, 'b'), chipText(FREE, 'a')]).toEqual(['You have control', 'Anna has control', 'Control is free']);
     expect(otherHolder(ANNAS, 'a')).toBeNull();
     expect(readControl({ holder: 'x' })).toBeNull();
   });
-  it('refuses in words what needs it, never what is open to all', () => {
-    expect(notYours('takeoff', 'Anna')).toMatchObject({ detail: 'Anna has control of this vehicle.' });
-    for (const open of ['hold', 'land_now', 'kill']) expect(notYours(open, 'Anna')).toBeNull();
-    expect(notYours('takeoff', null)).toBeNull();
+  it('refuses commands that need control, never those that do not', () => {
+    expect(controlProblem('takeoff', 'Anna')).toMatchObject({ detail: 'Anna has control of this vehicle.' });
+    for (const open of ['hold', 'land_now', 'kill']) expect(controlProblem(open, 'Anna')).toBeNull();
+    expect(controlProblem('takeoff', null)).toBeNull();
   });
-  it('shows a request to its holder only, and to who made it', () => {
+  it('shows a request only to the holder and the requester', () => {
     const asked = { ...ANNAS, requests: [ASKING] };
-    expect(toAnswer(asked, 'a')).toEqual(ASKING);
-    expect(toAnswer(asked, 'b')).toBeNull();
+    expect(requestToAnswer(asked, 'a')).toEqual(ASKING);
+    expect(requestToAnswer(asked, 'b')).toBeNull();
     expect(ownRequest(asked, 'b')).toEqual(ASKING);
   });
-  it('lets force come after the question', () => {
+  it('allows force only after a request', () => {
     expect(forceHint(ANNAS, 'b', false)).toBe('Request control first: Anna is connected.');
     expect(forceHint({ ...ANNAS, requests: [ASKING] }, 'b', false)).toBe('12 s left to answer.');
     expect(forceHint({ ...ANNAS, requests: [{ ...ASKING, answer_left_s: 0 }] }, 'b', false)).toBeNull();
     expect(forceHint(ANNAS, 'b', true)).toBeNull();
     expect(forceHint({ ...ANNAS, can_be_asked: false }, 'b', false)).toBeNull();
   });
-  it('says who from outside makes the vehicle fly its mode', () => {
+  it('shows who outside this server commands the mode', () => {
     const cause = (source: string, who: string | null = null): Control => ({
       ...FREE,
       mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'],
@@ -66,8 +66,8 @@ describe('who has control', () => {
   });
 });
 
-describe('who this page is', () => {
-  it('stays the same client over a reload, and a duplicated tab is another', () => {
+describe('the page’s identity', () => {
+  it('survives a reload, and differs in a duplicated tab', () => {
     const tab = memory();
     const browser = memory();
     const first = identity(tab, browser);
@@ -76,7 +76,7 @@ describe('who this page is', () => {
     leave(tab);
     expect(identity(tab, browser).id).toBe(second.id);
   });
-  it('keeps a person’s name for the browser', () => {
+  it('stores a person’s name in the browser', () => {
     const browser = memory();
     const who = identity(memory(), browser);
     expect(who.name).toMatch(/^page-[0-9a-f]{4}$/);

@@ -8,14 +8,14 @@ export type ControlRequest = Control['requests'][number];
 /** Commands that need no control, so that every operator can stop a vehicle in danger. */
 const OPEN: ReadonlySet<string> = new Set(['hold', 'land_now', 'kill', 'force_control']);
 
-export type Standing = 'yours' | 'others' | 'free' | 'unknown';
+export type ControlState = 'yours' | 'others' | 'free' | 'unknown';
 
 export function readControl(value: unknown): Control | null {
   return typeof value === 'object' && value !== null && Array.isArray((value as Control).requests) ? (value as Control) : null;
 }
 
 /** @param key this page's own key; null until the server has sent it. */
-export function standing(control: Control | null, key: string | null): Standing {
+export function controlState(control: Control | null, key: string | null): ControlState {
   if (control === null || key === null) return 'unknown';
   if (control.holder === null) return 'free';
   return control.holder_key === key ? 'yours' : 'others';
@@ -23,11 +23,11 @@ export function standing(control: Control | null, key: string | null): Standing 
 
 /** Name of another client that has control; null: this page may send commands. */
 export function otherHolder(control: Control | null, key: string | null): string | null {
-  return standing(control, key) === 'others' ? (control?.holder ?? null) : null;
+  return controlState(control, key) === 'others' ? (control?.holder ?? null) : null;
 }
 
 export function chipText(control: Control | null, key: string | null): string {
-  switch (standing(control, key)) {
+  switch (controlState(control, key)) {
     case 'yours':
       return 'You have control';
     case 'others':
@@ -40,7 +40,7 @@ export function chipText(control: Control | null, key: string | null): string {
 }
 
 /** Why this page may not send commands, and the remedy; null if it may. */
-export function notYours(action: string, holder: string | null): { detail: string; remedy: string } | null {
+export function controlProblem(action: string, holder: string | null): { detail: string; remedy: string } | null {
   if (holder === null || OPEN.has(action)) return null;
   return {
     detail: `${holder} has control of this vehicle.`,
@@ -59,8 +59,8 @@ export function ownRequest(control: Control | null, key: string | null): Control
 }
 
 /** The first request that this page must answer while it has control. */
-export function toAnswer(control: Control | null, key: string | null): ControlRequest | null {
-  return standing(control, key) === 'yours' ? (control?.requests[0] ?? null) : null;
+export function requestToAnswer(control: Control | null, key: string | null): ControlRequest | null {
+  return controlState(control, key) === 'yours' ? (control?.requests[0] ?? null) : null;
 }
 
 /** Text about taking control by force: null if that is possible now, else why not yet. */

@@ -1,6 +1,6 @@
 /** Geometry of the map: positions, metres about a reference, and pixels of a Web Mercator view from above. */
 
-export interface Place {
+export interface GeoPosition {
   lat_deg: number;
   lon_deg: number;
 }
@@ -25,7 +25,7 @@ export function wrapLongitude(lon_deg: number): number {
 }
 
 /** Metres from `reference` to `place`; good to 0.1 % within tens of kilometres. */
-export function eastNorth(reference: Place, place: Place): EastNorth {
+export function eastNorth(reference: GeoPosition, place: GeoPosition): EastNorth {
   return {
     east_m: wrapLongitude(place.lon_deg - reference.lon_deg) * RAD * EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD),
     north_m: (place.lat_deg - reference.lat_deg) * RAD * EARTH_RADIUS_M,
@@ -33,20 +33,20 @@ export function eastNorth(reference: Place, place: Place): EastNorth {
 }
 
 /** The position at this offset from `reference`. */
-export function placeAt(reference: Place, at: EastNorth): Place {
+export function positionAt(reference: GeoPosition, at: EastNorth): GeoPosition {
   return {
     lat_deg: reference.lat_deg + at.north_m / EARTH_RADIUS_M / RAD,
     lon_deg: wrapLongitude(reference.lon_deg + at.east_m / (EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD)) / RAD),
   };
 }
 
-export function groundDistance_m(a: Place, b: Place): number {
+export function groundDistance_m(a: GeoPosition, b: GeoPosition): number {
   const { east_m, north_m } = eastNorth(a, b);
   return Math.hypot(east_m, north_m);
 }
 
 /** Bearing from `a` to `b`, clockwise from north [rad]. */
-export function bearing_rad(a: Place, b: Place): number {
+export function bearing_rad(a: GeoPosition, b: GeoPosition): number {
   const { east_m, north_m } = eastNorth(a, b);
   return Math.atan2(east_m, north_m);
 }
@@ -57,14 +57,14 @@ export interface Mercator {
   y: number;
 }
 
-export function mercator(place: Place): Mercator {
+export function mercator(place: GeoPosition): Mercator {
   return {
     x: (180 + place.lon_deg) / 360,
     y: (180 - Math.log(Math.tan(Math.PI / 4 + (place.lat_deg * RAD) / 2)) / RAD) / 360,
   };
 }
 
-export function fromMercator(at: Mercator): Place {
+export function fromMercator(at: Mercator): GeoPosition {
   return { lon_deg: wrapLongitude(at.x * 360 - 180), lat_deg: Math.atan(Math.sinh((180 - at.y * 360) * RAD)) / RAD };
 }
 
@@ -79,7 +79,7 @@ export interface MapView {
   height: number;
 }
 
-export function toPixel(view: MapView, place: Place): Pixel {
+export function toPixel(view: MapView, place: GeoPosition): Pixel {
   const at = mercator(place);
   const turn = at.x - view.centre.x;
   const dx = (turn - Math.round(turn)) * view.world_px;
@@ -88,7 +88,7 @@ export function toPixel(view: MapView, place: Place): Pixel {
   return { x: view.width / 2 + dx * cos + dy * sin, y: view.height / 2 - dx * sin + dy * cos };
 }
 
-export function fromPixel(view: MapView, at: Pixel): Place {
+export function fromPixel(view: MapView, at: Pixel): GeoPosition {
   const [px, py] = [at.x - view.width / 2, at.y - view.height / 2];
   const [cos, sin] = [Math.cos(view.up_rad), Math.sin(view.up_rad)];
   return fromMercator({
@@ -117,7 +117,7 @@ export function lengthText(length_m: number): string {
 }
 
 /** The nearest of several points within `reach` [px]; null if there is none. */
-export function hit<T extends Place>(view: MapView, at: Pixel, those: readonly T[], reach: number): T | null {
+export function hit<T extends GeoPosition>(view: MapView, at: Pixel, those: readonly T[], reach: number): T | null {
   let best: T | null = null;
   let gap = reach;
   for (const one of those) {

@@ -10,7 +10,7 @@ export interface Limits {
   yawMin_deg: number;
   yawMax_deg: number;
   /** False: the gimbal reported no limits, and the pad uses its own range. */
-  told: boolean;
+  isReported: boolean;
 }
 
 export interface Angles {
@@ -29,7 +29,7 @@ export function limits(gimbal: Gimbal | null): Limits {
     pitchMax_deg: told ? Math.min(180, pitchMax) : 30,
     yawMin_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.max(-180, yawMin) : -180,
     yawMax_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.min(180, yawMax) : 180,
-    told,
+    isReported: told,
   };
 }
 

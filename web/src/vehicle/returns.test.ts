@@ -1,10 +1,10 @@
 import { describe, expect, it } from 'vitest';
 import { eastNorth } from './geo';
-import { returnsOf, type Measured } from './returns';
+import { returnsOf, type SensorValues } from './returns';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
-const NOTHING: Measured = { sensors: null, around: null };
-const around = (frame: string, distances_m: (number | null)[]): Measured['around'] => ({
+const NOTHING: SensorValues = { sensors: null, around: null };
+const around = (frame: string, distances_m: (number | null)[]): SensorValues['around'] => ({
   frame,
   first_deg: 0,
   step_deg: 90,
@@ -12,7 +12,7 @@ const around = (frame: string, distances_m: (number | null)[]): Measured['around
   range_min_m: 0.1,
   range_max_m: 20,
 });
-const sensor = (direction_frd: [number, number, number], distance_m: number | null): NonNullable<Measured['sensors']>['sensors'][number] => ({
+const sensor = (direction_frd: [number, number, number], distance_m: number | null): NonNullable<SensorValues['sensors']>['sensors'][number] => ({
   sensor_id: 0,
   direction_frd,
   distance_m,
@@ -21,14 +21,14 @@ const sensor = (direction_frd: [number, number, number], distance_m: number | nu
   width_rad: null,
   behind_s: 0,
 });
-const metres = (measured: Measured, yaw_rad: number | null): number[][] =>
+const metres = (measured: SensorValues, yaw_rad: number | null): number[][] =>
   returnsOf(HERE, yaw_rad, measured).map((place) => {
     const { east_m, north_m } = eastNorth(HERE, place);
     return [Math.round(east_m * 10) / 10 || 0, Math.round(north_m * 10) / 10 || 0];
   });
 
-describe('what distance sensors met', () => {
-  it('lies around the vehicle by its heading, or from north, without what is unknown or out of range', () => {
+describe('detected obstacles', () => {
+  it('are positioned by the vehicle’s heading or from north, without unknown and out-of-range values', () => {
     expect(metres({ ...NOTHING, around: around('body', [5, 6, 20.01, null]) }, Math.PI / 2)).toEqual([
       [5, 0],
       [0, -6],
@@ -36,7 +36,7 @@ describe('what distance sensors met', () => {
     expect(metres({ ...NOTHING, around: around('north', [5]) }, null)).toEqual([[0, 5]]);
     expect(metres({ ...NOTHING, around: around('body', [5]) }, null)).toEqual([]);
   });
-  it('is shown of sensors that look to a side, not of those that look down', () => {
+  it('are shown of sensors that look sideways, not of those that look down', () => {
     const sensors = { sensors: [sensor([1, 0, 0], 4), sensor([0, 0, 1], 2), sensor([0, 1, 0], null)] };
     expect(metres({ ...NOTHING, sensors }, 0)).toEqual([[0, 4]]);
     expect(metres(NOTHING, 0)).toEqual([]);

@@ -1,26 +1,26 @@
 /** Horizontal positions of the obstacles that a vehicle's distance sensors detect. */
 
 import type { DistanceSensors, ObstacleDistance } from '../live/topics';
-import { placeAt, type Place } from './geo';
+import { positionAt, type GeoPosition } from './geo';
 
 /** Older measurements are not shown [s]. PX4 sends DISTANCE_SENSOR every two seconds by default. */
-export const SHOWN_S = 2.5;
+export const MAX_AGE_S = 2.5;
 /** Steeper rays, up or down, are ignored, because they detect no obstacle around the vehicle (sine of 45°). */
-const STEEP = 0.7;
+const MAX_SLOPE = 0.7;
 const RAD = Math.PI / 180;
 
 /** The sensors' values; null if there is no such sensor or it sends nothing. */
-export interface Measured {
+export interface SensorValues {
   sensors: DistanceSensors | null;
   around: ObstacleDistance | null;
 }
 
 /** Positions of the obstacles. The vehicle's tilt is ignored, because the map shows no heights. */
-export function returnsOf(here: Place, yaw_ned_rad: number | null, measured: Measured): Place[] {
-  const found: Place[] = [];
+export function returnsOf(here: GeoPosition, yaw_ned_rad: number | null, measured: SensorValues): GeoPosition[] {
+  const found: GeoPosition[] = [];
   const at = (angle_rad: number, distance_m: number | null, range_m: number): void => {
     if (distance_m === null || distance_m > range_m) return;
-    found.push(placeAt(here, { north_m: distance_m * Math.cos(angle_rad), east_m: distance_m * Math.sin(angle_rad) }));
+    found.push(positionAt(here, { north_m: distance_m * Math.cos(angle_rad), east_m: distance_m * Math.sin(angle_rad) }));
   };
   if (measured.around !== null && (measured.around.frame === 'north' || yaw_ned_rad !== null)) {
     const { first_deg, step_deg, distances_m, range_max_m, frame } = measured.around;
@@ -30,7 +30,7 @@ export function returnsOf(here: Place, yaw_ned_rad: number | null, measured: Mea
   if (measured.sensors !== null && yaw_ned_rad !== null) {
     for (const { direction_frd, distance_m, range_max_m } of measured.sensors.sensors) {
       const [forward, right, down] = direction_frd;
-      if (Math.abs(down) <= STEEP) at(yaw_ned_rad + Math.atan2(right, forward), distance_m, range_max_m);
+      if (Math.abs(down) <= MAX_SLOPE) at(yaw_ned_rad + Math.atan2(right, forward), distance_m, range_max_m);
     }
   }
   return found;

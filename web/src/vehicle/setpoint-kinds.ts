@@ -50,7 +50,7 @@ export interface KindSpec {
   name: string;
   frame: string;
   /** Warning about what this kind does not control; shown in the list of kinds. */
-  care: string | null;
+  warning: string | null;
   groups: readonly Group[];
   yaw: YawWays;
 }
@@ -83,12 +83,12 @@ const SPEED = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, U
 const ACCELERATION = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP));
 
 export const KINDS: readonly KindSpec[] = [
-  { kind: 'position', name: 'Position', frame: 'local, from its origin', care: null, groups: [PLACE], yaw: 'angle_or_rate' },
+  { kind: 'position', name: 'Position', frame: 'local, from its origin', warning: null, groups: [PLACE], yaw: 'angle_or_rate' },
   {
     kind: 'position_global',
     name: 'Global position',
     frame: 'WGS 84',
-    care: null,
+    warning: null,
     yaw: 'angle_or_rate',
     groups: [
       group('lat_deg', 'Latitude', [{ key: 'lat', label: 'Latitude', unit: '°', scale: 1, min: -90, max: 90, step: 0.00001 }], { scalar: true }),
@@ -100,7 +100,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'position_body',
     name: 'Offset',
     frame: 'from the current position, along the heading',
-    care: null,
+    warning: null,
     groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP))],
     yaw: 'offset',
   },
@@ -108,7 +108,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'velocity',
     name: 'Velocity',
     frame: 'local, north east up',
-    care: 'The vehicle keeps moving until the setpoint changes or expires.',
+    warning: 'The vehicle keeps moving until the setpoint changes or expires.',
     groups: [SPEED],
     yaw: 'angle_or_rate',
   },
@@ -116,7 +116,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'velocity_body',
     name: 'Velocity, heading',
     frame: 'along the heading',
-    care: 'The vehicle keeps moving until the setpoint changes or expires.',
+    warning: 'The vehicle keeps moving until the setpoint changes or expires.',
     groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP))],
     yaw: 'angle_or_rate',
   },
@@ -124,7 +124,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'acceleration',
     name: 'Acceleration',
     frame: 'local, north east up',
-    care: 'The speed grows for as long as the setpoint is valid.',
+    warning: 'The speed grows for as long as the setpoint is valid.',
     groups: [ACCELERATION],
     yaw: 'angle_or_rate',
   },
@@ -132,7 +132,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'trajectory',
     name: 'Trajectory point',
     frame: 'local, quantities mixed',
-    care: null,
+    warning: null,
     yaw: 'angle_or_rate',
     groups: [
       { ...PLACE, nullable: true },
@@ -144,7 +144,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'attitude',
     name: 'Attitude',
     frame: 'relative to the horizon',
-    care: NOT_HELD,
+    warning: NOT_HELD,
     yaw: 'none',
     groups: [
       group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll, right down', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
@@ -158,7 +158,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'rates',
     name: 'Body rates',
     frame: 'about the body axes',
-    care: 'Not levelled: the vehicle keeps turning. ' + NOT_HELD,
+    warning: 'Not levelled: the vehicle keeps turning. ' + NOT_HELD,
     yaw: 'none',
     groups: [
       group('rates_frd_rad_s', 'Rates', [
@@ -173,7 +173,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'follow',
     name: 'Follow a vehicle',
     frame: 'an offset along the other’s heading',
-    care: null,
+    warning: null,
     groups: [group('offset_frd_m', 'Offset from the other', axes('o', FRU, 'm', 0.5, UP))],
     yaw: 'follow',
   },
@@ -181,7 +181,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'thrust_torque',
     name: 'Thrust and torque',
     frame: 'body axes, −1 to 1',
-    care: NOT_HELD,
+    warning: NOT_HELD,
     yaw: 'none',
     groups: [
       group(
@@ -196,7 +196,7 @@ export const KINDS: readonly KindSpec[] = [
       ),
     ],
   },
-  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', care: NOT_HELD, groups: [], yaw: 'none' },
+  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', warning: NOT_HELD, groups: [], yaw: 'none' },
 ];
 
 export function specOf(kind: Kind): KindSpec {

@@ -35,27 +35,27 @@ export const asBody = (setpoint: AnySetpoint): Schemas['StartGroup']['members'][
 export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };
 
 /** Validity of a setpoint, the vehicle's action when it expires, and whether this page renews it. */
-export interface Lasting {
+export interface Validity {
   valid_for_s: number;
   on_expiry: OnExpiry;
   renew: boolean;
 }
 
 /** The first setpoint of a stream. */
-export interface StartWish {
+export interface StreamStart {
   setpoint: AnySetpoint;
-  lasting: Lasting;
+  lasting: Validity;
   rate_hz: number;
   /** Description of the setpoint, for the confirmation. */
-  words: string;
+  text: string;
   /** Called with the result. */
-  settled?: (outcome: Outcome<unknown>) => void;
+  onOutcome?: (outcome: Outcome<unknown>) => void;
 }
 
 /** Default validity [s]; without renewal the vehicle then switches to Hold. */
 export const VALID_FOR_S = 10;
 export const ON_EXPIRY = { action: 'hold', hold_for_s: 5 } as const;
-export const LASTING: Lasting = { valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY, renew: true };
+export const DEFAULT_VALIDITY: Validity = { valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY, renew: true };
 
 function wrapPi(angle_rad: number): number {
   const turn = 2 * Math.PI;

@@ -23,7 +23,7 @@ describe('actions', () => {
     expect(question('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
     expect(question('land', { ...facts, fromHome_m: null })?.effect).toContain('an unknown distance');
   });
-  it('say that the vehicle falls, and confirm in the words the server wants', () => {
+  it('state that the vehicle falls, and confirm with the server’s words', () => {
     expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
     expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
     const asked: unknown[] = [];
@@ -34,7 +34,7 @@ describe('actions', () => {
     void send(api, 'kill', { ...facts, vehicleId: '1~2' });
     expect(asked).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
   });
-  it('never ask before Hold and never disable it or Stop motors for a vehicle', () => {
+  it('send Hold without confirmation, and never disable Hold and Stop motors for a vehicle', () => {
     expect(question('hold', facts)).toBeNull();
     const worst = { ...facts, lost: true, replayed: false };
     for (const action of ['hold', 'kill'] as ActionName[]) expect(unavailable(action, worst)).toBeNull();
@@ -42,7 +42,7 @@ describe('actions', () => {
     expect(unavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('The vehicle is in the air.');
   });
 
-  it('say of a recording that it takes no commands, whatever is pressed', () => {
+  it('are unavailable for a replay', () => {
     for (const action of ['arm', 'takeoff', 'land', 'rtl', 'hold', 'kill', 'offboard_start'] as ActionName[]) {
       expect(unavailable(action, { ...facts, lost: false, replayed: true })).toBe('A recording takes no commands.');
     }
@@ -56,12 +56,12 @@ function look(c: Confirmation, from_s: number, to_s: number): Confirmation['phas
 }
 
 describe('confirmation', () => {
-  it('expires after five seconds untouched', () => {
+  it('expires after five seconds without a touch', () => {
     const c = new Confirmation(false, 100);
     expect(c.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
     expect(c.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
   });
-  it('needs the key held to its end, longer for what is dangerous', () => {
+  it('needs the key held to the end, longer for dangerous actions', () => {
     const c = new Confirmation(false, 0);
     c.press(1);
     c.press(1.5); // the keyboard repeats
@@ -72,7 +72,7 @@ describe('confirmation', () => {
     expect(look(kill, 0, HOLD_S)).toBe('asking');
     expect(look(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
   });
-  it('starts over when let go early, and does not expire under the finger', () => {
+  it('starts over after an early release, and does not expire while touched', () => {
     const c = new Confirmation(true, 0);
     c.press(4.5);
     expect(look(c, 4.5, 5.5)).toBe('asking');
@@ -84,7 +84,7 @@ describe('confirmation', () => {
     dropped.release(10);
     expect(dropped.tick(10.1)).toBe('asking');
   });
-  it('does not take a page that stood still for a key that was held', () => {
+  it('does not count a stopped page as a held key', () => {
     const kill = new Confirmation(true, 0);
     kill.press(0);
     expect(kill.tick(0.02)).toBe('asking');
@@ -92,7 +92,7 @@ describe('confirmation', () => {
     kill.release(4.01);
     expect(look(kill, 4.02, 6)).toBe('asking');
   });
-  it('is done by the arrow keys step by step, each a press, and goes back when the knob loses the keyboard', () => {
+  it('counts each arrow key press as a step, and goes back when the knob loses the focus', () => {
     const c = new Confirmation(true, 0);
     for (let i = 1; i < KNOB_STEPS; i++) c.step(1, i * 0.2);
     expect([c.tick(2), c.progress()]).toEqual(['asking', 0.9]);
@@ -109,7 +109,7 @@ describe('confirmation', () => {
     expires.step(1, 1);
     expect(expires.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
   });
-  it('is done only by the whole way of the knob', () => {
+  it('needs the whole track of the knob', () => {
     const c = new Confirmation(false, 0);
     c.slide(0.98, 1);
     c.letGo(1.1);

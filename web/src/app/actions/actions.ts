@@ -3,7 +3,7 @@
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import { fixed, metres, UNKNOWN } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
-import type { StartWish } from '../../vehicle/setpoint';
+import type { StreamStart } from '../../vehicle/setpoint';
 
 export type ActionName =
   'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto' | 'mission/start';
@@ -66,7 +66,7 @@ function returns(facts: ActionFacts): string {
 }
 
 /** The confirmation's text; null if the action needs no confirmation (Hold never does). */
-export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StartWish | null = null): Question | null {
+export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StreamStart | null = null): Question | null {
   const end = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
   switch (action) {
@@ -124,7 +124,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       if (start !== null)
         return {
           title: `Offboard ${name}`,
-          effect: `The server starts a setpoint stream: ${start.words}. Hold ends the stream.`,
+          effect: `The server starts a setpoint stream: ${start.text}. Hold ends the stream.`,
           verb: 'Start',
           danger: false,
         };

@@ -4,16 +4,16 @@ import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import { notYours, otherHolder } from '../../vehicle/control';
+import { controlProblem, otherHolder } from '../../vehicle/control';
 import { actionFacts, ASKED, question, send, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
-import type { StartWish } from '../../vehicle/setpoint';
+import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
 /** The part of the page where a button is, so that its result appears there. */
-export type Place = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room';
+export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room';
 
 /** A confirmation for several vehicles: its present text, and the call made once it is confirmed. */
-export interface Together {
+export interface GroupConfirmation {
   what: string;
   /** Names of the vehicles, for the result. */
   names: string;
@@ -22,17 +22,17 @@ export interface Together {
 }
 
 /** Used as the vehicle id of a command to several vehicles. */
-export const TOGETHER = 'together';
+export const SEVERAL_VEHICLES = 'together';
 
 export interface Asked {
   action: ActionName;
-  place: Place;
+  place: PagePart;
   facts: VehicleFacts;
   goal: Goal | null;
   /** The stream's first setpoint; null means the vehicle's position. */
-  start: StartWish | null;
+  start: StreamStart | null;
   /** Null: the confirmation is for one vehicle. */
-  together: Together | null;
+  together: GroupConfirmation | null;
   question: Question;
   confirmation: Confirmation;
 }
@@ -40,7 +40,7 @@ export interface Asked {
 export interface Running {
   id: number;
   action: ActionName;
-  place: Place;
+  place: PagePart;
   vehicle: string;
   vehicleName: string;
   /** The server's latest progress text; null before the first. */
@@ -57,7 +57,7 @@ export interface Refusal {
 
 const TAKEOFF_DEFAULT_M = 10;
 /** After a confirmation has closed by itself, Space and Enter are ignored for this time [s]. */
-const SETTLES_S = 0.6;
+const QUIET_S = 0.6;
 /** PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT = 'RTL_RETURN_ALT';
 /** The API's limits [m]. */
@@ -70,7 +70,7 @@ function notNow(detail: string): Problem {
 export class ActionController {
   asked = $state.raw<Asked | null>(null);
   running = $state.raw<Running[]>([]);
-  refusals = $state.raw<Partial<Record<Place, Refusal>>>({});
+  refusals = $state.raw<Partial<Record<PagePart, Refusal>>>({});
   takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
   /** Error of the typed altitude; null if it is valid. */
   takeoffProblem = $state<string | null>(null);
@@ -85,18 +85,18 @@ export class ActionController {
     private readonly api: ApiClient,
     private readonly nowS: () => number,
     /** Starts the stream at the vehicle's position; the offboard feature provides it. */
-    private readonly startOffboard: (facts: VehicleFacts, wish: StartWish | null) => Promise<Outcome<unknown>>,
+    private readonly startOffboard: (facts: VehicleFacts, wish: StreamStart | null) => Promise<Outcome<unknown>>,
     /** The vehicle's present state, because it has moved since the confirmation was opened. */
     private readonly current: (id: string) => VehicleFacts | null,
   ) {}
 
   /** The confirmation's text with the present altitude. */
-  words(asked: Asked): Question {
+  questionFor(asked: Asked): Question {
     return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
   }
 
   /** Handles a button or key: opens the confirmation, or acts at once if none is needed. */
-  request(action: ActionName, facts: VehicleFacts | null, place: Place = 'bar', goal: Goal | null = null, start: StartWish | null = null): void {
+  request(action: ActionName, facts: VehicleFacts | null, place: PagePart = 'bar', goal: Goal | null = null, start: StreamStart | null = null): void {
     if (facts === null || (action === 'goto' && goal === null)) return;
     this.dismiss(place);
     const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
@@ -105,7 +105,7 @@ export class ActionController {
       this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem: notNow(reason) } };
       return;
     }
-    const others = notYours(action, this.facts(facts).holder ?? null);
+    const others = controlProblem(action, this.facts(facts).holder ?? null);
     if (others !== null) {
       this.asked = null;
       const problem: Problem = { ...notNow(others.detail), title: 'Not in control', code: 'not_in_control', remedy: others.remedy };
@@ -122,11 +122,11 @@ export class ActionController {
     this.progress = 0;
     this.left_s = this.asked.confirmation.left_s(this.nowS());
     this.takeoffProblem = null;
-    if (action === 'rtl') void this.askReturnHeight(facts.id);
+    if (action === 'rtl') void this.loadReturnAltitude(facts.id);
   }
 
   /** Opens a confirmation for several vehicles; `facts` is the selected one. */
-  requestTogether(together: Together, facts: VehicleFacts, place: Place): void {
+  requestTogether(together: GroupConfirmation, facts: VehicleFacts, place: PagePart): void {
     this.dismiss(place);
     const asks = together.question();
     const confirmation = new Confirmation(asks.danger, this.nowS());
@@ -155,7 +155,7 @@ export class ActionController {
   }
 
   /** Handles the server's progress event of a running command; events of other clients' commands are ignored. */
-  heard(event: WireEvent): void {
+  onEvent(event: WireEvent): void {
     if (event.kind !== 'progress' || this.api.key === null || event['client_key'] !== this.api.key) return;
     const fraction = typeof event['fraction'] === 'number' ? event['fraction'] : null;
     this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, told: event.text, fraction } : r));
@@ -167,10 +167,10 @@ export class ActionController {
 
   /** Whether a confirmation expired, or lost its vehicle, a moment ago. */
   hasJustClosed(): boolean {
-    return this.nowS() - this.closedByItself_s < SETTLES_S;
+    return this.nowS() - this.closedByItself_s < QUIET_S;
   }
 
-  dismiss(place: Place): void {
+  dismiss(place: PagePart): void {
     this.refusals = { ...this.refusals, [place]: undefined };
   }
 
@@ -190,21 +190,21 @@ export class ActionController {
   }
 
   /** Shows a problem that no button caused, as a refusal in that part of the page. */
-  tell(what: string, vehicleName: string, place: Place, problem: Problem): void {
+  showProblem(what: string, vehicleName: string, place: PagePart, problem: Problem): void {
     this.refusals = { ...this.refusals, [place]: { what, vehicleName, problem } };
   }
 
   /**
    * Sends any other request and shows its refusal in that part of the page, for example nudges and gimbal commands.
    */
-  async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, place: Place, send: () => Promise<Outcome<T>>): Promise<boolean> {
+  async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, place: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
     const outcome = await send();
     const refusal = outcome.ok ? undefined : { what, vehicleName: facts.name, problem: outcome.problem };
     this.refusals = { ...this.refusals, [place]: refusal };
     return outcome.ok;
   }
 
-  private async run(action: ActionName, facts: VehicleFacts, place: Place, goal: Goal | null = null, start: StartWish | null = null): Promise<void> {
+  private async run(action: ActionName, facts: VehicleFacts, place: PagePart, goal: Goal | null = null, start: StreamStart | null = null): Promise<void> {
     const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, told: null, fraction: null };
     this.running = [...this.running, entry];
     const now = this.now(facts);
@@ -213,14 +213,14 @@ export class ActionController {
     goal?.settled?.(taken);
   }
 
-  private async runTogether({ what, names, run }: Together, place: Place): Promise<void> {
-    const entry: Running = { id: this.nextId++, action: 'offboard_start', place, vehicle: TOGETHER, vehicleName: names, told: null, fraction: null };
+  private async runTogether({ what, names, run }: GroupConfirmation, place: PagePart): Promise<void> {
+    const entry: Running = { id: this.nextId++, action: 'offboard_start', place, vehicle: SEVERAL_VEHICLES, vehicleName: names, told: null, fraction: null };
     this.running = [...this.running, entry];
     await this.attempt(what, { name: names }, place, run);
     this.running = this.running.filter((r) => r.id !== entry.id);
   }
 
-  private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StartWish | null): Promise<Outcome<unknown>> {
+  private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StreamStart | null): Promise<Outcome<unknown>> {
     if (action === 'offboard_start') return this.startOffboard(facts, start);
     return send(this.api, action, this.facts(facts), goal);
   }
@@ -235,7 +235,7 @@ export class ActionController {
   }
 
   /** Does not wait: the text shows the altitude once the parameter has been read. */
-  private async askReturnHeight(id: string): Promise<void> {
+  private async loadReturnAltitude(id: string): Promise<void> {
     const answer = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT } } });
     if (!answer.ok || typeof answer.value.value !== 'number') return;
     this.returnAlt_home_m.set(id, answer.value.value);

@@ -4,7 +4,7 @@ import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
-import { toAnswer, type ControlRequest } from '../../vehicle/control';
+import { requestToAnswer, type ControlRequest } from '../../vehicle/control';
 
 const REASON_MAX = 200;
 
@@ -56,7 +56,7 @@ export class ControlDesk {
 
   /** Keyboard answer to the first request; false if there is none. */
   answer(facts: VehicleFacts | null, give: boolean): boolean {
-    const asking = facts === null ? null : toAnswer(facts.control, this.api.key);
+    const asking = facts === null ? null : requestToAnswer(facts.control, this.api.key);
     if (facts === null || asking === null) return false;
     if (give) this.grant(facts, asking);
     else this.deny(facts, asking);

@@ -8,14 +8,14 @@ import { angleWords, clamp, stepped, toAngles, toPoint } from './pad';
 
 describe('gimbal', () => {
   const l = limits(null);
-  it('pad and angles are inverse inside the limits', () => {
+  it('converts between pad and angles within the limits', () => {
     const back = toAngles(toPoint({ pitch_deg: -32, yaw_deg: 34 }, l), l);
     expect(back.pitch_deg).toBeCloseTo(-32);
     expect(back.yaw_deg).toBeCloseTo(34);
     expect(clamp({ pitch_deg: -150, yaw_deg: 0 }, l).pitch_deg).toBe(-90);
     expect(toAngles({ x: -50, y: 999 }, l)).toEqual({ pitch_deg: -90, yaw_deg: -180 });
   });
-  it('is turned by keys inside the limits, and said in words that do not tick', () => {
+  it('turns by keys within the limits, with a stable spoken text', () => {
     const l = limits(null);
     const from = { pitch_deg: -10, yaw_deg: 178 };
     expect(stepped(from, 'ArrowUp', false, l)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
@@ -26,13 +26,13 @@ describe('gimbal', () => {
     for (const key of [' ', 'Enter', 'h', 'Tab']) expect(stepped(from, key, false, l)).toBeNull();
     expect(angleWords({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
-  it('says who steers', () => {
+  it('shows who controls it', () => {
     expect(owner(null, false).who).toBe('nobody');
     expect(owner([255, 190], true).text).toBe('this server');
     expect(owner([1, 1], false).who).toBe('vehicle');
     expect(owner([254, 191], false).text).toContain('254');
   });
-  it('sends one at a time and never loses the last: the stop', async () => {
+  it('sends one request at a time and always the last one, the stop', async () => {
     const sent: number[] = [];
     const free: (() => void)[] = [];
     const sender = new LatestSender<number>((v) => {
@@ -45,7 +45,7 @@ describe('gimbal', () => {
     await new Promise((r) => setTimeout(r));
     expect(sent).toEqual([1, 0]);
   });
-  it('of several is one at a time, and calls name it', () => {
+  it('is selected among several, and calls contain its id', () => {
     const one = { component_id: 1, gimbal_device_id: 1, pitch_rad: 0 } as Gimbal;
     const other = { ...one, component_id: 171, gimbal_device_id: 0, pitch_rad: -1 };
     const facts = (gimbals: Gimbal[]): VehicleFacts => ({ id: '7', gimbal: { value: { ...one, gimbals } } }) as unknown as VehicleFacts;

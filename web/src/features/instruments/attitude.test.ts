@@ -1,11 +1,11 @@
 import { expect, it } from 'vitest';
 import { horizonTransform, tapeTicks } from './attitude';
 
-it('tilts the horizon against the roll', () => {
+it('rotates the horizon against the roll', () => {
   expect(horizonTransform(Math.PI / 18, 0, 62, 62)).toBe('rotate(-10.00 62 62) translate(0 0.00)');
 });
 
-it('names the marks of the tape through north', () => {
+it('labels the marks of the heading tape through north', () => {
   const named = tapeTicks(350, 196, 1.5)
     .filter((t) => t.label !== '')
     .map((t) => t.label);

@@ -2,7 +2,7 @@ import { expect, it } from 'vitest';
 import { severityWord } from '../../ui/severity';
 import { shown } from './messages';
 
-it('gives what matters a word, and leaves debug out', () => {
+it('shows a word for severe messages and hides debug messages', () => {
   expect(severityWord(2)).toMatchObject({ word: 'Critical', tone: 'danger' });
   expect(severityWord(6).word).toBe('');
   const line = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });

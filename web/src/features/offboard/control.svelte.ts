@@ -3,19 +3,19 @@
 import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
-import type { Turns } from '../../api/turns';
+import type { CommandQueue } from '../../api/turns';
 import { ageText } from '../../live/age';
 import { SetpointRenewer } from './renewer';
 import {
   asBody,
-  LASTING,
+  DEFAULT_VALIDITY,
   nudge,
   STEPS,
   type AnySetpoint,
   type Axis,
-  type Lasting,
+  type Validity,
   type PositionSetpoint,
-  type StartWish,
+  type StreamStart,
   type Steps,
 } from '../../vehicle/setpoint';
 import { nudgeBase } from '../../vehicle/offboard';
@@ -39,28 +39,28 @@ function noPosition(age_s: number | null): Outcome<never> {
   };
 }
 
-/** Problems that pass: no answer, or a refusal that may not last (an estimate that is too old). */
-const PASSING: readonly string[] = ['unreachable', 'refused'];
+/** Codes of transient problems: no answer, or a refusal that may not last (such as an old estimate). */
+const TRANSIENT_CODES: readonly string[] = ['unreachable', 'refused'];
 
 export class OffboardControl {
   steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly renewers = new Map<string, SetpointRenewer>();
-  /** Called with each vehicle that gets a setpoint of its own, not a group's. */
-  onAlone: (id: string) => void = () => undefined;
+  /** Called when a vehicle gets its own setpoint instead of a group's. */
+  onOwnSetpoint: (id: string) => void = () => undefined;
   /** Called when a renewal is refused: the setpoint will expire. */
   onNotRenewed: (id: string, problem: Problem) => void = () => undefined;
 
   constructor(
     private readonly api: ApiClient,
-    private readonly turns: Turns,
+    private readonly queue: CommandQueue,
     private readonly nowS: () => number,
   ) {}
 
   /** Starts the stream with the given setpoint, else with the vehicle's position. */
-  async start(facts: VehicleFacts, wish: StartWish | null = null): Promise<Outcome<unknown>> {
-    if (wish !== null) {
-      const outcome = await this.begin(facts.id, wish.setpoint, wish.lasting, wish.rate_hz);
-      wish.settled?.(outcome);
+  async start(facts: VehicleFacts, streamStart: StreamStart | null = null): Promise<Outcome<unknown>> {
+    if (streamStart !== null) {
+      const outcome = await this.begin(facts.id, streamStart.setpoint, streamStart.lasting, streamStart.rate_hz);
+      streamStart.onOutcome?.(outcome);
       return outcome;
     }
     const local = facts.local;
@@ -71,55 +71,55 @@ export class OffboardControl {
       position_ned_m: local.value.position_ned_m,
       yaw_ned_rad: attitude.value.yaw_ned_rad,
     };
-    return this.begin(facts.id, { ...setpoint }, LASTING);
+    return this.begin(facts.id, { ...setpoint }, DEFAULT_VALIDITY);
   }
 
   /** Sends a new setpoint of any kind. If it is refused, the previous one is still renewed; without an answer it is unknown which one is flown, and none is renewed. */
-  async send(id: string, setpoint: AnySetpoint, lasting: Lasting): Promise<Outcome<unknown>> {
+  async send(id: string, setpoint: AnySetpoint, lasting: Validity): Promise<Outcome<unknown>> {
     const renewer = this.renewer(id);
-    this.onAlone(id);
-    const refused = renewer.keep(setpoint, lasting, this.nowS());
-    const outcome = await this.say(id, setpoint, lasting);
+    this.onOwnSetpoint(id);
+    const refused = renewer.start(setpoint, lasting, this.nowS());
+    const outcome = await this.postSetpoint(id, setpoint, lasting);
     if (!outcome.ok && outcome.problem.status !== 0) refused();
     if (renewer.setpoint !== setpoint) return outcome;
-    if (outcome.ok) renewer.keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
-    else renewer.forget();
+    if (outcome.ok) renewer.start(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    else renewer.stop();
     return outcome;
   }
 
-  /** A person steers directly now (gamepad, drag): the previous setpoint is no longer renewed. */
-  forget(id: string): void {
-    this.onAlone(id);
-    this.drop(id);
+  /** A person controls the vehicle directly (gamepad, drag): the previous setpoint is no longer renewed. */
+  onDirectControl(id: string): void {
+    this.onOwnSetpoint(id);
+    this.stopRenewing(id);
   }
 
   /** The vehicle flies in a group now: its own setpoint is no longer renewed. */
-  drop(id: string): void {
-    this.renewers.get(id)?.forget();
+  stopRenewing(id: string): void {
+    this.renewers.get(id)?.stop();
   }
 
-  private async begin(id: string, setpoint: AnySetpoint, lasting: Lasting, rate_hz?: number): Promise<Outcome<unknown>> {
+  private async begin(id: string, setpoint: AnySetpoint, lasting: Validity, rate_hz?: number): Promise<Outcome<unknown>> {
     const { valid_for_s, on_expiry } = lasting;
     const outcome = await this.api.post('/vehicles/{v}/offboard/start', {
       ...ofVehicle(id),
       body: { setpoint: asBody(setpoint), valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) },
     });
-    if (outcome.ok) this.renewer(id).keep(repeatable(setpoint, outcome.value), lasting, this.nowS());
+    if (outcome.ok) this.renewer(id).start(repeatable(setpoint, outcome.value), lasting, this.nowS());
     return outcome;
   }
 
-  /** One step along an axis from what is streamed now. */
+  /** Moves the streamed setpoint by one step along an axis. */
   async nudge(facts: VehicleFacts, axis: Axis, sign: 1 | -1): Promise<Outcome<unknown>> {
     const renewer = this.renewer(facts.id);
     const streamed = facts.offboard;
     const from =
-      wholePosition(renewer.setpoint) ??
+      nudgeablePosition(renewer.setpoint) ??
       (streamed === null ? null : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
     if (from === null) return noPosition(null);
-    return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, LASTING);
+    return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, DEFAULT_VALIDITY);
   }
 
-  /** Leads its setpoints past obstacles from now on, or no longer. */
+  /** Switches obstacle avoidance on or off. */
   avoid(id: string, on: boolean): Promise<Outcome<unknown>> {
     return this.api.put('/vehicles/{v}/offboard/avoidance', { ...ofVehicle(id), body: { on } });
   }
@@ -134,8 +134,8 @@ export class OffboardControl {
     for (const [id, renewer] of this.renewers) renewer.tick(this.nowS(), streaming(id));
   }
 
-  private say(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Lasting): Promise<Outcome<unknown>> {
-    return this.turns.run([id], () =>
+  private postSetpoint(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Validity): Promise<Outcome<unknown>> {
+    return this.queue.run([id], () =>
       this.api.post('/vehicles/{v}/offboard/setpoint', { ...ofVehicle(id), body: { setpoint: asBody(setpoint), valid_for_s, on_expiry } }),
     );
   }
@@ -144,9 +144,9 @@ export class OffboardControl {
     let renewer = this.renewers.get(id);
     if (renewer === undefined) {
       renewer = new SetpointRenewer(async ({ setpoint, lasting }) => {
-        const outcome = await this.say(id, setpoint, lasting);
-        if (outcome.ok) return 'taken';
-        if (PASSING.includes(outcome.problem.code)) return 'not now';
+        const outcome = await this.postSetpoint(id, setpoint, lasting);
+        if (outcome.ok) return 'accepted';
+        if (TRANSIENT_CODES.includes(outcome.problem.code)) return 'retry';
         this.onNotRenewed(id, outcome.problem);
         return 'refused';
       });
@@ -156,7 +156,7 @@ export class OffboardControl {
   }
 }
 
-/** An offset sent again would be flown again, so the position it led to is renewed instead. */
+/** Repeating an offset would move the vehicle again, so the resulting position is renewed instead. */
 function repeatable(setpoint: AnySetpoint, answer: unknown): AnySetpoint {
   if (setpoint.type !== 'position_body') return setpoint;
   const streamed = (answer as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;
@@ -165,9 +165,9 @@ function repeatable(setpoint: AnySetpoint, answer: unknown): AnySetpoint {
 }
 
 /** The sent setpoint, if it is a position with a heading that can be nudged. */
-function wholePosition(setpoint: AnySetpoint | null): PositionSetpoint | null {
-  const place = setpoint?.['position_ned_m'];
+function nudgeablePosition(setpoint: AnySetpoint | null): PositionSetpoint | null {
+  const position_ned_m = setpoint?.['position_ned_m'];
   const yaw = setpoint?.['yaw_ned_rad'];
-  if (setpoint?.type !== 'position' || typeof yaw !== 'number' || !Array.isArray(place)) return null;
-  return { type: 'position', position_ned_m: place as [number, number, number], yaw_ned_rad: yaw };
+  if (setpoint?.type !== 'position' || typeof yaw !== 'number' || !Array.isArray(position_ned_m)) return null;
+  return { type: 'position', position_ned_m: position_ned_m as [number, number, number], yaw_ned_rad: yaw };
 }

@@ -1,4 +1,4 @@
-/** The one stream control and the one group control of this page. */
+/** The page's only instances of OffboardControl and GroupController. */
 
 import { page } from '../../app/page.svelte';
 import { actions, nameOf, nowS, turns } from '../../app/session.svelte';
@@ -14,10 +14,10 @@ export const groups = new GroupController(
   nowS,
   () => document.visibilityState === 'visible',
   nameOf,
-  (id) => offboard.drop(id),
+  (id) => offboard.stopRenewing(id),
 );
 
-offboard.onAlone = (id) => groups.sentAlone(id);
+offboard.onOwnSetpoint = (id) => groups.onOwnSetpoint(id);
 offboard.onNotRenewed = (id, problem) => {
-  for (const place of ['offboard', 'room'] as const) actions.tell('Renewing the setpoint', nameOf(id), place, problem);
+  for (const place of ['offboard', 'room'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), place, problem);
 };

@@ -1,9 +1,9 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { Turns } from '../../api/turns';
+import { CommandQueue } from '../../api/turns';
 import { OffboardControl } from './control.svelte';
-import { SetpointRenewer, type Said } from './renewer';
-import { LASTING, nudge, STEPS, type PositionSetpoint } from '../../vehicle/setpoint';
+import { SetpointRenewer, type RenewalResult } from './renewer';
+import { DEFAULT_VALIDITY, nudge, STEPS, type PositionSetpoint } from '../../vehicle/setpoint';
 import { error_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
 
 describe('offboard', () => {
@@ -22,7 +22,7 @@ describe('offboard', () => {
     sends_failed: 0,
     ended: null,
   };
-  it('tells of limits that a restart kept or lost, and of no others', () => {
+  it('reports limits that a restart kept or lost, and no others', () => {
     const origin = {
       active: true,
       restored: false,
@@ -41,12 +41,12 @@ describe('offboard', () => {
     });
     expect(limitsNotice(readOffboard(raw)?.limitsOrigin)).toBeNull();
   });
-  it('knows of obstacle avoidance what the server says, and nothing where an older one says nothing', () => {
+  it('reads obstacle avoidance, and null from an older server', () => {
     const avoidance = { on: true, way: 'over', state: 'stopped', text: 'No way.', sensor: true };
     expect(readOffboard({ ...raw, avoidance })?.avoidance).toEqual({ on: true, sensor: true, state: 'stopped', text: 'No way.' });
     expect(readOffboard(raw)?.avoidance).toEqual({ on: false, sensor: false, state: null, text: '' });
   });
-  it('reads the server’s stream and how far the vehicle is off', () => {
+  it('reads the server’s stream and the vehicle’s deviation', () => {
     const stream = readOffboard(raw);
     expect(stream).toMatchObject({
       streaming: true,
@@ -61,7 +61,7 @@ describe('offboard', () => {
     expect(readOffboard({ streaming: false, state: 'idle', setpoint: null })).toMatchObject({ streaming: false, type: null, rate_hz: null });
     expect(readOffboard(null)).toBeNull();
   });
-  it('nudges from what is streamed: up is negative down, yaw wraps', () => {
+  it('nudges the streamed setpoint: up is negative down, yaw wraps', () => {
     const stream = readOffboard(raw);
     const from = stream && nudgeBase(stream, [9, 9, 9], 3);
     expect(from).toEqual({ type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 });
@@ -71,15 +71,15 @@ describe('offboard', () => {
     expect(nudge(from, 'north', -1, five).position_ned_m).toEqual([-4, 2, -3]);
     expect(nudge({ ...from, yaw_ned_rad: 3 }, 'yaw', 1, five).yaw_ned_rad).toBeCloseTo(3 + Math.PI / 4 - 2 * Math.PI);
   });
-  it('says a setpoint again in time, and stops when the stream or the server says no', async () => {
+  it('renews a setpoint in time, and stops when the stream ends or the server refuses', async () => {
     const said: unknown[] = [];
-    let answer: Said = 'taken';
+    let answer: RenewalResult = 'accepted';
     const renewer = new SetpointRenewer((s) => {
       said.push(s);
       return Promise.resolve(answer);
     });
     const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
-    renewer.keep({ ...setpoint }, LASTING, 0);
+    renewer.start({ ...setpoint }, DEFAULT_VALIDITY, 0);
     renewer.tick(2.9, true);
     expect(said).toHaveLength(0);
     renewer.tick(3, true);
@@ -90,23 +90,23 @@ describe('offboard', () => {
     renewer.tick(6.1, true);
     await Promise.resolve();
     expect(renewer.setpoint).toBeNull();
-    renewer.keep({ ...setpoint }, LASTING, 10);
+    renewer.start({ ...setpoint }, DEFAULT_VALIDITY, 10);
     renewer.tick(14, false);
     expect(renewer.setpoint).toBeNull();
-    renewer.keep({ ...setpoint }, { ...LASTING, renew: false }, 20);
+    renewer.start({ ...setpoint }, { ...DEFAULT_VALIDITY, renew: false }, 20);
     renewer.tick(24, true);
     expect(renewer.setpoint).toBeNull();
     expect(said).toHaveLength(2);
   });
-  it('tries again what did not get through, until it has expired', async () => {
+  it('retries a failed renewal until the setpoint has expired', async () => {
     const said: number[] = [];
-    let answer: Said = 'not now';
-    const renewer = new SetpointRenewer((): Promise<Said> => {
+    let answer: RenewalResult = 'retry';
+    const renewer = new SetpointRenewer((): Promise<RenewalResult> => {
       said.push(now_s);
       return Promise.resolve(answer);
     });
     let now_s = 0;
-    renewer.keep({ type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 }, LASTING, now_s);
+    renewer.start({ type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 }, DEFAULT_VALIDITY, now_s);
     const until = async (end_s: number): Promise<void> => {
       for (; now_s < end_s; now_s += 1) {
         renewer.tick(now_s, true);
@@ -114,14 +114,14 @@ describe('offboard', () => {
       }
     };
     await until(5);
-    answer = 'taken';
+    answer = 'accepted';
     await until(7);
-    answer = 'not now';
+    answer = 'retry';
     await until(60);
-    expect(said).toEqual([3, 6, 9, 12, 15]); // taken at 6, good for 10 s
+    expect(said).toEqual([3, 6, 9, 12, 15]); // accepted at 6, valid for 10 s
     expect(renewer.setpoint).toBeNull();
   });
-  it('goes on saying what is flown where something new is refused, and nothing where no answer came', async () => {
+  it('renews the flown setpoint after a refusal of a new one, and none after a missing answer', async () => {
     const said: unknown[] = [];
     let answer: () => Response = () => Response.json({});
     const api = new ApiClient('me', undefined, (_, init) => {
@@ -129,13 +129,13 @@ describe('offboard', () => {
       return Promise.resolve().then(answer);
     });
     let now_s = 0;
-    const control = new OffboardControl(api, new Turns(), () => now_s);
+    const control = new OffboardControl(api, new CommandQueue(), () => now_s);
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
     const at = (north_m: number): PositionSetpoint & Record<string, unknown> => ({ type: 'position', position_ned_m: [north_m, 0, -5], yaw_ned_rad: 0 });
-    await control.send('1', at(1), LASTING);
+    await control.send('1', at(1), DEFAULT_VALIDITY);
     answer = () => Response.json({ detail: 'no fresh position' }, { status: 409 });
     now_s = 2;
-    await control.send('1', at(2), LASTING);
+    await control.send('1', at(2), DEFAULT_VALIDITY);
     answer = () => Response.json({});
     now_s = 3.1;
     control.tick(() => true);
@@ -148,22 +148,22 @@ describe('offboard', () => {
     answer = () => {
       throw new TypeError('network');
     };
-    await control.send('1', at(3), LASTING);
+    await control.send('1', at(3), DEFAULT_VALIDITY);
     answer = () => Response.json({});
     now_s = 20;
     control.tick(() => true);
     await settle();
     expect(said).toHaveLength(4);
   });
-  it('tells that a setpoint may not be said again, once', async () => {
+  it('reports a refused renewal once', async () => {
     let answer = (): Response => Response.json({});
     const api = new ApiClient('test', undefined, () => Promise.resolve().then(answer));
     let now_s = 0;
-    const control = new OffboardControl(api, new Turns(), () => now_s);
+    const control = new OffboardControl(api, new CommandQueue(), () => now_s);
     const told: string[] = [];
     control.onNotRenewed = (id, problem) => told.push(`${id}: ${problem.detail}`);
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
-    await control.send('1', { type: 'position', position_ned_m: [1, 0, -5], yaw_ned_rad: 0 }, LASTING);
+    await control.send('1', { type: 'position', position_ned_m: [1, 0, -5], yaw_ned_rad: 0 }, DEFAULT_VALIDITY);
     answer = () => Response.json({ detail: 'somebody else has control', code: 'not_in_control' }, { status: 409 });
     for (now_s of [4, 8, 12]) {
       control.tick(() => true);

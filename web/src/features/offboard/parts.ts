@@ -1,4 +1,4 @@
-/** What the offboard room is made of, in one piece that is loaded when it is opened. */
+/** The parts of the offboard room, loaded together when it is first opened. */
 
 import type { RoomParts } from '../../app/registry.svelte';
 import HealthCard from './setpoints/HealthCard.svelte';

@@ -7,11 +7,11 @@ import OffboardCard from './OffboardCard.svelte';
 import { ROOM } from './room.svelte';
 
 provide('offboard', { start: (facts, wish) => offboard.start(facts, wish) });
-page.inSight.push(() => offboard.renewed());
-page.inSight.push(() => groups.live.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
+page.neededVehicles.push(() => offboard.renewed());
+page.neededVehicles.push(() => groups.live.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
 page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
 page.onTelemetry.push(() => groups.tick(page.connection));
-page.onEvent.push((event) => groups.heard(event));
+page.onEvent.push((event) => groups.onEvent(event));
 
 registry.addRoom({
   id: ROOM,

@@ -5,7 +5,7 @@ import { rooms } from '../../app/registry.svelte';
 export const ROOM = 'offboard';
 
 class OffboardRoomState {
-  /** It shall open at its part for groups. */
+  /** Whether the room opens at its part for groups. */
   atGroups = $state(false);
 
   open(): void {

@@ -5,7 +5,7 @@ import type { Problem } from '../../api/problems';
 import { NO_FILTER, type Filter, type Parameters } from './params';
 
 /** Poll interval while the parameters are read [ms]. */
-const LOOK_MS = 500;
+const POLL_MS = 500;
 
 class ParamPanel {
   open = $state(false);
@@ -15,7 +15,7 @@ class ParamPanel {
   /** Name of the parameter whose editor is open. */
   chosen = $state<string | null>(null);
   busy = $state(false);
-  private looks = 0;
+  private polls = 0;
 
   toggle(): void {
     this.open = !this.open;
@@ -23,32 +23,32 @@ class ParamPanel {
 
   close(): void {
     this.open = false;
-    this.looks += 1; // ends the polling
+    this.polls += 1; // ends the polling
   }
 
   /** Loads the parameters, starts reading them if needed, and polls until all are read. */
   async show(api: ApiClient, vehicle: string, again = false): Promise<void> {
-    const mine = ++this.looks;
+    const mine = ++this.polls;
     this.problem = null;
     if (this.content?.vehicle !== vehicle) {
       this.content = null;
       this.chosen = null;
     }
-    await this.look(api, vehicle, mine);
-    if (mine !== this.looks) return;
+    await this.poll(api, vehicle, mine);
+    if (mine !== this.polls) return;
     if (again || this.content?.list.state !== 'ready') {
       const begun = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
-      if (mine !== this.looks) return;
+      if (mine !== this.polls) return;
       if (!begun.ok) {
         this.problem = begun.problem;
         return;
       }
     }
     do {
-      await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
-      if (mine !== this.looks) return;
-      await this.look(api, vehicle, mine);
-    } while (mine === this.looks && this.unfinished());
+      await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+      if (mine !== this.polls) return;
+      await this.poll(api, vehicle, mine);
+    } while (mine === this.polls && this.unfinished());
   }
 
   /** Sets a parameter; the answer is the value that the vehicle then reports. */
@@ -74,9 +74,9 @@ class ParamPanel {
     return list === undefined || list.state === 'reading' || (list.state === 'ready' && !list.facts && list.facts_problem === null);
   }
 
-  private async look(api: ApiClient, vehicle: string, mine: number): Promise<void> {
+  private async poll(api: ApiClient, vehicle: string, mine: number): Promise<void> {
     const outcome = await api.get('/vehicles/{v}/params', ofVehicle(vehicle));
-    if (mine !== this.looks) return;
+    if (mine !== this.polls) return;
     if (outcome.ok) this.content = outcome.value;
     else this.problem = outcome.problem;
   }

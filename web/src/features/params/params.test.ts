@@ -1,5 +1,5 @@
 import { expect, test } from 'vitest';
-import { found, groupsOf, NO_FILTER, numberText, objection, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
+import { found, groupsOf, NO_FILTER, numberText, valueProblem, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
 
 const facts = (more: Partial<Facts>): Facts => ({
   name: '',
@@ -33,7 +33,7 @@ const all = [
   one('A_MPC', 1, null, null),
 ];
 
-test('a search looks at names and meanings, names that begin so first', () => {
+test('a search covers names and descriptions, names that begin with the text first', () => {
   expect(found(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
   expect(found(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
   expect(found(all, { ...NO_FILTER, changedOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
@@ -42,7 +42,7 @@ test('a search looks at names and meanings, names that begin so first', () => {
   expect(groupsOf(all)).toEqual(['Commander', 'Position']);
 });
 
-test('a value is told as it is meant', () => {
+test('a value is shown with its label, unit and decimals', () => {
   expect(valueText(one('A', 0.10000000149011612, { unit: 's', decimals: 2 }))).toBe('0.10 s');
   expect(valueText(one('A', 1, { choices: [{ value: 1, label: 'Land' }] }))).toBe('Land');
   expect(
@@ -69,29 +69,37 @@ test('a value is told as it is meant', () => {
   expect(rangeText(facts({}))).toBe('');
 });
 
-test('what is typed is a number, or it is not sent', () => {
+test('only numbers are sent', () => {
   expect([typed('12,5', false), typed(' −3 ', true), typed('.5', false), typed('1e3', true)]).toEqual([12.5, -3, 0.5, 1000]);
   expect([typed('', false), typed('1.5', true), typed('abc', false), typed('1e999', false), typed('0x10', true)]).toEqual([null, null, null, null, null]);
 });
 
-test('what is not meant is said before it is sent', () => {
+test('a value that is not permitted is reported before it is sent', () => {
   const speed = facts({ min: 3, max: 20, unit: 'm/s' });
-  expect([objection(speed, 99), objection(speed, 2.9)]).toEqual(['Outside the documented range: 3 to 20 m/s.', 'Outside the documented range: 3 to 20 m/s.']);
-  expect([objection(speed, 20), objection(speed, 3), objection(null, 1e9), objection(facts({ min: 0.1 }), Math.fround(0.1))]).toEqual([null, null, null, null]);
+  expect([valueProblem(speed, 99), valueProblem(speed, 2.9)]).toEqual([
+    'Outside the documented range: 3 to 20 m/s.',
+    'Outside the documented range: 3 to 20 m/s.',
+  ]);
+  expect([valueProblem(speed, 20), valueProblem(speed, 3), valueProblem(null, 1e9), valueProblem(facts({ min: 0.1 }), Math.fround(0.1))]).toEqual([
+    null,
+    null,
+    null,
+    null,
+  ]);
   const action = facts({ choices: [{ value: 1, label: 'Land' }] });
-  expect([objection(action, 1), objection(action, 2)]).toEqual([null, 'Not one of the documented values.']);
+  expect([valueProblem(action, 1), valueProblem(action, 2)]).toEqual([null, 'Not one of the documented values.']);
   const mask = facts({
     bits: [
       { value: 0, label: 'a' },
       { value: 4, label: 'b' },
     ],
   });
-  expect([objection(mask, 17), objection(mask, 0)]).toEqual([null, null]);
-  expect(objection(mask, 2)).not.toBeNull();
-  expect(objection(mask, -1)).not.toBeNull();
+  expect([valueProblem(mask, 17), valueProblem(mask, 0)]).toEqual([null, null]);
+  expect(valueProblem(mask, 2)).not.toBeNull();
+  expect(valueProblem(mask, -1)).not.toBeNull();
 });
 
-test('how far they are known is said', () => {
+test('the progress of reading is shown', () => {
   const list = {
     state: 'reading',
     received: 3,

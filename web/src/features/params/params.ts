@@ -15,7 +15,7 @@ export interface Filter {
 
 export const NO_FILTER: Filter = { text: '', group: '', changedOnly: false };
 /** Larger results are shortened and only counted, to keep the page fast. */
-export const MOST_ROWS = 120;
+export const MAX_ROWS = 120;
 
 /** The groups that occur, sorted. */
 export function groupsOf(params: readonly Parameter[]): string[] {
@@ -105,7 +105,7 @@ export function typed(text: string, isInteger: boolean): number | null {
 }
 
 /** Why a value is not permitted; null if it is. The server makes the same check. */
-export function objection(facts: Facts | null, value: number): string | null {
+export function valueProblem(facts: Facts | null, value: number): string | null {
   if (facts === null) return null;
   if (facts.choices.length > 0) return facts.choices.some((c) => same(c.value, value)) ? null : 'Not one of the documented values.';
   if (facts.bits.length > 0) {

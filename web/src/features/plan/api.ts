@@ -2,7 +2,7 @@
 
 import type { ApiClient, Outcome } from '../../api/client';
 import type { components } from '../../api/schema';
-import type { Place } from '../../vehicle/geo';
+import type { GeoPosition } from '../../vehicle/geo';
 import type { Plan } from './document';
 import type { Finding } from './fixes';
 import type { Power } from './conditions';
@@ -29,7 +29,7 @@ export interface Check {
 
 export interface Area {
   readonly name: string;
-  readonly outer: readonly Place[];
+  readonly outer: readonly GeoPosition[];
 }
 
 export interface Imported {
@@ -71,8 +71,8 @@ export const FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Forma
 export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz,.yaml,.yml';
 
 /** Casts between the API's types and the editor's, which also keep unknown kinds of items and steps. */
-export const sent = <D extends Document>(plan: D) => plan as unknown as D extends Mission ? Schemas['OffboardMission'] : Schemas['Plan'];
-const edited = <T>(answer: Promise<Outcome<unknown>>) => answer as Promise<Outcome<T>>;
+export const toApi = <D extends Document>(plan: D) => plan as unknown as D extends Mission ? Schemas['OffboardMission'] : Schemas['Plan'];
+const fromApi = <T>(answer: Promise<Outcome<unknown>>) => answer as Promise<Outcome<T>>;
 
 export class PlanApi {
   constructor(private readonly api: ApiClient) {}
@@ -83,7 +83,7 @@ export class PlanApi {
 
   /** @param version null: the newest. */
   open(id: string, version: number | null = null): Promise<Outcome<PlanVersion & { plan: Document }>> {
-    return edited(this.api.get('/plans/{plan}', { params: { path: { plan: id }, query: version === null ? {} : { version } } }));
+    return fromApi(this.api.get('/plans/{plan}', { params: { path: { plan: id }, query: version === null ? {} : { version } } }));
   }
 
   /** All versions of a plan, newest first. */
@@ -92,11 +92,11 @@ export class PlanApi {
   }
 
   create(name: string, plan: Document): Promise<Outcome<PlanVersion>> {
-    return this.api.post('/plans', { body: { name, plan: sent(plan) } });
+    return this.api.post('/plans', { body: { name, plan: toApi(plan) } });
   }
 
   save(id: string, name: string, plan: Document, base_version: number): Promise<Outcome<PlanVersion>> {
-    return this.api.put('/plans/{plan}', { params: { path: { plan: id } }, body: { name, plan: sent(plan), base_version } });
+    return this.api.put('/plans/{plan}', { params: { path: { plan: id } }, body: { name, plan: toApi(plan), base_version } });
   }
 
   delete(id: string, base_version: number): Promise<Outcome<null>> {
@@ -104,12 +104,12 @@ export class PlanApi {
   }
 
   check(plan: Document, vehicle: string | null, power: Power | null): Promise<Outcome<Check>> {
-    return edited(this.api.post('/plans/check', { body: { plan: sent(plan), vehicle, power } }));
+    return fromApi(this.api.post('/plans/check', { body: { plan: toApi(plan), vehicle, power } }));
   }
 
   /** Converts a waypoint plan to an offboard mission. */
   convert(plan: Plan, name: string, vehicle: string | null): Promise<Outcome<{ plan: Mission; notes: readonly string[] }>> {
-    return edited(this.api.post('/plans/convert', { body: { plan: sent(plan), name, vehicle } }));
+    return fromApi(this.api.post('/plans/convert', { body: { plan: toApi(plan), name, vehicle } }));
   }
 
   /**
@@ -117,21 +117,21 @@ export class PlanApi {
    * Null: none are added.
    */
   followGround(plan: Plan, tolerance_m: number | null): Promise<Outcome<GroundPlan>> {
-    return edited(this.api.post('/plans/ground', { body: { plan: sent(plan), tolerance_m } }));
+    return fromApi(this.api.post('/plans/ground', { body: { plan: toApi(plan), tolerance_m } }));
   }
 
   /** @param altitude_m altitude above home for points without an altitude. */
   import(file: File, altitude_m: number | null): Promise<Outcome<Imported>> {
     const query = { filename: file.name, ...(altitude_m === null ? {} : { altitude_m }) };
     const headers = { 'Content-Type': 'application/octet-stream' };
-    return edited(this.api.post('/plans/import', { params: { query }, body: file, bodySerializer: (body) => body, headers }));
+    return fromApi(this.api.post('/plans/import', { params: { query }, body: file, bodySerializer: (body) => body, headers }));
   }
 
   export(plan: Document, format: Format): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
-    return this.api.download('/plans/export', { params: { query: { format } }, body: { plan: sent(plan) } }, 'X-Plan-Notes');
+    return this.api.download('/plans/export', { params: { query: { format } }, body: { plan: toApi(plan) } }, 'X-Plan-Notes');
   }
 
   pattern(pattern: Pattern): Promise<Outcome<{ plan: Plan }>> {
-    return edited(this.api.post('/plans/pattern', { body: pattern }));
+    return fromApi(this.api.post('/plans/pattern', { body: pattern }));
   }
 }

@@ -1,6 +1,6 @@
 /** Which vehicle flies which role of the edited mission; used for the flight and for the dry run. */
 
-export class Cast {
+export class RoleAssignment {
   vehicles = $state.raw<Readonly<Record<string, string>>>({});
 
   choose(role: string, vehicle: string): void {
@@ -13,7 +13,7 @@ export class Cast {
   }
 
   /** The vehicles of these roles; an empty text where none is chosen. */
-  of(roles: readonly string[]): Record<string, string> {
+  forRoles(roles: readonly string[]): Record<string, string> {
     return Object.fromEntries(roles.map((role) => [role, this.vehicles[role] ?? '']));
   }
 }

@@ -2,8 +2,8 @@
 
 import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
-import { Accepted } from './accepted.svelte';
-import { Cast } from './cast.svelte';
+import { AcceptedErrors } from './accepted.svelte';
+import { RoleAssignment } from './cast.svelte';
 import type { Home } from './document';
 import { PlanApi } from './api';
 import { DryRun } from './dry-run.svelte';
@@ -21,9 +21,9 @@ export const plans = new Plans(
 export const mission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);
 // Also while another room is open, because a dry run continues.
-page.onEvent.push((event) => void dryRun.heard(event));
-export const accepted = new Accepted();
-export const cast = new Cast();
+page.onEvent.push((event) => void dryRun.onEvent(event));
+export const accepted = new AcceptedErrors();
+export const roleAssignment = new RoleAssignment();
 
 /** Home of the selected vehicle; null if it is not known or the vehicle is a replay. */
 export function vehicleHome(): Home | null {

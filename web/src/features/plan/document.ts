@@ -1,7 +1,7 @@
 /** The document of a waypoint plan (`docs/missions.md`) and the positions of its parts. */
 
 import type { components } from '../../api/schema';
-import type { Place } from '../../vehicle/geo';
+import type { GeoPosition } from '../../vehicle/geo';
 
 type Schemas = components['schemas'];
 
@@ -20,10 +20,10 @@ export interface Item {
   readonly [field: string]: unknown;
 }
 
-export type PlacedItem = Item & Place & { readonly altitude: Altitude };
+export type PlacedItem = Item & GeoPosition & { readonly altitude: Altitude };
 export type Home = Readonly<Schemas['HomePosition']>;
 export type FenceCircle = Readonly<Schemas['FenceCircle']>;
-export type FencePolygon = Readonly<Omit<Schemas['FencePolygon'], 'polygon'>> & { readonly polygon: readonly Place[] };
+export type FencePolygon = Readonly<Omit<Schemas['FencePolygon'], 'polygon'>> & { readonly polygon: readonly GeoPosition[] };
 export type FenceZone = FenceCircle | FencePolygon;
 export type RallyPoint = Readonly<Schemas['RallyPoint']>;
 
@@ -104,7 +104,7 @@ export function refOf(id: string): PointRef | null {
 }
 
 /** Position of the point with this id; null if it has none or no longer exists. */
-export function placeOf(plan: Plan, id: string): Place | null {
+export function placeOf(plan: Plan, id: string): GeoPosition | null {
   const ref = refOf(id);
   if (ref === null) return null;
   if (ref.of === 'item') {
@@ -119,9 +119,9 @@ export function placeOf(plan: Plan, id: string): Place | null {
 }
 
 /** All positions of the plan, to fit them into the view. */
-export function places(plan: Plan): Place[] {
+export function places(plan: Plan): GeoPosition[] {
   const zones = plan.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
-  const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as Place] : []));
+  const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as GeoPosition] : []));
   return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...zones, ...plan.rally_points];
 }
 

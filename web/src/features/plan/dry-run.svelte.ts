@@ -4,7 +4,7 @@ import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
-import { sent } from './api';
+import { toApi } from './api';
 import { asDryRun, type Conditions } from './conditions';
 import type { Document } from './kinds';
 
@@ -12,15 +12,15 @@ type Schemas = components['schemas'];
 type Operation = Readonly<Schemas['Operation']>;
 export type DryRunView = Readonly<Schemas['DryRunView']>;
 
-export type FlownBy = { vehicle: string | null } | { vehicles: Readonly<Record<string, string>> | null };
+export type DryRunVehicles = { vehicle: string | null } | { vehicles: Readonly<Record<string, string>> | null };
 
 export class DryRun {
   operation = $state.raw<Operation | null>(null);
   problem = $state.raw<Problem | null>(null);
   private view = $state.raw<DryRunView | null>(null);
   /** The document that `view` belongs to. */
-  private flown = $state.raw<Document | null>(null);
-  private asked: Document | null = null;
+  private simulatedDocument = $state.raw<Document | null>(null);
+  private requestedDocument: Document | null = null;
   /** The time that is shown [s]. */
   t_s = $state(0);
 
@@ -29,18 +29,18 @@ export class DryRun {
   readonly running: boolean = $derived.by(() => this.operation?.state === 'running');
 
   /** Result of the dry run of exactly this document; null if it has none. */
-  of(document: Document): DryRunView | null {
-    return this.flown === document ? this.view : null;
+  resultOf(document: Document): DryRunView | null {
+    return this.simulatedDocument === document ? this.view : null;
   }
 
   /**
    * With a vehicle the dry run uses its parameters, position and battery charge. A mission with roles needs a vehicle
    * for each role; null: it uses the planned start positions.
    */
-  async start(document: Document, flownBy: FlownBy, conditions: Conditions): Promise<void> {
+  async start(document: Document, flownBy: DryRunVehicles, conditions: Conditions): Promise<void> {
     this.problem = null;
-    this.asked = document;
-    const answer = await this.api.post('/dry_runs', { body: { plan: sent(document), ...flownBy, ...asDryRun(conditions) } });
+    this.requestedDocument = document;
+    const answer = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...flownBy, ...asDryRun(conditions) } });
     if (!answer.ok) this.problem = answer.problem;
     else if (this.operation?.id !== answer.value.id) this.operation = answer.value;
   }
@@ -52,9 +52,9 @@ export class DryRun {
   }
 
   /** Handles the progress event of the operation that this page started. */
-  async heard(event: WireEvent): Promise<void> {
+  async onEvent(event: WireEvent): Promise<void> {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
-    const document = this.asked;
+    const document = this.requestedDocument;
     if (operation === undefined || document === null || operation.id !== this.operation?.id) return;
     this.operation = operation;
     const id = operation.result?.['dry_run'];
@@ -65,7 +65,7 @@ export class DryRun {
       return;
     }
     this.view = answer.value;
-    this.flown = document;
+    this.simulatedDocument = document;
     this.t_s = 0;
   }
 }

@@ -1,11 +1,11 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { groundDistance_m, placeAt } from '../../vehicle/geo';
+import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { EMPTY } from './document';
 import { asDryRun, CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
 import { DryRun, type DryRunView } from './dry-run.svelte';
-import { flownPicture, ghostAt, ghostPicture, resultLines } from './ghost';
-import { drawn, movedBy, QUANTITIES, traceOf, valueAt, type Trace } from './trace';
+import { dryRunPicture, ghostAt, ghostPicture, resultLines } from './ghost';
+import { drawn, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const VIEW = {
@@ -73,49 +73,49 @@ const MANY = {
 } as unknown as DryRunView;
 
 describe('a dry run', () => {
-  it('shows where the vehicle is between two samples, and stays at its ends', () => {
+  it('interpolates the vehicle’s position between samples, and clamps it at both ends', () => {
     const ghost = ghostAt(VIEW, 15);
-    expect(groundDistance_m(ghost ?? ORIGIN, placeAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeLessThan(0.01);
+    expect(groundDistance_m(ghost ?? ORIGIN, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeLessThan(0.01);
     expect(ghost).toMatchObject({ up_m: 10, speed_m_s: 5, step: 'step 2' });
     expect(ghostAt(VIEW, 99)).toMatchObject({ up_m: 10, step: '' });
     expect(ghostAt(VIEW, -1)).toMatchObject({ up_m: 0, step: 'step 1' });
     expect(ghostAt({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
   });
 
-  it('draws its path and the corridor of many flights', () => {
-    const shown = flownPicture(MANY);
+  it('draws the path and the corridor of many flights', () => {
+    const shown = dryRunPicture(MANY);
     expect(shown.lines[0]?.places).toHaveLength(3);
     const [ring] = shown.areas;
     expect(ring?.ring).toHaveLength(4);
-    expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, placeAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
-    expect(flownPicture(VIEW).areas).toEqual([]);
+    expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
+    expect(dryRunPicture(VIEW).areas).toEqual([]);
   });
 
-  it('draws the corridor of a path that turns back in pieces, none of which crosses another part of it', () => {
+  it('draws the corridor of a path that turns back in pieces that do not cross other parts of it', () => {
     const there = Array.from({ length: 9 }, (_, i) => [i * 10, 0, -10]);
     const back = Array.from({ length: 8 }, (_, i) => [80 - i * 10, 10, -10]);
     const position_ned_m = [[0, 0, 0], [0, 0.1, -5], ...there, ...back];
     const p95 = position_ned_m.map(() => 2);
     const corridor = { t_s: p95, position_ned_m, horizontal_m: { p95 }, vertical_m: { p5: p95, p95 } };
-    const { areas } = flownPicture({ ...MANY, monte_carlo: { ...MANY.monte_carlo, corridor } } as unknown as DryRunView);
+    const { areas } = dryRunPicture({ ...MANY, monte_carlo: { ...MANY.monte_carlo, corridor } } as unknown as DryRunView);
     expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // the samples before the start are one point
     const east_m = (place: { lat_deg: number; lon_deg: number }) => groundDistance_m(place, { ...place, lon_deg: ORIGIN.lon_deg });
     expect(Math.max(...(areas[0]?.ring ?? []).map(east_m))).toBeLessThan(2.1);
     expect(Math.min(...(areas[3]?.ring ?? []).map(east_m))).toBeGreaterThan(7.9);
   });
 
-  it('draws its vehicle with its heading, and what its camera sees over the ground', () => {
+  it('draws the vehicle with its heading, and its camera’s view on the ground', () => {
     const shown = ghostPicture(VIEW, 10);
     expect(shown?.points).toMatchObject([{ id: 'ghost', mark: 'ghost', yaw_deg: expect.closeTo(90) }]);
     const ahead = shown?.areas[0]?.ring[2] ?? ORIGIN;
-    expect(groundDistance_m(ahead, placeAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
+    expect(groundDistance_m(ahead, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
     expect(ghostPicture(VIEW, 20)?.areas).toEqual([]);
     expect(ghostPicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
     expect(ghostPicture(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['ghost', 'ghost 1']);
-    expect(flownPicture(TOGETHER).lines).toHaveLength(2);
+    expect(dryRunPicture(TOGETHER).lines).toHaveLength(2);
   });
 
-  it('is shown over time, with where 90 % of many flights lie', () => {
+  it('plots values over time, with the band of 90 % of many flights', () => {
     const of = (one: (typeof QUANTITIES)[number], view = VIEW): Trace => traceOf(view, one) as Trace;
     expect(QUANTITIES.map((one) => valueAt(of(one), 10))).toEqual([10, 5, 0, 90]);
     expect(valueAt(of('Height'), 5)).toBe(5);
@@ -129,24 +129,24 @@ describe('a dry run', () => {
     expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
   });
 
-  it('is moved through by keys, never beyond its ends', () => {
-    expect(movedBy('ArrowRight', false, 5, 20)).toBe(6);
-    expect(movedBy('ArrowLeft', true, 5, 20)).toBeCloseTo(4.9);
-    expect(movedBy('PageUp', false, 15, 20)).toBe(20);
-    expect([movedBy('Home', false, 5, 20), movedBy('End', false, 5, 20), movedBy('a', false, 5, 20)]).toEqual([0, 20, null]);
+  it('is scrubbed by keys within its ends', () => {
+    expect(timeAfterKey('ArrowRight', false, 5, 20)).toBe(6);
+    expect(timeAfterKey('ArrowLeft', true, 5, 20)).toBeCloseTo(4.9);
+    expect(timeAfterKey('PageUp', false, 15, 20)).toBe(20);
+    expect([timeAfterKey('Home', false, 5, 20), timeAfterKey('End', false, 5, 20), timeAfterKey('a', false, 5, 20)]).toEqual([0, 20, null]);
   });
 
-  it('says its result in numbers', () => {
+  it('shows its result in numbers', () => {
     expect(resultLines(VIEW)).toEqual(['Flown: 01:05, 120 m, battery 100 % → 81 %.']);
     expect(resultLines(TOGETHER)[1]).toBe('lead and left come no nearer than 9.0 m, after 01:05.');
     expect(resultLines(MANY)[1]).toBe('2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.');
   });
 
-  it('takes the wind from where it comes', () => {
+  it('counts the wind from the direction it comes from', () => {
     expect(windOf({ ...CONDITIONS, wind_m_s: 5, from_deg: 270 }).map((axis) => Math.round(axis))).toEqual([0, 5, 0]);
   });
 
-  it('takes mass, battery and endurance as a person states them', () => {
+  it('sends mass, battery and endurance as entered', () => {
     const stated = { ...CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
     expect(asDryRun(stated)).toMatchObject({ conditions: { mass_scale: 1.1, battery_scale: 0.9 }, flights: 20, endurance_s: 1800, battery_reserve: 0.3 });
     expect(asDryRun(CONDITIONS)).toMatchObject({ flights: null, endurance_s: null });
@@ -158,7 +158,7 @@ describe('a dry run', () => {
     expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
   });
 
-  it('is followed to its end, and belongs to the document that was flown', async () => {
+  it('is followed to its end, and belongs to the simulated document', async () => {
     const operation = (state: string, result: object | null = null) => ({ id: 'o1', kind: 'dry_run', state, progress: 0.5, text: 'Step 3.', result });
     const answers: unknown[] = [operation('running'), VIEW];
     const asked: string[] = [];
@@ -169,11 +169,11 @@ describe('a dry run', () => {
     const run = new DryRun(api);
     const event = (one: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation: one });
     await run.start(EMPTY, { vehicle: '1' }, CONDITIONS);
-    await run.heard(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
-    expect([run.running, run.of(EMPTY)]).toEqual([true, null]);
-    await run.heard(event(operation('succeeded', { dry_run: 'd7' })));
-    expect(run.of(EMPTY)).toEqual(VIEW);
-    expect(run.of({ ...EMPTY })).toBeNull();
+    await run.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
+    expect([run.running, run.resultOf(EMPTY)]).toEqual([true, null]);
+    await run.onEvent(event(operation('succeeded', { dry_run: 'd7' })));
+    expect(run.resultOf(EMPTY)).toEqual(VIEW);
+    expect(run.resultOf({ ...EMPTY })).toBeNull();
     expect(asked).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
   });
 });

@@ -1,10 +1,10 @@
 /** Edits of a waypoint plan. Pure: each function returns a new plan. */
 
-import { eastNorth, placeAt, type Place } from '../../vehicle/geo';
+import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
 import { isPlaced, refOf, type Altitude, type FenceZone, type Home, type Item, type Plan } from './document';
 
 /** Properties that waypoint plans and missions share. */
-export interface Fenced {
+export interface SharedParts {
   readonly fence: readonly FenceZone[];
 }
 
@@ -12,7 +12,7 @@ function replaced<T>(list: readonly T[], index: number, next: T): T[] {
   return list.map((one, i) => (i === index ? next : one));
 }
 
-function onGround({ lat_deg, lon_deg }: Place): Place {
+function onGround({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
   return { lat_deg, lon_deg };
 }
 
@@ -25,13 +25,13 @@ export function setItem(plan: Plan, row: number, fields: Readonly<Record<string,
   return item === undefined ? plan : { ...plan, items: replaced(plan.items, row, { ...item, ...fields }) };
 }
 
-export function setZone<D extends Fenced>(plan: D, zone: number, fields: Partial<FenceZone>): D {
+export function setZone<D extends SharedParts>(plan: D, zone: number, fields: Partial<FenceZone>): D {
   const old = plan.fence[zone];
   return old === undefined ? plan : { ...plan, fence: replaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
 }
 
 /** Moves the point with this id. */
-export function place(plan: Plan, id: string, at: Place): Plan {
+export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
   const ref = refOf(id);
   const to = onGround(at);
   if (ref === null) return plan;
@@ -45,7 +45,7 @@ export function place(plan: Plan, id: string, at: Place): Plan {
       ? plan
       : { ...plan, rally_points: replaced(plan.rally_points, ref.index, { ...point, ...to, altitude: unresolved(point.altitude) }) };
   }
-  return placeShared(plan, id, at);
+  return moveShared(plan, id, at);
 }
 
 /** Removes the resolved terrain altitude, because the terrain differs at another position. */
@@ -54,7 +54,7 @@ function unresolved(altitude: Altitude): Altitude {
 }
 
 /** Moves home or a part of the geofence. */
-export function placeShared<D extends Fenced>(plan: D, id: string, at: Place): D {
+export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPosition): D {
   const ref = refOf(id);
   const to = onGround(at);
   if (ref?.of === 'home') {
@@ -73,16 +73,16 @@ export function insertItem(plan: Plan, row: number, item: Item): Plan {
   return shiftJumps({ ...plan, items: [...plan.items.slice(0, row), item, ...plan.items.slice(row)] }, (target) => (target >= row ? target + 1 : target), row);
 }
 
-export function insertCorner<D extends Fenced>(plan: D, zone: number, corner: number, at: Place): D {
+export function insertCorner<D extends SharedParts>(plan: D, zone: number, corner: number, at: GeoPosition): D {
   const old = plan.fence[zone];
   if (old?.shape !== 'polygon') return plan;
   return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), onGround(at), ...old.polygon.slice(corner)] });
 }
 
 /** The midpoint, for a point that is inserted there. */
-export function middle(a: Place, b: Place): Place {
+export function midpoint(a: GeoPosition, b: GeoPosition): GeoPosition {
   const { east_m, north_m } = eastNorth(a, b);
-  return placeAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
+  return positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
 }
 
 /** Removes the selected parts. A fence polygon with fewer than three remaining corners is removed completely. */
@@ -101,7 +101,7 @@ export function remove(plan: Plan, ids: readonly string[]): Plan {
 }
 
 /** Removes home, corners and circles. */
-export function removeShared<D extends Fenced>(plan: D, ids: readonly string[]): D {
+export function removeShared<D extends SharedParts>(plan: D, ids: readonly string[]): D {
   const refs = ids.flatMap((id) => refOf(id) ?? []);
   const circles = new Set(refs.flatMap((ref) => (ref.of === 'circle' ? [ref.zone] : [])));
   const fence = plan.fence.flatMap((zone, index): FenceZone[] => {
@@ -114,7 +114,7 @@ export function removeShared<D extends Fenced>(plan: D, ids: readonly string[]):
   return { ...plan, ...home, fence };
 }
 
-export function removeZone<D extends Fenced>(plan: D, zone: number): D {
+export function removeZone<D extends SharedParts>(plan: D, zone: number): D {
   return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
 }
 

@@ -1,18 +1,18 @@
 /** The plan editor: the document with its history, the selection, and what the next click on the map adds. */
 
 import type { LayerEditor } from '../../app/map-layers.svelte';
-import { eastNorth, type Place } from '../../vehicle/geo';
+import { eastNorth, type GeoPosition } from '../../vehicle/geo';
 import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, refOf, type Home, type Kind, type Plan } from './document';
 import * as edit from './edit';
 import * as history from './history';
-import { freshItem, titleOf } from './items';
+import { newItem, titleOf } from './items';
 import * as kinds from './kinds';
 import type { Document } from './kinds';
 import type { Sketch } from './layer';
 import * as offboard from './offboard/edit';
 import { isMission, type Mission, type StepKind } from './offboard/mission';
 import { frameOf, type Frame } from './offboard/places';
-import { freshMission, titleOf as stepKindTitle } from './offboard/words';
+import { newMission, titleOf as stepKindTitle } from './offboard/words';
 
 /** One state of the history. */
 export interface Draft {
@@ -36,7 +36,7 @@ const NEW_MISSION = 'New mission';
 /** Radius of a new fence circle. */
 const CIRCLE_RADIUS_M = 50;
 /** Items that end the flight: no item is added after them. */
-const ENDS: ReadonlySet<Kind> = new Set(['land', 'return_home']);
+const FLIGHT_ENDS: ReadonlySet<Kind> = new Set(['land', 'return_home']);
 const NONE: ReadonlySet<string> = new Set();
 
 export class PlanEditor implements LayerEditor {
@@ -44,10 +44,10 @@ export class PlanEditor implements LayerEditor {
   selected = $state.raw<ReadonlySet<string>>(NONE);
   placing = $state.raw<Placing | null>({ of: 'item', kind: 'waypoint' });
   /** Corners of the area that is being drawn. */
-  corners = $state.raw<readonly Place[]>([]);
+  corners = $state.raw<readonly GeoPosition[]>([]);
   private documents = 0;
   private gestures = 0;
-  private grabbed: { group: string; base: Document; at: Place; from: ReadonlyMap<string, Place>; selected: ReadonlySet<string> } | null = null;
+  private grabbed: { group: string; base: Document; at: GeoPosition; from: ReadonlyMap<string, GeoPosition>; selected: ReadonlySet<string> } | null = null;
 
   readonly draft = $derived(this.history.now);
   /** The edited document, a waypoint plan or a mission. */
@@ -80,7 +80,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Applies a finding's fix, which may insert or remove rows. */
-  mend(plan: Document): void {
+  applyFix(plan: Document): void {
     this.change(plan);
     this.select([]);
   }
@@ -90,18 +90,18 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** A field lost the focus: later changes are undone separately. */
-  seal(): void {
-    this.history = history.seal(this.history);
+  endGroup(): void {
+    this.history = history.endGroup(this.history);
   }
 
   undo(): void {
     this.history = history.undo(this.history);
-    this.keepSelection();
+    this.pruneSelection();
   }
 
   redo(): void {
     this.history = history.redo(this.history);
-    this.keepSelection();
+    this.pruneSelection();
   }
 
   /** Opens another document; undo restores the one before. @returns the number of the new document. */
@@ -127,7 +127,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   beginMission(home: Home | null): void {
-    this.replace(NEW_MISSION, freshMission(home));
+    this.replace(NEW_MISSION, newMission(home));
     this.place({ of: 'step', kind: 'fly' });
   }
 
@@ -150,7 +150,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Selects the range from the last selected row to this one. */
-  pickTo(row: number): void {
+  selectTo(row: number): void {
     const from = this.rows.at(-1) ?? row;
     const [low, high] = [Math.min(from, row), Math.max(from, row)];
     this.select(Array.from({ length: high - low + 1 }, (_, i) => `item:${low + i}`));
@@ -171,7 +171,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Handles a click on the ground. */
-  press(at: Place): boolean {
+  press(at: GeoPosition): boolean {
     const placing = this.placing;
     if (placing === null) this.select([]);
     else if (placing.of === 'item') this.addItem(placing.kind, at);
@@ -190,12 +190,12 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Adds the item after the selection, else at the end, but before a final landing or return. */
-  addItem(kind: Kind, at: Place | null): void {
+  addItem(kind: Kind, at: GeoPosition | null): void {
     const { items } = this.plan;
     const last = items.at(-1);
-    const end = last !== undefined && ENDS.has(last.kind) ? items.length - 1 : items.length;
-    const row = kind === 'takeoff' ? 0 : ENDS.has(kind) ? items.length : this.rows.length > 0 ? Math.min(Math.max(...this.rows) + 1, end) : end;
-    this.change(edit.insertItem(this.plan, row, freshItem(kind, at, altitudeBefore(this.plan, row))));
+    const end = last !== undefined && FLIGHT_ENDS.has(last.kind) ? items.length - 1 : items.length;
+    const row = kind === 'takeoff' ? 0 : FLIGHT_ENDS.has(kind) ? items.length : this.rows.length > 0 ? Math.min(Math.max(...this.rows) + 1, end) : end;
+    this.change(edit.insertItem(this.plan, row, newItem(kind, at, altitudeBefore(this.plan, row))));
     this.select([`item:${row}`]);
     if (kind !== 'waypoint' && this.placing?.of === 'item') this.stopPlacing();
   }
@@ -203,7 +203,7 @@ export class PlanEditor implements LayerEditor {
   /**
    * Adds a step of a mission after the selection, else at the end. A click adds a point to the selected trajectory.
    */
-  addStep(kind: StepKind, at: Place | null): void {
+  addStep(kind: StepKind, at: GeoPosition | null): void {
     if (this.mission === null) return;
     const added = offboard.addStep(this.mission, kind, at, [...this.selected], this.frame);
     this.change(added.mission);
@@ -212,7 +212,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Adds the drawn area to the geofence. */
-  addZone(inclusion: boolean, polygon: readonly Place[]): void {
+  addZone(inclusion: boolean, polygon: readonly GeoPosition[]): void {
     this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
     this.select([]);
     this.stopPlacing();
@@ -268,14 +268,14 @@ export class PlanEditor implements LayerEditor {
     if (!inserts && !this.selected.has(id)) this.select([id]);
     const from = new Map(
       [...this.selected]
-        .map((one) => [one, kinds.placeIn(this.document, one, this.frame)] as const)
-        .filter((pair): pair is [string, Place] => pair[1] !== null),
+        .map((one) => [one, kinds.positionIn(this.document, one, this.frame)] as const)
+        .filter((pair): pair is [string, GeoPosition] => pair[1] !== null),
     );
     this.grabbed = { group, base: this.document, at, from, selected: before };
     return moving;
   }
 
-  drag(_id: string, to: Place): void {
+  drag(_id: string, to: GeoPosition): void {
     const grabbed = this.grabbed;
     if (grabbed !== null) this.change(kinds.move(grabbed.base, grabbed.from, eastNorth(grabbed.at, to), this.frame), grabbed.group);
   }
@@ -288,10 +288,10 @@ export class PlanEditor implements LayerEditor {
       this.history = history.cancel(this.history, grabbed.group);
       this.selected = grabbed.selected;
     }
-    this.seal();
+    this.endGroup();
   }
 
-  private insert(id: string, at: Place, group: string | null = null): string {
+  private insert(id: string, at: GeoPosition, group: string | null = null): string {
     const inserted = kinds.insertAt(this.document, id, at, this.frame);
     if (inserted === null) return id;
     this.change(inserted.document, group);
@@ -300,8 +300,8 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Removes ids from the selection that no longer exist after an undo. */
-  private keepSelection(): void {
-    const there = [...this.selected].filter((id) => kinds.isThere(this.document, id, this.frame));
+  private pruneSelection(): void {
+    const there = [...this.selected].filter((id) => kinds.exists(this.document, id, this.frame));
     this.select(there);
   }
 }

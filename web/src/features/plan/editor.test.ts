@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { groundDistance_m, placeAt } from '../../vehicle/geo';
+import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { PlanApi, type PlanVersion } from './api';
 import { CONDITIONS } from './conditions';
 import { EMPTY, placeOf } from './document';
@@ -8,7 +8,7 @@ import { PlanEditor } from './editor.svelte';
 import { Plans } from './plans.svelte';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
-const at = (north_m: number, east_m = 0) => placeAt(HOME, { north_m, east_m });
+const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
 
 function drawn(): PlanEditor {
   const editor = new PlanEditor();
@@ -19,7 +19,7 @@ function drawn(): PlanEditor {
 const north_m = (editor: PlanEditor, id: string): number => Math.round(groundDistance_m(HOME, placeOf(editor.plan, id) ?? HOME));
 
 describe('the editor', () => {
-  it('adds a waypoint with each click, after the one before', () => {
+  it('adds a waypoint with each click, after the last one', () => {
     const editor = drawn();
     expect(editor.plan.items.map((item) => item.kind)).toEqual(['waypoint', 'waypoint', 'waypoint']);
     expect([...editor.selected]).toEqual(['item:2']);
@@ -39,7 +39,7 @@ describe('the editor', () => {
     expect(editor.plan.items.map((item) => item.kind)).toEqual(['waypoint', 'waypoint', 'waypoint', 'waypoint', 'delay', 'return_home']);
   });
 
-  it('drags all that is selected, and takes it back at once', () => {
+  it('drags the whole selection, and undoes the drag in one step', () => {
     const editor = drawn();
     editor.stopPlacing();
     editor.pick('item:0', false);
@@ -52,7 +52,7 @@ describe('the editor', () => {
     expect([0, 1, 2].map((row) => north_m(editor, `item:${row}`))).toEqual([10, 20, 30]);
   });
 
-  it('puts everything back when a drag is cancelled', () => {
+  it('moves everything back when a drag is cancelled', () => {
     const editor = drawn();
     const before = editor.plan;
     editor.grab('item:1');
@@ -63,7 +63,7 @@ describe('the editor', () => {
     expect(editor.canRedo).toBe(false);
   });
 
-  it('inserts in the middle of a leg: where it is dragged to, or half way', () => {
+  it('inserts a point on a leg: at the dragged position, or in the middle', () => {
     const editor = drawn();
     expect(editor.grab('middle:1')).toBe('item:1');
     editor.drag('item:1', at(17));
@@ -75,17 +75,17 @@ describe('the editor', () => {
     expect(north_m(editor, 'item:2')).toBe(25);
   });
 
-  it('selects a range by the list and deletes it', () => {
+  it('selects a range in the list and deletes it', () => {
     const editor = drawn();
     editor.select(['item:0']);
-    editor.pickTo(1);
+    editor.selectTo(1);
     expect(editor.remove()).toBe(true);
     expect(editor.plan.items).toHaveLength(1);
     editor.select([]);
     expect(editor.remove()).toBe(false);
   });
 
-  it('draws an area by its corners, the last of which Delete takes back', () => {
+  it('draws an area by its corners; Delete removes the last one', () => {
     const editor = drawn();
     editor.place({ of: 'area', use: 'inclusion' });
     for (const corner of [at(0, 0), at(50, 0), at(50, 50), at(0, 99)]) editor.press(corner);
@@ -96,7 +96,7 @@ describe('the editor', () => {
     expect(editor.placing).toBeNull();
   });
 
-  it('selects nothing that undo has taken away', () => {
+  it('deselects points that an undo removed', () => {
     const editor = drawn();
     editor.undo();
     expect([...editor.selected]).toEqual([]);
@@ -123,7 +123,7 @@ function memory(): Pick<Storage, 'getItem' | 'setItem' | 'removeItem'> {
 const version = (number: number) => ({ id: 'abc', name: 'Tower', version: number, changed_unix_s: 0, changed_by: 'anna', item_count: 3 });
 
 describe('plans on the server', () => {
-  it('are created once, then saved on the version that was read', async () => {
+  it('are created once, then saved against the version that was read', async () => {
     const editor = drawn();
     const { api, asked } = server([201, version(1)], [200, version(2)]);
     const plans = new Plans(api, editor, memory());
@@ -142,7 +142,7 @@ describe('plans on the server', () => {
     expect(plans.saved).toBe(true);
   });
 
-  it('that somebody else saved are not overwritten; ours can be kept beside theirs', async () => {
+  it('saved by another client are not overwritten; ours can be saved as a new plan', async () => {
     const editor = drawn();
     const conflict = { code: 'conflict', detail: 'Plan Tower is at version 2, saved by bob.', remedy: 'Open version 2.' };
     const { api, asked } = server([201, version(1)], [409, conflict], [201, { ...version(1), id: 'new' }]);
@@ -157,12 +157,12 @@ describe('plans on the server', () => {
     expect(plans.current?.id).toBe('new');
   });
 
-  it('have older versions that are looked at, and restored as the newest', async () => {
+  it('have older versions that can be opened and restored as the newest', async () => {
     const editor = drawn();
     const { api, asked } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY }], [200, version(4)]);
     const plans = new Plans(api, editor, memory());
     const [newest, older] = (await plans.versions('abc')) ?? [];
-    expect(await plans.look(older as PlanVersion, newest as PlanVersion)).toBe(true);
+    expect(await plans.openVersion(older as PlanVersion, newest as PlanVersion)).toBe(true);
     expect([editor.plan.items.length, plans.saved, plans.current?.version, plans.notice?.older]).toEqual([0, false, 3, true]);
     expect(plans.notice?.text).toContain('Version 2 of 3, saved by anna.');
     await plans.save();
@@ -172,21 +172,21 @@ describe('plans on the server', () => {
     expect(editor.plan.items).toHaveLength(3);
   });
 
-  it('tell who saved the plan that is open', async () => {
+  it('show who saved the open plan', async () => {
     const editor = drawn();
     const { api } = server([201, version(1)]);
     const plans = new Plans(api, editor, memory());
     await plans.save();
     const event = { kind: 'plan_changed', vehicle: null, unix_s: 0, severity: null, text: '', action: 'saved', client: 'bob', plan: version(2) };
-    plans.heard({ ...event, client_key: 'me' }, 'me');
+    plans.onEvent({ ...event, client_key: 'me' }, 'me');
     expect(plans.notice?.text).toBe('Saved as version 1.');
-    plans.heard({ ...event, client_key: 'other' }, 'me');
+    plans.onEvent({ ...event, client_key: 'other' }, 'me');
     expect(plans.notice).toMatchObject({ conflict: true, text: 'bob saved version 2 of this plan. Yours is based on version 1.' });
-    plans.heard({ ...event, client_key: 'other', action: 'deleted' }, 'me');
+    plans.onEvent({ ...event, client_key: 'other', action: 'deleted' }, 'me');
     expect(plans.current).toBeNull();
   });
 
-  it('outlive a reload of the page, saved or not', async () => {
+  it('survive a reload of the page, saved or not', async () => {
     const storage = memory();
     const editor = drawn();
     const { api } = server([201, version(1)]);
@@ -203,7 +203,7 @@ describe('plans on the server', () => {
     expect([unsaved.saved, unsaved.current?.id]).toEqual([false, 'abc']);
   });
 
-  it('ask how high points fly that have no altitude, instead of making one up', async () => {
+  it('ask for the altitude of points without one', async () => {
     const refused = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
     const { api, asked } = server([422, refused], [200, { plan: { ...EMPTY, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
     const editor = drawn();
@@ -219,33 +219,33 @@ describe('plans on the server', () => {
     expect(editor.plan.items).toHaveLength(3);
   });
 
-  it('are checked anew for another vehicle, and with its battery', async () => {
+  it('are checked again for another vehicle, with its battery', async () => {
     const found = { findings: [], estimates: {}, not_known: [] };
     const { api, asked } = server([200, found], [200, found]);
     const storage = memory();
     const plans = new Plans(api, drawn(), storage);
-    await plans.ask();
+    await plans.runCheck();
     plans.vehicle = '7';
     plans.setConditions({ ...CONDITIONS, hover_power_w: 200, battery_wh: 100, mass_kg: 2 });
     expect(plans.isChecked).toBe(false);
-    await plans.ask();
+    await plans.runCheck();
     expect(plans.isChecked).toBe(true);
     expect(asked[1]?.body).toMatchObject({ vehicle: '7', power: { hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.2 } });
     expect(new Plans(api, new PlanEditor(), storage).conditions.battery_wh).toBe(100);
   });
 
-  it('are checked as they are, and say so when the server does not answer', async () => {
+  it('are checked in their present state, and show that the server does not answer', async () => {
     const editor = drawn();
     const { api } = server([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);
     const plans = new Plans(api, editor, memory());
-    await plans.ask();
+    await plans.runCheck();
     expect([plans.isChecked, plans.check?.findings]).toEqual([true, []]);
     editor.begin(HOME);
     expect([plans.isChecked, plans.check]).toEqual([false, null]);
     editor.undo();
     editor.press(at(40));
     expect(plans.isChecked).toBe(false);
-    await plans.ask();
+    await plans.runCheck();
     expect(plans.checkProblem).toBe('Not checked. Busy.');
   });
 });

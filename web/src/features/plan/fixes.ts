@@ -3,7 +3,7 @@
 import type { components } from '../../api/schema';
 import { DEFAULT_ALTITUDE, isPlaced, path, type Home, type Plan } from './document';
 import { insertItem, remove, removeZone, reorder, setItem } from './edit';
-import { freshItem } from './items';
+import { newItem } from './items';
 
 export type Finding = Readonly<components['schemas']['FindingModel']>;
 
@@ -32,7 +32,7 @@ export function fixOf(plan: Plan, finding: Finding, home: Home | null): Fix | nu
     case 'landing_missing':
     case 'takeoff_landing_mismatch':
       return plan.items.some((one) => one.kind === 'takeoff')
-        ? { text: 'Return at the end', plan: insertItem(plan, plan.items.length, freshItem('return_home', null, DEFAULT_ALTITUDE)) }
+        ? { text: 'Return at the end', plan: insertItem(plan, plan.items.length, newItem('return_home', null, DEFAULT_ALTITUDE)) }
         : takeoff(plan);
     case 'altitude_too_high':
       return item === undefined || row === null || !isPlaced(item)
@@ -62,5 +62,5 @@ function takeoff(plan: Plan): Fix | null {
   const first = path(plan)[0]?.item;
   const at = plan.planned_home ?? first;
   if (at === undefined || at === null) return null;
-  return { text: 'Take off at the beginning', plan: insertItem(plan, 0, freshItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
+  return { text: 'Take off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
 }

@@ -5,13 +5,13 @@
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { duration, fixed, metres } from '../../ui/format';
-import { placeAt, type Place } from '../../vehicle/geo';
+import { positionAt, type GeoPosition } from '../../vehicle/geo';
 import type { DryRunView } from './dry-run.svelte';
 
 type Vector = readonly number[];
 type Flight = DryRunView['nominal'];
 
-export interface Ghost extends Place {
+export interface Ghost extends GeoPosition {
   /** Height above the start. */
   readonly up_m: number;
   readonly speed_m_s: number;
@@ -27,7 +27,7 @@ const DEG = 180 / Math.PI;
 /** Half the drawn field of view of the camera [deg]. */
 const HALF_VIEW_DEG = 27;
 /** Limits of the drawn length of the camera's view on the ground [m]. */
-const LOOK_M = { least: 4, most: 15 } as const;
+const VIEW_LENGTH_M = { least: 4, most: 15 } as const;
 /** Shortest distance between two samples of the corridor [m], and samples per area. */
 const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
 
@@ -51,7 +51,7 @@ export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): 
   const [a, b] = [(path.position_ned_m[low] ?? []) as Vector, (path.position_ned_m[next] ?? []) as Vector];
   const at = (axis: number): number => (a[axis] ?? 0) + share * ((b[axis] ?? 0) - (a[axis] ?? 0));
   return {
-    ...placeAt(origin, { north_m: at(0), east_m: at(1) }),
+    ...positionAt(origin, { north_m: at(0), east_m: at(1) }),
     up_m: -at(2) + 0,
     speed_m_s: Math.hypot(...((path.velocity_ned_m_s[low] ?? []) as Vector)),
     step: path.step_places[path.step[low] ?? -1] ?? '',
@@ -66,14 +66,14 @@ function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
 }
 
 /** The camera's view on the ground, up to a maximum length; empty while the camera points straight down. */
-function lookRing(ghost: Ghost): Place[] {
+function cameraViewRing(ghost: Ghost): GeoPosition[] {
   const down = Math.tan(-ghost.pitch_deg / DEG);
-  const far_m = down > 1e-3 ? Math.max(0, ghost.up_m) / down : LOOK_M.most;
-  if (far_m < LOOK_M.least) return [];
-  const length_m = Math.min(LOOK_M.most, far_m);
-  const edge = (turn_deg: number): Place => {
+  const far_m = down > 1e-3 ? Math.max(0, ghost.up_m) / down : VIEW_LENGTH_M.most;
+  if (far_m < VIEW_LENGTH_M.least) return [];
+  const length_m = Math.min(VIEW_LENGTH_M.most, far_m);
+  const edge = (turn_deg: number): GeoPosition => {
     const angle = (ghost.look_deg + turn_deg) / DEG;
-    return placeAt(ghost, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
+    return positionAt(ghost, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
   };
   return [{ lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
 }
@@ -82,7 +82,7 @@ function lookRing(ghost: Ghost): Place[] {
  * The 95th percentile of the horizontal deviation, on both sides of the path. It is drawn in short pieces, because
  * one ring about a path that turns back would cross itself. Samples at the same position count once.
  */
-function corridorRings({ nominal, monte_carlo }: DryRunView): Place[][] {
+function corridorRings({ nominal, monte_carlo }: DryRunView): GeoPosition[][] {
   const corridor = monte_carlo?.corridor;
   if (corridor == null) return [];
   const kept: { north_m: number; east_m: number; off_m: number }[] = [];
@@ -95,11 +95,11 @@ function corridorRings({ nominal, monte_carlo }: DryRunView): Place[][] {
     const [before, after] = [kept[Math.max(0, i - 1)] ?? here, kept[Math.min(kept.length - 1, i + 1)] ?? here];
     const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
     const length = Math.hypot(north, east) || 1;
-    const side = (sign: number): Place =>
-      placeAt(nominal.origin, { north_m: here.north_m - (sign * here.off_m * east) / length, east_m: here.east_m + (sign * here.off_m * north) / length });
+    const side = (sign: number): GeoPosition =>
+      positionAt(nominal.origin, { north_m: here.north_m - (sign * here.off_m * east) / length, east_m: here.east_m + (sign * here.off_m * north) / length });
     return { left: side(-1), right: side(1) };
   });
-  const rings: Place[][] = [];
+  const rings: GeoPosition[][] = [];
   for (let from = 0; from < sides.length - 1; from += CORRIDOR.piece) {
     const piece = sides.slice(from, from + CORRIDOR.piece + 1);
     rings.push([...piece.map(({ left }) => left), ...piece.reverse().map(({ right }) => right)]);
@@ -108,9 +108,9 @@ function corridorRings({ nominal, monte_carlo }: DryRunView): Place[][] {
 }
 
 /** The parts of the picture that do not depend on the time, all in the colour of planned things. */
-export function flownPicture(view: DryRunView): LayerPicture {
+export function dryRunPicture(view: DryRunView): LayerPicture {
   const paths = flights(view).map(({ path, origin }) =>
-    ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => placeAt(origin, { north_m, east_m })),
+    ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m })),
   );
   return {
     lines: paths.filter((places) => places.length > 1).map((places) => ({ places, tone: 'target', style: 'dotted' })),
@@ -126,7 +126,7 @@ export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null
   return {
     lines: [],
     areas: ghosts
-      .map(lookRing)
+      .map(cameraViewRing)
       .filter((ring) => ring.length > 2)
       .map((ring) => ({ ring, tone: 'target' })),
     points: ghosts.map(({ lat_deg, lon_deg, yaw_deg: yaw }, i) => ({

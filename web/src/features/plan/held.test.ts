@@ -1,11 +1,11 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient, ofVehicle } from '../../api/client';
-import { placeAt } from '../../vehicle/geo';
-import { Accepted, FoundAtStart } from './accepted.svelte';
+import { positionAt } from '../../vehicle/geo';
+import { AcceptedErrors, StartErrors } from './accepted.svelte';
 import { DEFAULT_ALTITUDE, EMPTY } from './document';
 import type { Finding } from './fixes';
-import { comparisonText, differenceText, holdsText, type Comparison } from './held';
-import { freshItem } from './items';
+import { comparisonText, differenceText, vehiclePlanText, type Comparison } from './held';
+import { newItem } from './items';
 import { VehicleMission } from './mission.svelte';
 import { startBody, startQuestion } from './start';
 
@@ -33,72 +33,72 @@ describe('the plan on the vehicle', () => {
     return { asked, mission: new VehicleMission(api) };
   }
 
-  it('is this one only in the very version', async () => {
+  it('matches only in exactly the same version', async () => {
     const { mission } = vehicle([200, view('plan', named)]);
-    mission.show('1');
+    mission.selectVehicle('1');
     await settled();
-    expect([mission.holds('abc', 2), mission.holds('abc', 3), mission.holds('other', 2)]).toEqual([true, false, false]);
-    expect(holdsText('101 Quad', mission.view?.holds, { id: 'abc', version: 2 })).toBe('101 Quad holds this plan.');
-    expect(holdsText('101 Quad', mission.view?.holds, { id: 'abc', version: 3 })).toBe('101 Quad holds version 2 of this plan.');
-    expect(holdsText('101 Quad', mission.view?.holds, null)).toBe('101 Quad holds the plan “Tower”.');
+    expect([mission.hasVersion('abc', 2), mission.hasVersion('abc', 3), mission.hasVersion('other', 2)]).toEqual([true, false, false]);
+    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 2 })).toBe('101 Quad holds this plan.');
+    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 3 })).toBe('101 Quad holds version 2 of this plan.');
+    expect(vehiclePlanText('101 Quad', mission.view?.holds, null)).toBe('101 Quad holds the plan “Tower”.');
   });
 
-  it('is never claimed where the vehicle reports another or nothing', async () => {
+  it('does not match if the vehicle reports another plan or none', async () => {
     for (const state of ['another', 'not_known']) {
       const { mission } = vehicle([200, view(state, named)]);
-      mission.show('1');
+      mission.selectVehicle('1');
       await settled();
-      expect(mission.holds('abc', 2)).toBe(false);
+      expect(mission.hasVersion('abc', 2)).toBe(false);
     }
   });
 
-  it('is uploaded with progress and asked for anew at the end', async () => {
+  it('is uploaded with progress and requested again at the end', async () => {
     const { mission, asked } = vehicle([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
-    mission.show('1');
+    mission.selectVehicle('1');
     await settled();
     await mission.send('abc', 2);
-    mission.heard(event({ progress: 0.9 }));
-    mission.heard(event({ vehicle: '2', progress: 0.1 }));
+    mission.onEvent(event({ progress: 0.9 }));
+    mission.onEvent(event({ vehicle: '2', progress: 0.1 }));
     expect([mission.running, mission.transfer?.progress]).toEqual([true, 0.9]);
-    mission.heard(event({ state: 'succeeded', progress: 1 }));
+    mission.onEvent(event({ state: 'succeeded', progress: 1 }));
     await settled();
-    expect([mission.running, mission.holds('abc', 2)]).toEqual([false, true]);
+    expect([mission.running, mission.hasVersion('abc', 2)]).toEqual([false, true]);
     expect(asked).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
   });
 
-  it('is found again while it is uploaded, after a reload', async () => {
+  it('is found again during its upload after a reload', async () => {
     const { mission } = vehicle([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
-    mission.show('1');
+    mission.selectVehicle('1');
     await settled();
     expect(mission.transfer?.id).toBe('o1');
   });
 
-  it('says why it was not uploaded', async () => {
+  it('shows why the upload failed', async () => {
     const { mission } = vehicle([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
-    mission.show('1');
+    mission.selectVehicle('1');
     await settled();
     await mission.send('abc', 2);
     expect(mission.problem?.detail).toBe('anna has control.');
     expect(mission.running).toBe(false);
   });
 
-  it('is read back, compared and said value by value', async () => {
+  it('is read back, compared and listed value by value', async () => {
     const difference = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true };
     const found = { vehicle: '1', equal: false, differences: [difference], read_unix_s: 1, still_held: true };
     const download = operation({ kind: 'mission/download' });
     const { mission, asked } = vehicle([200, view('another', null)], [202, download], [200, found], [200, view('another', null)]);
-    mission.show('1');
+    mission.selectVehicle('1');
     await settled();
     await mission.readBack(EMPTY, { plan_id: 'abc', version: 2 });
     expect([mission.running, mission.comparison(EMPTY)]).toEqual([true, null]);
-    mission.heard(event({ kind: 'mission/download', state: 'succeeded' }));
+    mission.onEvent(event({ kind: 'mission/download', state: 'succeeded' }));
     await settled();
     expect(mission.comparison(EMPTY)).toEqual(found);
     expect(mission.comparison({ ...EMPTY })).toBeNull();
     expect(asked.slice(1, 3)).toEqual(['POST /vehicles/1/mission/download', 'POST /vehicles/1/mission/compare']);
   });
 
-  it('differs in words that name item, value and both sides', () => {
+  it('differs with a text that contains item, value and both sides', () => {
     const found = (over: object): Comparison => ({ vehicle: '1', equal: true, differences: [], read_unix_s: 1, still_held: true, ...over });
     const one = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true } as const;
     expect(differenceText(one)).toBe('Item 2 of the mission, altitude: 35.0 m in the plan, 20.0 m on the vehicle.');
@@ -113,7 +113,7 @@ describe('the plan on the vehicle', () => {
   });
 });
 
-describe('flying the plan that the vehicle holds', () => {
+describe('flying the plan on the vehicle', () => {
   const finding = (over: object): Finding => ({
     code: 'fence_crossed',
     severity: 'error',
@@ -123,8 +123,8 @@ describe('flying the plan that the vehicle holds', () => {
     ...over,
   });
 
-  it('despite an error takes a person who accepts it, in just this plan, for just this vehicle', () => {
-    const accepted = new Accepted();
+  it('with an error needs a person’s acceptance, for exactly this plan and vehicle', () => {
+    const accepted = new AcceptedErrors();
     const [one, other] = [finding({}), finding({ text: 'It leaves it again.' })];
     accepted.set(one, EMPTY, '1', true);
     expect(accepted.split([one, other, finding({ severity: 'warning' })], EMPTY, '1')).toEqual({ open: [other], despite: [one] });
@@ -133,21 +133,21 @@ describe('flying the plan that the vehicle holds', () => {
     expect(accepted.has(one, EMPTY, '1')).toBe(false);
   });
 
-  it('despite what the server found at the start takes a person, for just this plan and these vehicles', async () => {
+  it('with an error found at the start needs acceptance, for exactly this plan and vehicles', async () => {
     const refusal = { code: 'plan_findings', detail: 'Errors.', codes: ['separation'], reasons: ['lead, step 2: They come too near.'] };
     const api = new ApiClient('p', undefined, () => Promise.resolve(Response.json(refusal, { status: 409 })));
-    const found = new FoundAtStart();
+    const found = new StartErrors();
     const cast = { lead: '1', left: '2' };
-    found.heard(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, cast);
+    found.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, cast);
     expect([found.findings(EMPTY, { ...cast }), found.codes(EMPTY, cast)]).toEqual([refusal.reasons, []]);
     found.accepted = true;
     expect(found.codes(EMPTY, cast)).toEqual(['separation']);
     expect([found.codes({ ...EMPTY }, cast), found.codes(EMPTY, { lead: '2', left: '1' })]).toEqual([[], []]);
-    found.heard({ ok: true, value: null }, EMPTY, cast);
+    found.setOutcome({ ok: true, value: null }, EMPTY, cast);
     expect(found.findings(EMPTY, cast)).toEqual([]);
   });
 
-  it('names what is flown despite, and asks as before a danger', () => {
+  it('lists the accepted errors, and confirms as a dangerous action', () => {
     const question = startQuestion('1 Quad', false, null, [finding({})]);
     expect(question.effect).toBe(
       'Arms, takes off and flies the mission stored on the vehicle from its first step. Despite an error: It leaves the fence. Hold pauses it.',
@@ -159,8 +159,8 @@ describe('flying the plan that the vehicle holds', () => {
     });
   });
 
-  it('begins at the item of a step, behind all items of the patterns before it', () => {
-    const items = [10, 20, 30].map((north_m) => freshItem('waypoint', placeAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
+  it('starts at the item of a step, counted after all items of earlier patterns', () => {
+    const items = [10, 20, 30].map((north_m) => newItem('waypoint', positionAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
     const plan = { ...EMPTY, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
     expect(startBody(plan, false, 2, [])).toEqual({ item: 3, despite: [] });
     expect(startBody(plan, false, null, [finding({}), finding({ text: 'again' })])).toEqual({ item: 0, despite: ['fence_crossed'] });

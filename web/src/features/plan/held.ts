@@ -4,7 +4,7 @@ import type { components } from '../../api/schema';
 import { fixed } from '../../ui/format';
 
 type Schemas = components['schemas'];
-export type Holds = Readonly<Schemas['MissionView']['holds']>;
+export type VehiclePlan = Readonly<Schemas['MissionView']['holds']>;
 export type Comparison = Readonly<Schemas['MissionComparison']>;
 export type Difference = Comparison['differences'][number];
 
@@ -17,10 +17,10 @@ const FIELDS: Readonly<Record<string, string>> = {
 };
 
 /** Sentence about the plan on the vehicle. */
-export function holdsText(name: string, holds: Holds | undefined, current: { readonly id: string; readonly version: number } | null): string {
+export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): string {
   if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan ${name} holds.`;
   if (holds.state === 'another') return `${name} holds a different plan from the one last uploaded.`;
-  if (isHeld(holds, current)) return `${name} holds this plan.`;
+  if (isOnVehicle(holds, current)) return `${name} holds this plan.`;
   const older =
     current !== null && holds.plan?.id === current.id
       ? `version ${holds.plan.version ?? 0} of this plan`
@@ -29,7 +29,7 @@ export function holdsText(name: string, holds: Holds | undefined, current: { rea
 }
 
 /** Whether exactly this version is on the vehicle. */
-export function isHeld(holds: Holds | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
+export function isOnVehicle(holds: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
   const plan = holds?.state === 'plan' ? holds.plan : null;
   return current !== null && plan?.id === current.id && plan.version === current.version;
 }

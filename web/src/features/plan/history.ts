@@ -1,6 +1,6 @@
 /** Undo and redo. Every state is stored completely; states share their unchanged parts. Pure. */
 
-const MOST = 300;
+const MAX_STATES = 300;
 
 export interface History<T> {
   readonly past: readonly T[];
@@ -18,11 +18,11 @@ export function begin<T>(now: T): History<T> {
 export function change<T>(history: History<T>, next: T, group: string | null = null): History<T> {
   if (next === history.now) return history;
   const joins = group !== null && group === history.group;
-  return { past: joins ? history.past : [...history.past, history.now].slice(-MOST), now: next, future: [], group };
+  return { past: joins ? history.past : [...history.past, history.now].slice(-MAX_STATES), now: next, future: [], group };
 }
 
 /** Ends a group: the next change is undone separately. */
-export function seal<T>(history: History<T>): History<T> {
+export function endGroup<T>(history: History<T>): History<T> {
   return history.group === null ? history : { ...history, group: null };
 }
 

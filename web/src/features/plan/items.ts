@@ -1,7 +1,7 @@
 /** Titles and details of a plan's items, and the default values of new ones. */
 
 import { fixed } from '../../ui/format';
-import type { Place } from '../../vehicle/geo';
+import type { GeoPosition } from '../../vehicle/geo';
 import { isPlaced, type Altitude, type Item, type Kind, type Reference } from './document';
 
 const TITLES: Readonly<Partial<Record<Kind, string>>> = {
@@ -95,7 +95,7 @@ const OTHERS: readonly Kind[] = [
 export const CHOICES: readonly Choice[] = [...PLACED.map((kind) => ({ kind, placed: true })), ...OTHERS.map((kind) => ({ kind, placed: false }))];
 
 /** All fields of a new item. The editor shows only these fields. */
-const FRESH: Readonly<Partial<Record<Kind, object>>> = {
+const DEFAULT_FIELDS: Readonly<Partial<Record<Kind, object>>> = {
   takeoff: { pitch_deg: 0, yaw_ned_deg: null },
   waypoint: { hold_s: 0, acceptance_radius_m: 0, pass_radius_m: 0, yaw_ned_deg: null },
   loiter_time: { hold_s: 10, radius_m: 0, exit_xtrack: 0 },
@@ -113,10 +113,10 @@ const FRESH: Readonly<Partial<Record<Kind, object>>> = {
 };
 
 /** @param at position of a placed kind. */
-export function freshItem(kind: Kind, at: Place | null, altitude: Altitude): Item {
+export function newItem(kind: Kind, at: GeoPosition | null, altitude: Altitude): Item {
   const where =
     at === null
       ? {}
       : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: kind === 'land' || kind === 'roi_location' ? 0 : altitude.value_m } };
-  return { kind, autocontinue: true, spare_params: [], original: null, ...FRESH[kind], ...where };
+  return { kind, autocontinue: true, spare_params: [], original: null, ...DEFAULT_FIELDS[kind], ...where };
 }

@@ -1,14 +1,14 @@
 /** One interface for both kinds of documents: waypoint plans and offboard missions. Pure. */
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
-import { placeAt, type EastNorth, type Place } from '../../vehicle/geo';
+import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
 import { altitudeBefore, placeOf, places, refOf, type Home, type Plan } from './document';
 import * as edit from './edit';
-import { freshItem } from './items';
+import { newItem } from './items';
 import { insertionOf, picture, type Sketch } from './layer';
 import * as offboard from './offboard/edit';
 import type { Flight } from './offboard/flight';
-import { isMission, nodesOf, pathOf, placesOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPlace } from './offboard/mission';
+import { isMission, nodesOf, pathOf, placesOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
 import * as missionPicture from './offboard/picture';
 import { geoPointOf, type Frame } from './offboard/places';
 import { treeOf, type TreeEntry } from './tree';
@@ -31,12 +31,12 @@ export function withHome<D extends Document>(document: D, home: Home): D {
 }
 
 /** Position of a selectable part; null if it has none or no longer exists. */
-export function placeIn(document: Document, id: string, frame: Frame): Place | null {
+export function positionIn(document: Document, id: string, frame: Frame): GeoPosition | null {
   if (!isMission(document)) return placeOf(document, id);
   const ref = pointOf(id);
   if (ref !== null) {
     const node = offboard.nodeOf(document, id);
-    const at = node === null ? undefined : (valueAt(document, pathOf(node, ref)) as MissionPlace | undefined);
+    const at = node === null ? undefined : (valueAt(document, pathOf(node, ref)) as MissionPosition | undefined);
     return at == null ? null : geoPointOf(at, frame);
   }
   if (id === 'home') return document.home ?? null;
@@ -48,20 +48,20 @@ export function placeIn(document: Document, id: string, frame: Frame): Place | n
 }
 
 /** The positions that a list entry shows on the map; for a step, all its points. */
-export function placesOfId(document: Document, id: string, frame: Frame): Place[] {
+export function placesOfId(document: Document, id: string, frame: Frame): GeoPosition[] {
   if (isMission(document) && id.startsWith('step:')) {
     const node = offboard.nodeOf(document, id);
     return node === null ? [] : placesOf(node).map(({ at }) => geoPointOf(at, frame));
   }
-  return [placeIn(document, id, frame) ?? []].flat();
+  return [positionIn(document, id, frame) ?? []].flat();
 }
 
 /** Moves several points by the same horizontal offset. */
-export function move<D extends Document>(document: D, from: ReadonlyMap<string, Place>, by: EastNorth, frame: Frame): D {
+export function move<D extends Document>(document: D, from: ReadonlyMap<string, GeoPosition>, by: EastNorth, frame: Frame): D {
   let moved: Document = document;
   for (const [id, at] of from) {
-    const to = placeAt(at, by);
-    moved = isMission(moved) ? offboard.put(moved, id, to, frame) : edit.place(moved, id, to);
+    const to = positionAt(at, by);
+    moved = isMission(moved) ? offboard.movePoint(moved, id, to, frame) : edit.movePoint(moved, id, to);
   }
   return moved as D;
 }
@@ -71,7 +71,7 @@ export function remove(document: Document, ids: readonly string[]): Document {
 }
 
 /** Inserts a point between two others. @returns null: the id is not an insertion point. */
-export function insertAt(document: Document, id: string, at: Place, frame: Frame): { document: Document; id: string } | null {
+export function insertAt(document: Document, id: string, at: GeoPosition, frame: Frame): { document: Document; id: string } | null {
   const between = missionPicture.betweenOf(id);
   if (between !== null && isMission(document)) {
     const found = offboard.insertPoint(document, between.place, between.index, at, frame);
@@ -81,7 +81,7 @@ export function insertAt(document: Document, id: string, at: Place, frame: Frame
   if (where === null) return null;
   if ('zone' in where) return { document: edit.insertCorner(document, where.zone, where.corner, at), id: `corner:${where.zone}:${where.corner}` };
   if (isMission(document)) return null;
-  return { document: edit.insertItem(document, where.row, freshItem('waypoint', at, altitudeBefore(document, where.row))), id: `item:${where.row}` };
+  return { document: edit.insertItem(document, where.row, newItem('waypoint', at, altitudeBefore(document, where.row))), id: `item:${where.row}` };
 }
 
 export function isInsertion(id: string): boolean {
@@ -104,11 +104,11 @@ export function entriesOf(document: Document, flight: Flight | null): TreeEntry[
 }
 
 /** All positions, to fit them into the view. */
-export function allPlaces(document: Document, frame: Frame, flight: Flight | null = null): Place[] {
+export function allPlaces(document: Document, frame: Frame, flight: Flight | null = null): GeoPosition[] {
   if (!isMission(document)) return places(document);
   const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
   const own = nodesOf(document).flatMap((node) => placesOf(node).map(({ at }) => geoPointOf(at, frame)));
-  const flown = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => placeAt(frame.origin, { north_m, east_m })));
+  const flown = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m })));
   return [frame.start, ...own, ...flown, ...zones];
 }
 
@@ -118,19 +118,19 @@ export function allSteps(document: Document): string[] {
 }
 
 /** Whether the selected part still exists. */
-export function isThere(document: Document, id: string, frame: Frame): boolean {
+export function exists(document: Document, id: string, frame: Frame): boolean {
   if (isMission(document) && id.startsWith('step:')) return offboard.nodeOf(document, id) !== null;
   const ref = refOf(id);
   if (ref?.of === 'item') return !isMission(document) && ref.row < document.items.length;
-  return placeIn(document, id, frame) !== null;
+  return positionIn(document, id, frame) !== null;
 }
 
 /** The part to select after a deletion: the one that takes its position in the list. */
 export function neighbourOf(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
   if (!isMission(before) || !isMission(after)) return [];
-  const first = ids.find((id) => isThere(after, id, frame));
+  const first = ids.find((id) => exists(after, id, frame));
   if (first !== undefined) return [first];
   const point = ids.map(pointOf).find((ref) => ref !== null && ref?.field === 'points');
-  if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => isThere(after, id, frame));
+  if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => exists(after, id, frame));
   return [];
 }

@@ -1,12 +1,12 @@
 /** A waypoint plan as an editable map layer. Pure. */
 
 import type { LayerArea, LayerLine, LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
-import type { Place } from '../../vehicle/geo';
+import type { GeoPosition } from '../../vehicle/geo';
 import { isFlownTo, isPlaced, path, type FenceZone, type Plan } from './document';
-import { middle, type Fenced } from './edit';
+import { midpoint, type SharedParts } from './edit';
 
 /** Above this number of legs, midpoints are shown only beside the selection. */
-const MOST_MIDDLES = 60;
+const MAX_MIDPOINTS = 60;
 const CIRCLE_CORNERS = 72;
 const EARTH_M_PER_DEG = 111_194.9;
 
@@ -21,7 +21,7 @@ export function insertionOf(id: string): { row: number } | { zone: number; corne
 
 /** An area that is being drawn and is not yet part of the plan. */
 export interface Sketch {
-  readonly corners: readonly Place[];
+  readonly corners: readonly GeoPosition[];
   readonly tone: Tone;
 }
 
@@ -29,11 +29,11 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
   const { points, lines: fences, areas } = fencePicture(plan, selected, sketch);
   const add = adder(points, selected);
   const way = path(plan);
-  const few = way.length <= MOST_MIDDLES;
+  const few = way.length <= MAX_MIDPOINTS;
   way.forEach(({ row, item }, i) => {
     const before = way[i - 1];
     if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
-    if (few || selected.has(`item:${row}`) || selected.has(`item:${before.row}`)) add(`middle:${row}`, middle(before.item, item), 'middle', 'target');
+    if (few || selected.has(`item:${row}`) || selected.has(`item:${before.row}`)) add(`middle:${row}`, midpoint(before.item, item), 'middle', 'target');
   });
   plan.rally_points.forEach((point, index) => add(`rally:${index}`, point, 'disc', 'actual', 'R'));
   if (plan.planned_home !== null) add('home', plan.planned_home, 'home', 'text2');
@@ -44,13 +44,13 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
 }
 
 function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
-  return (id: string, at: Place, mark: LayerPoint['mark'], tone: Tone, text = ''): void =>
+  return (id: string, at: GeoPosition, mark: LayerPoint['mark'], tone: Tone, text = ''): void =>
     void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
 }
 
 /** Draws the geofence and the area that is being drawn. */
 export function fencePicture(
-  plan: Fenced,
+  plan: SharedParts,
   selected: ReadonlySet<string>,
   sketch: Sketch | null,
 ): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[] } {
@@ -61,7 +61,9 @@ export function fencePicture(
     if (zone.shape === 'circle') add(`circle:${index}`, zone.center, 'corner', tone);
     else {
       zone.polygon.forEach((corner, i) => add(`corner:${index}:${i}`, corner, 'corner', tone));
-      zone.polygon.forEach((corner, i) => add(`side:${index}:${i + 1}`, middle(corner, zone.polygon[(i + 1) % zone.polygon.length] ?? corner), 'middle', tone));
+      zone.polygon.forEach((corner, i) =>
+        add(`side:${index}:${i + 1}`, midpoint(corner, zone.polygon[(i + 1) % zone.polygon.length] ?? corner), 'middle', tone),
+      );
     }
   });
   sketch?.corners.forEach((corner, i) => add(`sketch:${i}`, corner, 'corner', sketch.tone));
@@ -78,7 +80,7 @@ function toneOf(zone: FenceZone): Tone {
 }
 
 /** The outline of a fence zone. */
-export function ringOf(zone: FenceZone): Place[] {
+export function ringOf(zone: FenceZone): GeoPosition[] {
   if (zone.shape === 'polygon') return [...zone.polygon];
   const { lat_deg, lon_deg } = zone.center;
   const north_deg = zone.radius_m / EARTH_M_PER_DEG;
@@ -108,7 +110,7 @@ export function sketchLines(sketch: Sketch | null): LayerLine[] {
   return [{ places: [...corners, first], tone, style: 'dashed' }];
 }
 
-function areas(plan: Fenced, sketch: Sketch | null): LayerArea[] {
+function areas(plan: SharedParts, sketch: Sketch | null): LayerArea[] {
   const forbidden = plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const }));
   return sketch !== null && sketch.corners.length > 2 ? [...forbidden, { ring: sketch.corners, tone: sketch.tone }] : forbidden;
 }

@@ -8,13 +8,13 @@ import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
 import type { Plan } from './document';
-import { isHeld, type Comparison } from './held';
+import { isOnVehicle, type Comparison } from './held';
 
 type View = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;
 export type Downloaded = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
 /** A saved version, or a plan without one. */
-type Which = Readonly<components['schemas']['WhichPlan']>;
+type PlanReference = Readonly<components['schemas']['WhichPlan']>;
 
 const TRANSFERS = ['mission/upload', 'mission/download'];
 
@@ -24,7 +24,7 @@ export class VehicleMission {
   transfer = $state.raw<Operation | null>(null);
   private compared = $state.raw<{ readonly to: Plan; readonly found: Comparison } | null>(null);
   /** The plan to compare after the download has ended. */
-  private wanted: { readonly download: string; readonly to: Plan; readonly which: Which } | null = null;
+  private pendingComparison: { readonly download: string; readonly to: Plan; readonly which: PlanReference } | null = null;
   problem = $state.raw<Problem | null>(null);
   private vehicle: string | null = null;
 
@@ -33,14 +33,14 @@ export class VehicleMission {
   readonly running: boolean = $derived.by(() => this.transfer?.state === 'running');
 
   /** Called when another vehicle is selected. */
-  show(vehicle: string | null): void {
+  selectVehicle(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
-    this.view = this.transfer = this.problem = this.compared = this.wanted = null;
-    void this.ask();
+    this.view = this.transfer = this.problem = this.compared = this.pendingComparison = null;
+    void this.refresh();
   }
 
-  async ask(): Promise<void> {
+  async refresh(): Promise<void> {
     const vehicle = this.vehicle;
     if (vehicle === null) return;
     const view = await this.api.get('/vehicles/{v}/mission', ofVehicle(vehicle));
@@ -53,8 +53,8 @@ export class VehicleMission {
   }
 
   /** Whether exactly this version is on the vehicle. */
-  holds(id: string, version: number): boolean {
-    return isHeld(this.view?.holds, { id, version });
+  hasVersion(id: string, version: number): boolean {
+    return isOnVehicle(this.view?.holds, { id, version });
   }
 
   async send(plan_id: string, version: number): Promise<void> {
@@ -63,10 +63,10 @@ export class VehicleMission {
   }
 
   /** Reads the vehicle's plan, then compares it with this one. */
-  async readBack(to: Plan, which: Which): Promise<void> {
-    this.compared = this.wanted = null;
+  async readBack(to: Plan, which: PlanReference): Promise<void> {
+    this.compared = this.pendingComparison = null;
     const download = await this.begin((of) => this.api.post('/vehicles/{v}/mission/download', of));
-    if (download !== null) this.wanted = { download, to, which };
+    if (download !== null) this.pendingComparison = { download, to, which };
     // A short download may have ended before the answer came.
     if (this.transfer?.id === download && this.transfer?.state === 'succeeded') await this.compare();
   }
@@ -77,7 +77,7 @@ export class VehicleMission {
   }
 
   /** The plan that was last read from the vehicle; null: see `problem`. */
-  async held(): Promise<Downloaded | null> {
+  async downloadedPlan(): Promise<Downloaded | null> {
     const answer = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(this.vehicle ?? ''));
     this.problem = answer.ok ? null : answer.problem;
     return answer.ok ? (answer.value as Downloaded) : null;
@@ -89,13 +89,13 @@ export class VehicleMission {
     if (!answer.ok) this.problem = answer.problem;
   }
 
-  heard(event: WireEvent): void {
+  onEvent(event: WireEvent): void {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
     if (operation === undefined || operation.vehicle !== this.vehicle || !operation.kind.startsWith('mission/')) return;
     if (TRANSFERS.includes(operation.kind)) this.transfer = operation;
     if (operation.state === 'running') return;
-    if (operation.state === 'succeeded' && operation.id === this.wanted?.download) void this.compare();
-    else void this.ask();
+    if (operation.state === 'succeeded' && operation.id === this.pendingComparison?.download) void this.compare();
+    else void this.refresh();
   }
 
   /** @returns the operation's id; null: the server refused it. */
@@ -112,13 +112,13 @@ export class VehicleMission {
   }
 
   private async compare(): Promise<void> {
-    const [wanted, vehicle] = [this.wanted, this.vehicle];
+    const [wanted, vehicle] = [this.pendingComparison, this.vehicle];
     if (wanted === null) return;
-    this.wanted = null;
+    this.pendingComparison = null;
     const found = await this.api.post('/vehicles/{v}/mission/compare', { ...ofVehicle(vehicle ?? ''), body: wanted.which });
     if (vehicle !== this.vehicle) return;
     if (found.ok) this.compared = { to: wanted.to, found: found.value };
     else this.problem = found.problem;
-    await this.ask();
+    await this.refresh();
   }
 }

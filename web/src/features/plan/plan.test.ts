@@ -1,19 +1,19 @@
 import { describe, expect, it } from 'vitest';
-import { groundDistance_m, placeAt } from '../../vehicle/geo';
+import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { EMPTY, placeOf, type Item, type Plan } from './document';
-import { insertItem, place, remove, reorder } from './edit';
+import { insertItem, movePoint, remove, reorder } from './edit';
 import { fieldsOf, parseNumber, toDocument } from './fields';
 import { fixOf, type Finding } from './fixes';
 import * as history from './history';
-import { CHOICES, freshItem, titleOf } from './items';
+import { CHOICES, newItem, titleOf } from './items';
 import { picture, ringOf } from './layer';
 import { groundAreas, polylines, profile } from './profile';
 import { surveyOf, SURVEY } from './survey';
 import { treeOf } from './tree';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
-const at = (north_m: number, east_m = 0) => placeAt(HOME, { north_m, east_m });
-const waypoint = (north_m: number, value_m = 30): Item => freshItem('waypoint', at(north_m), { value_m, reference: 'home' });
+const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
+const waypoint = (north_m: number, value_m = 30): Item => newItem('waypoint', at(north_m), { value_m, reference: 'home' });
 const planOf = (...items: Item[]): Plan => ({ ...EMPTY, planned_home: HOME, items });
 const fenced: Plan = { ...planOf(waypoint(10)), fence: [{ shape: 'polygon', inclusion: true, polygon: [at(-50, -50), at(50, -50), at(50, 50), at(-50, 50)] }] };
 
@@ -26,34 +26,34 @@ describe('history', () => {
     expect(history.undo(all)).toBe(all);
     expect(history.redo(history.redo(all)).now).toBe(2);
   });
-  it('takes the changes of one gesture back at once', () => {
+  it('undoes the changes of one gesture in one step', () => {
     let all = history.begin(0);
     for (const next of [1, 2, 3]) all = history.change(all, next, 'drag 1');
-    all = history.change(history.seal(all), 4, 'drag 1');
+    all = history.change(history.endGroup(all), 4, 'drag 1');
     expect(history.undo(all).now).toBe(3);
     expect(history.undo(history.undo(all)).now).toBe(0);
   });
-  it('forgets a gesture that was cancelled, and only that', () => {
+  it('removes only the changes of a cancelled gesture', () => {
     const all = history.change(history.change(history.begin(0), 1), 2, 'drag 1');
     expect(history.cancel(all, 'drag 1')).toMatchObject({ now: 1, future: [] });
     expect(history.cancel(all, 'drag 2')).toBe(all);
   });
-  it('drops what was undone when something else is changed', () => {
+  it('drops undone changes after a new one', () => {
     const all = history.change(history.undo(history.change(history.begin(0), 1)), 5);
     expect(history.redo(all)).toBe(all);
   });
 });
 
 describe('editing', () => {
-  it('changes nothing in place', () => {
+  it('returns a new plan', () => {
     const before = planOf(waypoint(10), waypoint(20));
     const text = JSON.stringify(before);
-    const moved = place(before, 'item:1', at(99));
+    const moved = movePoint(before, 'item:1', at(99));
     expect(JSON.stringify(before)).toBe(text);
     expect(groundDistance_m(placeOf(moved, 'item:1') ?? HOME, at(99))).toBeLessThan(0.01);
   });
-  it('lets jumps follow their target', () => {
-    const jump = { ...freshItem('jump', null, { value_m: 0, reference: 'home' }), target_index: 1 };
+  it('adapts the targets of jumps', () => {
+    const jump = { ...newItem('jump', null, { value_m: 0, reference: 'home' }), target_index: 1 };
     const plan = planOf(waypoint(10), waypoint(20), jump);
     const target = (one: Plan) => one.items.find((item) => item.kind === 'jump')?.['target_index'];
     expect(target(insertItem(plan, 0, waypoint(5)))).toBe(2);
@@ -61,13 +61,13 @@ describe('editing', () => {
     expect(target(remove(plan, ['item:0']))).toBe(0);
     expect(target(reorder(plan, [1], 0).plan)).toBe(0);
   });
-  it('moves steps together and says where they are', () => {
+  it('moves steps together and returns their positions', () => {
     const plan = planOf(waypoint(1), waypoint(2), waypoint(3), waypoint(4));
     const { plan: moved, rows } = reorder(plan, [2, 3], 1);
     expect(rows).toEqual([1, 2]);
     expect(moved.items).toEqual([plan.items[0], plan.items[2], plan.items[3], plan.items[1]]);
   });
-  it('removes a fence of which too little is left', () => {
+  it('removes a fence with too few corners', () => {
     expect(remove(fenced, ['corner:0:0']).fence[0]).toMatchObject({ polygon: { length: 3 } });
     expect(remove(fenced, ['corner:0:0', 'corner:0:1']).fence).toEqual([]);
     expect(remove(fenced, ['home']).planned_home).toBeNull();
@@ -75,7 +75,7 @@ describe('editing', () => {
 });
 
 describe('the map', () => {
-  it('shows steps, middles, fence and home, the selected ones marked', () => {
+  it('shows steps, midpoints, fence and home, with the selection marked', () => {
     const shown = picture({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null);
     const ids = shown.points.map((point) => point.id);
     expect(ids).toEqual(expect.arrayContaining(['home', 'item:0', 'item:1', 'middle:1', 'corner:0:3', 'side:0:4']));
@@ -83,7 +83,7 @@ describe('the map', () => {
     const middle = shown.points.find((point) => point.id === 'middle:1');
     expect(groundDistance_m(middle ?? HOME, at(20))).toBeLessThan(0.01);
   });
-  it('shows of a long plan only the middles beside the selection', () => {
+  it('shows midpoints of a long plan only beside the selection', () => {
     const plan = planOf(...Array.from({ length: 200 }, (_, i) => waypoint(i * 10)));
     const middles = (selected: string[]) => picture(plan, new Set(selected), null).points.filter((point) => point.mark === 'middle');
     expect(middles([])).toEqual([]);
@@ -93,8 +93,8 @@ describe('the map', () => {
     const ring = ringOf({ shape: 'circle', inclusion: true, center: at(0), radius_m: 120 });
     for (const corner of ring) expect(groundDistance_m(at(0), corner)).toBeCloseTo(120, 0);
   });
-  it('never flies to a point that is looked at', () => {
-    const roi = freshItem('roi_location', at(500), { value_m: 0, reference: 'home' });
+  it('draws no path to a point that the camera looks at', () => {
+    const roi = newItem('roi_location', at(500), { value_m: 0, reference: 'home' });
     const shown = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null);
     expect(shown.lines.find((line) => line.style === 'solid')?.places).toHaveLength(2);
     expect(shown.points.find((point) => point.id === 'item:1')?.mark).toBe('cross');
@@ -108,14 +108,14 @@ describe('the list', () => {
     );
     expect(titles).toEqual(['Home|480.0 m AMSL', 'Waypoint|30.0 m above home', 'Geofence: stay inside|4 corners', 'Rally point|20.0 m AMSL']);
   });
-  it('names every kind that can be added', () => {
-    for (const { kind } of CHOICES) expect(titleOf(freshItem(kind, at(0), { value_m: 10, reference: 'home' }))).not.toBe('');
+  it('has a title for every kind that can be added', () => {
+    for (const { kind } of CHOICES) expect(titleOf(newItem(kind, at(0), { value_m: 10, reference: 'home' }))).not.toBe('');
     expect(titleOf({ kind: 'set_servo' })).toBe('Set servo');
   });
 });
 
 describe('fields', () => {
-  it('say label and unit by their name', () => {
+  it('derive label and unit from their name', () => {
     const fields = fieldsOf(waypoint(10));
     expect(fields.map((field) => `${field.label} [${field.unit}]${field.optional ? '?' : ''}`)).toEqual([
       'Hold for [s]',
@@ -125,12 +125,12 @@ describe('fields', () => {
     ]);
     expect(fieldsOf({ kind: 'gimbal_pitch_yaw', pitch_rate_deg_s: null })[0]).toMatchObject({ label: 'Pitch rate', unit: '°/s' });
   });
-  it('count steps from 1 for people', () => {
+  it('count steps from 1 on the page', () => {
     const [target] = fieldsOf({ kind: 'jump', target_index: 2 });
     expect(target?.value).toBe(3);
     expect(toDocument('target_index', 3)).toBe(2);
   });
-  it('take commas and say what is wrong', () => {
+  it('accept commas and report errors', () => {
     expect(parseNumber('12,5')).toEqual({ ok: true, value: 12.5 });
     expect(parseNumber('−3')).toEqual({ ok: true, value: -3 });
     expect(parseNumber(' ', { optional: true })).toEqual({ ok: true, value: null });
@@ -148,25 +148,25 @@ describe('fixes', () => {
     place: { row, zone: null, rally_point: null, step: null },
     fix: null,
   });
-  it('add a take-off where the plan starts', () => {
+  it('add a take-off at the plan’s start', () => {
     const fix = fixOf(planOf(waypoint(10, 25)), finding('takeoff_missing'), null);
     expect(fix?.plan.items[0]).toMatchObject({ kind: 'takeoff', lat_deg: HOME.lat_deg, altitude: { value_m: 25, reference: 'home' } });
   });
-  it('use the vehicle’s home only where it is known', () => {
+  it('use the vehicle’s home only if it is known', () => {
     const plan = { ...planOf(waypoint(10)), planned_home: null };
     expect(fixOf(plan, finding('home_missing'), null)).toBeNull();
     expect(fixOf(plan, finding('home_missing'), HOME)?.plan.planned_home).toEqual(HOME);
   });
-  it('lower what is too high', () => {
+  it('lower points that are too high', () => {
     expect(fixOf(planOf(waypoint(10, 500)), finding('altitude_too_high', 0), null)?.plan.items[0]?.altitude).toEqual({ value_m: 120, reference: 'home' });
   });
-  it('leave to a person what only a person can decide', () => {
+  it('return null if a person has to decide', () => {
     expect(fixOf(planOf(waypoint(10)), finding('fence_violation', 0), HOME)).toBeNull();
   });
 });
 
 describe('the altitude profile', () => {
-  it('begins at home and goes along the ground', () => {
+  it('starts at home and follows the horizontal distance', () => {
     const shape = profile(planOf(waypoint(100, 40), waypoint(300, 20)));
     expect(shape.points.map((point) => [point.row, Math.round(point.along_m), point.alt_home_m])).toEqual([
       [-1, 0, 0],
@@ -189,8 +189,8 @@ describe('the altitude profile', () => {
   });
 });
 
-describe('the ground below a plan', () => {
-  it('lies within the plot, with a gap where it is not known', () => {
+describe('the terrain below a plan', () => {
+  it('is within the plot, with a gap where it is not known', () => {
     const plan = planOf(waypoint(100));
     const ground = [
       [0, 0],
@@ -204,16 +204,16 @@ describe('the ground below a plan', () => {
     const areas = groundAreas(shape, ground, 100, 80);
     expect(areas).toBe('M0.0 80L0.0 60.0L30.0 10.0L30.0 80ZM80.0 80L80.0 80.0L100.0 65.0L100.0 80Z');
   });
-  it('has another altitude where an item above it is moved to', () => {
-    const item = freshItem('waypoint', at(0), { value_m: 30, reference: 'terrain', resolved_amsl_m: 510 });
-    const moved = place(planOf(item), 'item:0', at(50)).items[0];
+  it('is resolved again when an item above it is moved', () => {
+    const item = newItem('waypoint', at(0), { value_m: 30, reference: 'terrain', resolved_amsl_m: 510 });
+    const moved = movePoint(planOf(item), 'item:0', at(50)).items[0];
     expect(moved).toMatchObject({ altitude: { value_m: 30, resolved_amsl_m: null } });
-    expect(place(planOf(waypoint(0)), 'item:0', at(50)).items[0]).toMatchObject({ altitude: { value_m: 30, reference: 'home' } });
+    expect(movePoint(planOf(waypoint(0)), 'item:0', at(50)).items[0]).toMatchObject({ altitude: { value_m: 30, reference: 'home' } });
   });
 });
 
 describe('a survey', () => {
-  it('counts its altitude from home and its overlaps as shares', () => {
+  it('has its altitude above home and its overlaps as fractions', () => {
     expect(surveyOf([at(0), at(50), at(50, 50)], SURVEY)).toMatchObject({
       kind: 'survey',
       altitude: { value_m: 40, reference: 'home' },

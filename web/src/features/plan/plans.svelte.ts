@@ -13,7 +13,7 @@ import { isMission, roleNames } from './offboard/mission';
 import { frameOf } from './offboard/places';
 
 /** A plan as it was last read or written. */
-interface Kept {
+interface SavedPlan {
   readonly id: string;
   readonly version: number;
   readonly name: string;
@@ -47,15 +47,15 @@ const STORED_CONDITIONS = 'gcs.plan-conditions';
 
 export class Plans {
   /** Saved versions by document of the history, because undo can return to an earlier document. */
-  private kept = $state.raw<Readonly<Record<number, Kept>>>({});
+  private savedPlans = $state.raw<Readonly<Record<number, SavedPlan>>>({});
   list = $state.raw<readonly PlanVersion[] | null>(null);
   notice = $state.raw<Notice | null>(null);
   busy = $state(false);
   private answer = $state.raw<Check | null>(null);
   /** The document that `check` belongs to. */
   private checked = $state.raw<Document | null>(null);
-  private checkedFor = $state.raw(-1);
-  private checkedBy = $state.raw('');
+  private checkedDocument = $state.raw(-1);
+  private checkedInputs = $state.raw('');
   checkProblem = $state.raw<string | null>(null);
   /** A check is running; later changes are checked after it. */
   checking = $state(false);
@@ -71,7 +71,7 @@ export class Plans {
     this.restore();
   }
 
-  readonly current: Kept | null = $derived.by(() => this.kept[this.editor.draft.document] ?? null);
+  readonly current: SavedPlan | null = $derived.by(() => this.savedPlans[this.editor.draft.document] ?? null);
   readonly saved: boolean = $derived.by(() => {
     const { plan, name } = this.editor.draft;
     if (this.current === null && isMission(plan)) return plan.steps.length === 0 && roleNames(plan).length === 0;
@@ -80,10 +80,10 @@ export class Plans {
     return this.current.plan === plan && this.current.name === name;
   });
   /** The server's check of this document, in its present or an earlier state. */
-  readonly check: Check | null = $derived.by(() => (this.checkedFor === this.editor.draft.document ? this.answer : null));
+  readonly check: Check | null = $derived.by(() => (this.checkedDocument === this.editor.draft.document ? this.answer : null));
   /** The vehicle and the power values that the check used. */
-  private readonly by: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
-  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document && this.checkedBy === this.by);
+  private readonly checkInputs: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
+  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document && this.checkedInputs === this.checkInputs);
 
   begin(home: Home | null): void {
     this.editor.begin(home);
@@ -100,7 +100,7 @@ export class Plans {
     const { name } = this.editor.draft;
     const answer = await this.call(this.api.convert(this.editor.plan, nameOf(name), vehicle));
     if (!answer.ok) {
-      this.fail('The offboard mission was not created.', answer.problem);
+      this.showProblem('The offboard mission was not created.', answer.problem);
       return false;
     }
     this.editor.replace(name, answer.value.plan);
@@ -112,18 +112,18 @@ export class Plans {
   async refresh(): Promise<void> {
     const answer = await this.api.list();
     if (answer.ok) this.list = answer.value.plans;
-    else this.fail('The list of plans could not be read.', answer.problem);
+    else this.showProblem('The list of plans could not be read.', answer.problem);
   }
 
   async open(id: string): Promise<boolean> {
     const answer = await this.call(this.api.open(id));
     if (!answer.ok) {
-      this.fail('The plan could not be opened.', answer.problem);
+      this.showProblem('The plan could not be opened.', answer.problem);
       return false;
     }
     const { name, version, plan } = answer.value;
     const whole = isMission(plan) ? plan : { ...EMPTY, ...plan };
-    this.keep(this.editor.replace(name, whole), { id, version, name, plan: whole });
+    this.setSaved(this.editor.replace(name, whole), { id, version, name, plan: whole });
     this.notice = null;
     return true;
   }
@@ -132,19 +132,19 @@ export class Plans {
   async versions(id: string): Promise<readonly PlanVersion[] | null> {
     const answer = await this.call(this.api.versions(id));
     if (answer.ok) return answer.value.versions;
-    this.fail('The versions of the plan could not be read.', answer.problem);
+    this.showProblem('The versions of the plan could not be read.', answer.problem);
     return null;
   }
 
   /** Opens an older version without saving it. To save it adds a new version after the newest. */
-  async look({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
+  async openVersion({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
     const answer = await this.call(this.api.open(id, version));
     if (!answer.ok) {
-      this.fail(`Version ${version} could not be opened.`, answer.problem);
+      this.showProblem(`Version ${version} could not be opened.`, answer.problem);
       return false;
     }
     const { name, plan } = answer.value;
-    this.keep(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY, ...plan }), { id, version: newest.version, name, plan: { ...EMPTY } });
+    this.setSaved(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY, ...plan }), { id, version: newest.version, name, plan: { ...EMPTY } });
     const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. Nothing is changed until it is saved: then it becomes version ${newest.version + 1}.`;
     this.notice = { tone: 'caution', text, older: true };
     return true;
@@ -158,17 +158,17 @@ export class Plans {
     const answer = await this.call(kept === null ? this.api.create(name, draft.plan) : this.api.save(kept.id, name, draft.plan, kept.version));
     if (!answer.ok) {
       const conflict = answer.problem.code === 'conflict';
-      this.fail(conflict ? '' : 'Not saved.', answer.problem, conflict);
+      this.showProblem(conflict ? '' : 'Not saved.', answer.problem, conflict);
       return;
     }
-    this.keep(draft.document, { id: answer.value.id, version: answer.value.version, name: draft.name, plan: draft.plan });
+    this.setSaved(draft.document, { id: answer.value.id, version: answer.value.version, name: draft.name, plan: draft.plan });
     this.notice = { tone: 'ok', text: `Saved as version ${answer.value.version}.` };
   }
 
   async delete(plan: PlanVersion): Promise<void> {
     const answer = await this.call(this.api.delete(plan.id, plan.version));
-    if (!answer.ok) return this.fail('Not deleted.', answer.problem);
-    for (const [document, kept] of Object.entries(this.kept)) if (kept.id === plan.id) this.forget(Number(document));
+    if (!answer.ok) return this.showProblem('Not deleted.', answer.problem);
+    for (const [document, kept] of Object.entries(this.savedPlans)) if (kept.id === plan.id) this.removeSaved(Number(document));
     await this.refresh();
   }
 
@@ -177,16 +177,16 @@ export class Plans {
     const answer = await this.call(this.api.import(file, altitude_m));
     if (!answer.ok) {
       const open = altitude_m === null && answer.problem.detail.includes('altitude');
-      this.fail(`“${file.name}” was not imported.`, answer.problem);
+      this.showProblem(`“${file.name}” was not imported.`, answer.problem);
       if (open && this.notice !== null) this.notice = { ...this.notice, file };
       return false;
     }
-    this.take(file.name.replace(/\.[^.]*$/, ''), answer.value);
+    this.openImported(file.name.replace(/\.[^.]*$/, ''), answer.value);
     return true;
   }
 
   /** Opens the vehicle's plan as a new plan; undo restores the edited one. */
-  takeHeld(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: Home | null): void {
+  openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: Home | null): void {
     this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
     const text = [`The plan that ${vehicleName} holds, not saved yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
@@ -196,7 +196,7 @@ export class Plans {
   async export(format: Format): Promise<Blob | null> {
     const answer = await this.call(this.api.export(this.editor.document, format));
     if (!answer.ok) {
-      this.fail('Not exported.', answer.problem);
+      this.showProblem('Not exported.', answer.problem);
       return null;
     }
     const notes = answer.value.notes.join(' ');
@@ -212,7 +212,7 @@ export class Plans {
   async pattern(pattern: Pattern, tolerance_m: number | null = null): Promise<boolean> {
     const answer = await this.call(this.api.pattern(pattern));
     if (!answer.ok) {
-      this.fail('The survey was not created.', answer.problem);
+      this.showProblem('The survey was not created.', answer.problem);
       return false;
     }
     const { plan } = this.editor;
@@ -233,7 +233,7 @@ export class Plans {
     const { draft } = this.editor;
     const answer = await this.call(this.api.followGround(plan, tolerance_m));
     if (!answer.ok) {
-      this.fail('The altitudes were not resolved.', answer.problem);
+      this.showProblem('The altitudes were not resolved.', answer.problem);
       return false;
     }
     if (this.editor.draft !== draft) {
@@ -241,21 +241,21 @@ export class Plans {
       return false;
     }
     this.editor.change(answer.value.plan);
-    this.notice = grounded(answer.value);
+    this.notice = groundNotice(answer.value);
     return true;
   }
 
   /** Checks the present plan on the server; one check at a time. */
-  async ask(): Promise<void> {
+  async runCheck(): Promise<void> {
     const { document: number, plan } = this.editor.draft;
-    const by = this.by;
+    const by = this.checkInputs;
     if (this.checking) return;
     this.checking = true;
     const answer = await this.api.check(plan, this.vehicle, powerOf(this.conditions));
     this.checking = false;
-    [this.checked, this.checkedFor, this.checkedBy] = [plan, number, by];
+    [this.checked, this.checkedDocument, this.checkedInputs] = [plan, number, by];
     this.answer = answer.ok ? answer.value : null;
-    this.checkProblem = answer.ok ? null : sentence('Not checked.', answer.problem);
+    this.checkProblem = answer.ok ? null : problemText('Not checked.', answer.problem);
   }
 
   /** Stored in the browser, because they belong to the operator's aircraft. */
@@ -272,7 +272,7 @@ export class Plans {
   }
 
   /** Handles the event that a client saved or deleted a plan. */
-  heard(event: WireEvent, ownKey: string | null): void {
+  onEvent(event: WireEvent, ownKey: string | null): void {
     if (event.kind !== 'plan_changed') return;
     if (this.list !== null) void this.refresh();
     const plan = event['plan'] as PlanVersion | undefined;
@@ -280,7 +280,7 @@ export class Plans {
     if (mine || plan === undefined || plan.id !== this.current?.id) return;
     const who = String(event['client']);
     if (event['action'] === 'deleted') {
-      this.forget(this.editor.draft.document);
+      this.removeSaved(this.editor.draft.document);
       this.notice = { tone: 'caution', text: `${who} deleted this plan. Save it to keep yours as a new one.` };
     } else
       this.notice = {
@@ -308,24 +308,24 @@ export class Plans {
       if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
       const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY, ...stored.plan };
       const document = this.editor.load(stored.name, plan);
-      if (stored.kept !== null) this.keep(document, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
+      if (stored.kept !== null) this.setSaved(document, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
     } catch {
       this.memory.removeItem(STORED);
       this.memory.removeItem(STORED_CONDITIONS);
     }
   }
 
-  private take(name: string, { plan, notes, areas }: Imported): void {
+  private openImported(name: string, { plan, notes, areas }: Imported): void {
     this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY, ...plan });
     this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file contains areas.', areas } : null;
   }
 
-  private keep(document: number, kept: Kept): void {
-    this.kept = { ...this.kept, [document]: kept };
+  private setSaved(document: number, kept: SavedPlan): void {
+    this.savedPlans = { ...this.savedPlans, [document]: kept };
   }
 
-  private forget(document: number): void {
-    this.kept = Object.fromEntries(Object.entries(this.kept).filter(([one]) => Number(one) !== document));
+  private removeSaved(document: number): void {
+    this.savedPlans = Object.fromEntries(Object.entries(this.savedPlans).filter(([one]) => Number(one) !== document));
   }
 
   private async call<T>(asked: Promise<Outcome<T>>): Promise<Outcome<T>> {
@@ -335,8 +335,8 @@ export class Plans {
     return answer;
   }
 
-  private fail(what: string, problem: Problem, conflict = false): void {
-    this.notice = { tone: 'danger', text: sentence(what, problem), conflict };
+  private showProblem(what: string, problem: Problem, conflict = false): void {
+    this.notice = { tone: 'danger', text: problemText(what, problem), conflict };
   }
 }
 
@@ -344,7 +344,7 @@ function nameOf(name: string): string {
   return name.trim() === '' ? 'Plan' : name.trim();
 }
 
-function grounded({ resolved, unknown, added, notes }: GroundPlan): Notice {
+function groundNotice({ resolved, unknown, added, notes }: GroundPlan): Notice {
   const missing =
     unknown === 0
       ? []
@@ -354,7 +354,7 @@ function grounded({ resolved, unknown, added, notes }: GroundPlan): Notice {
   return { tone: unknown === 0 && notes.length === 0 ? 'ok' : 'caution', text };
 }
 
-function sentence(what: string, problem: Problem): string {
+function problemText(what: string, problem: Problem): string {
   // Without an answer it is unknown whether a command was executed; a request about plans can simply be repeated.
   const why = problem.code === 'unreachable' ? ['The server did not answer.', 'Is it still running?'] : [problem.detail, problem.remedy];
   return [what, ...why].filter((part) => part !== null && part !== '').join(' ');

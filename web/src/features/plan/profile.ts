@@ -71,14 +71,14 @@ function scaled(points: readonly ProfilePoint[], ground: Ground): Profile {
 }
 
 /** The known parts as polylines in a box of this size, y downwards. */
-export interface Drawn {
+export interface Polyline {
   readonly x: number;
   readonly y: number;
   readonly id: string | null;
 }
 
-export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): Drawn[][] {
-  const parts: Drawn[][] = [[]];
+export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): Polyline[][] {
+  const parts: Polyline[][] = [[]];
   for (const point of points) {
     if (point.alt_home_m === null) {
       if (parts.at(-1)?.length !== 0) parts.push([]);

@@ -1,7 +1,7 @@
 /** Starts the mission on a vehicle: at its beginning, at the current item, or at a chosen item. Pure. */
 
 import type { Question } from '../../app/actions/actions';
-import { codesOf, despiteText, findingText } from './accepted.svelte';
+import { findingCodes, acceptedErrorsText, findingText } from './accepted.svelte';
 import { simpleItems, type Plan } from './document';
 import type { Finding } from './fixes';
 
@@ -16,7 +16,7 @@ export function startQuestion(vehicleName: string, inAir: boolean, row: number |
   const flies = inAir ? `Flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
     title: `Fly the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
-    effect: [flies, despiteText(despite.map(findingText)), 'Hold pauses it.'].filter((part) => part !== '').join(' '),
+    effect: [flies, acceptedErrorsText(despite.map(findingText)), 'Hold pauses it.'].filter((part) => part !== '').join(' '),
     verb: 'Fly',
     danger: despite.length > 0,
   };
@@ -24,5 +24,5 @@ export function startQuestion(vehicleName: string, inAir: boolean, row: number |
 
 export function startBody(plan: Plan, inAir: boolean, row: number | null, despite: readonly Finding[]): { item?: number; despite: string[] } {
   const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
-  return { ...(item === null ? {} : { item }), despite: codesOf(despite) };
+  return { ...(item === null ? {} : { item }), despite: findingCodes(despite) };
 }

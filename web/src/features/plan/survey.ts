@@ -1,6 +1,6 @@
 /** A survey of a drawn area, in the API's format. */
 
-import type { Place } from '../../vehicle/geo';
+import type { GeoPosition } from '../../vehicle/geo';
 import type { Pattern } from './api';
 
 /** A common 20-megapixel camera with a one-inch sensor, and overlaps that photogrammetry programs recommend. */
@@ -19,7 +19,7 @@ export const GROUND_TOLERANCE_M = 5;
 const IMAGE_WIDTH_PX = 5472;
 
 /** If the survey does not follow the terrain, the ground is assumed to be level with home. */
-export function surveyOf(outer: readonly Place[], values: typeof SURVEY): Pattern {
+export function surveyOf(outer: readonly GeoPosition[], values: typeof SURVEY): Pattern {
   const { height_m, sensor_width_mm, sensor_height_mm, focal_length_mm } = values;
   const image_height_px = Math.round((IMAGE_WIDTH_PX * sensor_height_mm) / sensor_width_mm);
   const camera = { sensor_width_mm, sensor_height_mm, focal_length_mm, image_width_px: IMAGE_WIDTH_PX, image_height_px };

@@ -17,7 +17,7 @@ export interface Trace {
   readonly bottom: number;
 }
 
-const MOST_POINTS = 600;
+const MAX_POINTS = 600;
 type Path = NonNullable<DryRunView['nominal']['path']>;
 
 const DEG = 180 / Math.PI;
@@ -37,7 +37,7 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
   const { path } = nominal;
   if (path === null || path.t_s.length === 0) return null;
   const { unit, decimals, round, value } = HOW[quantity];
-  const every = Math.max(1, Math.floor(path.t_s.length / MOST_POINTS));
+  const every = Math.max(1, Math.floor(path.t_s.length / MAX_POINTS));
   const shown = path.t_s.flatMap((t_s, i) => (i % every === 0 || i === path.t_s.length - 1 ? [[t_s, value(path, i)] as const] : []));
   const points = shown.filter((point): point is readonly [number, number] => point[1] !== null);
   if (points.length === 0) return null;
@@ -80,7 +80,7 @@ export function drawn({ points, band, end_s, top, bottom }: Trace, width: number
 }
 
 /** The time that a key selects; null for other keys. */
-export function movedBy(key: string, isFine: boolean, t_s: number, end_s: number): number | null {
+export function timeAfterKey(key: string, isFine: boolean, t_s: number, end_s: number): number | null {
   const step_s: Readonly<Record<string, number>> = {
     ArrowRight: isFine ? 0.1 : 1,
     ArrowUp: isFine ? 0.1 : 1,

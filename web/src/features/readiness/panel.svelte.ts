@@ -5,7 +5,7 @@ import type { Problem } from '../../api/problems';
 
 class ReadinessPanel {
   open = $state(false);
-  asking = $state(false);
+  checking = $state(false);
   choosing = $state(false);
   problem = $state.raw<Problem | null>(null);
 
@@ -31,11 +31,11 @@ class ReadinessPanel {
 
   /** Makes the vehicle run its checks; the results come with the telemetry. */
   async check(api: ApiClient, vehicle: string): Promise<void> {
-    if (this.asking) return;
-    this.asking = true;
+    if (this.checking) return;
+    this.checking = true;
     this.problem = null;
     const outcome = await api.post('/vehicles/{v}/readiness/check', ofVehicle(vehicle));
-    this.asking = false;
+    this.checking = false;
     if (!outcome.ok) this.problem = outcome.problem;
   }
 }

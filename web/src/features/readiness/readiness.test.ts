@@ -40,7 +40,7 @@ const told: Readiness = {
   findings: [signal, sticks, battery],
 };
 
-test('the headline is about arming while disarmed, about flying while armed', () => {
+test('the headline is about arming while disarmed and about flying while armed', () => {
   expect(headline(told, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
   expect(headline(told, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
   expect(headline(told, 'land', false).tone).toBe('caution');
@@ -48,7 +48,7 @@ test('the headline is about arming while disarmed, about flying while armed', ()
   expect(headline(told, 'offboard', true).text).toBe('Offboard cannot be flown');
 });
 
-test('what is not known is not guessed', () => {
+test('unknown values are not guessed', () => {
   expect(headline(null, 'hold', false).tone).toBe('neutral');
   expect(headline({ ...told, known: false }, 'hold', false).text).toBe('Not known');
   expect(headline(told, 'px4_9_0', false).text).toBe('Not known');
@@ -57,7 +57,7 @@ test('what is not known is not guessed', () => {
   expect(readReadiness(told)).toBe(told);
 });
 
-test('what blocks comes before what does not, and says what it blocks', () => {
+test('blocking findings come first and list what they block', () => {
   const dull: Cause = { ...battery, id: 4, cause: 'Wind.' };
   const rows = findings({ ...told, findings: [dull, ...told.findings] });
   expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([
@@ -72,7 +72,7 @@ test('what blocks comes before what does not, and says what it blocks', () => {
   expect(findings(all)[0]?.blocks).toBe('A, B, C, D and 2 more');
 });
 
-test('the present mode is first, then what may be flown', () => {
+test('the present mode is first, then the possible ones', () => {
   expect(modeRows(told, 'offboard').map((r) => r.mode)).toEqual(['offboard', 'hold', 'land', 'position']);
   expect(modeRows(told, null).at(-1)?.why).not.toBe('');
   expect(modeRows(told, 'offboard')[0]).toMatchObject({ current: true, why: 'No setpoints.' });

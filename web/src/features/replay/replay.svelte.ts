@@ -12,10 +12,10 @@ import { bounds, hasArrived, shownReplay, type Recording, type RecordingIndex } 
  * Timeout of a seek after the server's answer: both the time [ms] and a number of frames must have passed. A busy
  * browser may still read frames from before the answer long after it.
  */
-const PATIENCE_MS = 2000;
-const PATIENCE_FRAMES = 20;
+const SEEK_TIMEOUT_MS = 2000;
+const SEEK_TIMEOUT_FRAMES = 20;
 
-interface Wish {
+interface ReplayCommand {
   playing?: boolean;
   speed?: number;
   position_unix_s?: number;
@@ -40,13 +40,13 @@ export class ReplayControl {
   problem = $state.raw<Problem | null>(null);
   index = $state.raw<RecordingIndex | null>(null);
   /** Requested time that is not shown yet. */
-  wanted_unix_s = $state<number | null>(null);
+  requested_unix_s = $state<number | null>(null);
   /** The replay whose vehicle is selected as soon as it has one. */
-  private awaited = $state<string | null>(null);
+  private expected = $state<string | null>(null);
   /** The replay has no vehicle now: it was just opened, or its time is before the first vehicle. */
   private waiting = false;
   private indexed: string | null = null;
-  private wish: Wish | null = null;
+  private pendingCommand: ReplayCommand | null = null;
   private underWay = false;
   private answered_ms = 0;
   private framesSince = 0;
@@ -54,7 +54,7 @@ export class ReplayControl {
   constructor(private readonly deps: ReplayDeps) {}
 
   get shown(): Replay | null {
-    return shownReplay(this.deps.replays(), this.deps.selectedId(), this.awaited);
+    return shownReplay(this.deps.replays(), this.deps.selectedId(), this.expected);
   }
 
   async list(): Promise<void> {
@@ -73,7 +73,7 @@ export class ReplayControl {
       this.problem = answer.problem;
       return;
     }
-    this.awaited = answer.value.name;
+    this.expected = answer.value.name;
     this.waiting = true;
     this.listOpen = false;
     this.justOpened = true;
@@ -83,59 +83,59 @@ export class ReplayControl {
   async close(): Promise<void> {
     const name = this.shown?.name;
     if (name === undefined) return;
-    this.awaited = null;
+    this.expected = null;
     const answer = await this.deps.api.delete('/replays/{name}', of(name));
     if (!answer.ok) this.problem = answer.problem;
   }
 
   /** Called for each frame of telemetry: selects the expected vehicle and loads the marks of the replay shown. */
   follow(): void {
-    this.arrive();
+    this.checkSeek();
     const replays = this.deps.replays();
-    const awaited = replays.find((r) => r.name === this.awaited);
+    const awaited = replays.find((r) => r.name === this.expected);
     const selected = this.deps.selectedId();
     const first = awaited?.vehicles[0];
     if (awaited !== undefined && first === undefined) this.waiting = true;
     if (awaited !== undefined && first !== undefined) {
       if (selected === null || (this.waiting && !awaited.vehicles.includes(selected))) this.deps.select(first);
-      else if (!this.waiting && selected !== null && !awaited.vehicles.includes(selected)) this.awaited = null; // another vehicle was selected
+      else if (!this.waiting && selected !== null && !awaited.vehicles.includes(selected)) this.expected = null; // another vehicle was selected
       this.waiting = false;
     }
     const shown = this.shown;
-    if (shown !== null) this.awaited = shown.name;
+    if (shown !== null) this.expected = shown.name;
     const key = shown === null || bounds(shown) === null ? null : shown.name;
     if (key !== this.indexed) void this.readIndex(key);
   }
 
   play(playing: boolean): void {
-    this.steer({ playing });
+    this.command({ playing });
   }
 
   speed(speed: number): void {
-    this.steer({ speed });
+    this.command({ speed });
   }
 
   seek(unix_s: number): void {
-    this.wanted_unix_s = unix_s;
-    this.steer({ position_unix_s: unix_s });
+    this.requested_unix_s = unix_s;
+    this.command({ position_unix_s: unix_s });
   }
 
-  private steer(wish: Wish): void {
-    this.wish = { ...this.wish, ...wish };
+  private command(wish: ReplayCommand): void {
+    this.pendingCommand = { ...this.pendingCommand, ...wish };
     if (!this.underWay) void this.send();
   }
 
   private async send(): Promise<void> {
     this.underWay = true;
-    while (this.wish !== null) {
-      const name = this.shown?.name ?? this.awaited ?? undefined; // when the replay changes from one vehicle to the next, none is shown for a moment
-      const wish: Wish = this.wish;
-      this.wish = null;
+    while (this.pendingCommand !== null) {
+      const name = this.shown?.name ?? this.expected ?? undefined; // when the replay changes from one vehicle to the next, none is shown for a moment
+      const wish: ReplayCommand = this.pendingCommand;
+      this.pendingCommand = null;
       if (name === undefined) break;
       const answer = await this.deps.api.post('/replays/{name}', { ...of(name), body: wish });
       this.problem = answer.ok ? null : answer.problem;
     }
-    if (this.problem !== null) this.wanted_unix_s = null;
+    if (this.problem !== null) this.requested_unix_s = null;
     this.answered_ms = performance.now();
     this.framesSince = 0;
     this.underWay = false;
@@ -144,13 +144,13 @@ export class ReplayControl {
   /**
    * Frames under way may still have the earlier time. The page shows the requested time until a frame has reached it.
    */
-  private arrive(): void {
-    if (this.wanted_unix_s === null || this.underWay) return;
+  private checkSeek(): void {
+    if (this.requested_unix_s === null || this.underWay) return;
     const shown = this.shown;
-    const there = shown !== null && hasArrived(shown, this.wanted_unix_s);
+    const there = shown !== null && hasArrived(shown, this.requested_unix_s);
     this.framesSince += 1;
-    const enough = this.framesSince > PATIENCE_FRAMES && performance.now() - this.answered_ms > PATIENCE_MS;
-    if (there || enough) this.wanted_unix_s = null;
+    const enough = this.framesSince > SEEK_TIMEOUT_FRAMES && performance.now() - this.answered_ms > SEEK_TIMEOUT_MS;
+    if (there || enough) this.requested_unix_s = null;
   }
 
   private async readIndex(name: string | null): Promise<void> {

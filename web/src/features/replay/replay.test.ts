@@ -9,13 +9,13 @@ import {
   marksOf,
   messageTicks,
   modeSpans,
-  moments,
+  jumpTimes,
   neighbour,
-  recordingWords,
+  recordingText,
   share,
   shownReplay,
   size,
-  wordsAt,
+  textAt,
   type RecordingIndex,
 } from './replays';
 
@@ -59,7 +59,7 @@ const index: RecordingIndex = {
 
 describe('the time bar', () => {
   const marks = marksOf(index, '1~2');
-  it('places spans and messages between begin and end', () => {
+  it('positions spans and messages between begin and end', () => {
     expect(share(150, 100, 200)).toBe(0.5);
     expect(share(250, 100, 200)).toBe(1);
     expect(share(150, 100, 100)).toBe(0);
@@ -74,28 +74,28 @@ describe('the time bar', () => {
     ]);
     expect(marksOf(null, '1')).toBeNull();
   });
-  it('says what was at a moment, the worst first', () => {
-    expect(wordsAt(marks, 160, 1)).toEqual({ mode: 'Offboard', armed: true, message: 'Critical: Battery empty' });
-    expect(wordsAt(marks, 110, 1)).toEqual({ mode: 'Hold', armed: false, message: '' });
-    expect(wordsAt(marks, 100, 1).mode).toBe('');
+  it('shows the mode and the most severe message at a time', () => {
+    expect(textAt(marks, 160, 1)).toEqual({ mode: 'Offboard', armed: true, message: 'Critical: Battery empty' });
+    expect(textAt(marks, 110, 1)).toEqual({ mode: 'Hold', armed: false, message: '' });
+    expect(textAt(marks, 100, 1).mode).toBe('');
   });
   it('jumps between changes and warnings', () => {
-    const all = moments(marks);
+    const all = jumpTimes(marks);
     expect(all).toEqual([101, 120, 140, 160, 160.2, 190]);
     expect(neighbour(all, 140, 1)).toBe(160);
     expect(neighbour(all, 140, -1)).toBe(120);
     expect(neighbour(all, 199, 1)).toBeNull();
   });
-  it('obeys the keys of a slider and stays within', () => {
+  it('handles the keys of a slider within its ends', () => {
     expect(keyTarget('ArrowRight', false, 198, 100, 200)).toBe(200);
     expect(keyTarget('ArrowLeft', true, 150, 100, 200)).toBe(120);
     expect([keyTarget('Home', false, 150, 100, 200), keyTarget('End', false, 150, 100, 200)]).toEqual([100, 200]);
     expect(keyTarget('x', false, 150, 100, 200)).toBeNull();
   });
-  it('says dates, sizes and lengths', () => {
+  it('formats dates, sizes and durations', () => {
     expect(dateTime(0)).toMatch(/^19(69|70)-\d\d-\d\d \d\d:\d\d:00$/);
     expect([size(12), size(1_500), size(12_400_000), size(2e9)]).toEqual(['12 B', '1.5 kB', '12 MB', '2.0 GB']);
-    const words = recordingWords({
+    const words = recordingText({
       name: 'x.tlog',
       bytes: 2e6,
       started_unix_s: null,
@@ -110,7 +110,7 @@ describe('the time bar', () => {
 });
 
 describe('which replay is shown', () => {
-  it('the chosen vehicle’s, or one that is waited for', () => {
+  it('is that of the selected vehicle, or the expected one', () => {
     const empty = replay({ name: 'b', vehicles: [] });
     expect(shownReplay([replay(), empty], '1', null)?.name).toBe('replay-a.tlog');
     expect(shownReplay([replay()], '2', null)).toBeNull();
@@ -121,8 +121,8 @@ describe('which replay is shown', () => {
   });
 });
 
-describe('a recording’s time', () => {
-  it('is the vehicle’s, and the station’s stays the station’s', () => {
+describe('a replay’s time', () => {
+  it('applies to its vehicle, not to the server’s events', () => {
     const store = new TelemetryStore(() => 5000);
     store.apply({ type: 'replays', replays: [replay()] });
     expect(store.nowUnixS('1')).toBe(150);
@@ -133,12 +133,12 @@ describe('a recording’s time', () => {
     store.apply({ type: 'replays', replays: [] });
     expect(store.nowUnixS('1')).toBe(5000);
   });
-  it('comes over the socket, checked', () => {
+  it('is validated when it arrives over the socket', () => {
     expect(parseFrame(JSON.stringify({ type: 'replays', replays: [replay(), { name: 3 }] }))).toEqual({ type: 'replays', replays: [replay()] });
   });
 });
 
-describe('steering', () => {
+describe('replay control', () => {
   function control(replays: Replay[]) {
     const asked: { method: string; path: string; body: unknown }[] = [];
     let release: (() => void) | null = null;
@@ -152,28 +152,28 @@ describe('steering', () => {
     return { made, asked, select, go: () => release?.() };
   }
 
-  it('sends one wish at a time, and only the newest of those that came meanwhile', async () => {
+  it('sends one request at a time, and only the newest of later ones', async () => {
     const replays = [replay()];
     const { made, asked, go } = control(replays);
     made.seek(110);
     made.seek(120);
     made.seek(130);
     made.speed(4);
-    expect(made.wanted_unix_s).toBe(130);
+    expect(made.requested_unix_s).toBe(130);
     await vi.waitFor(() => expect(asked).toHaveLength(1));
     go();
     await vi.waitFor(() => expect(asked).toHaveLength(2));
     await new Promise((done) => setTimeout(done, 0));
     replays[0] = replay({ position_unix_s: 50, playing: false });
     made.follow();
-    expect(made.wanted_unix_s).toBe(130); // a frame from before the seek
+    expect(made.requested_unix_s).toBe(130); // a frame from before the seek
     replays[0] = replay({ position_unix_s: 130, playing: false });
     made.follow();
-    expect(made.wanted_unix_s).toBeNull();
+    expect(made.requested_unix_s).toBeNull();
     expect(asked.filter((a) => a.method === 'POST').map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
     expect(asked[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
   });
-  it('keeps what was asked for while frames from before the answer are still read, and not for ever', async () => {
+  it('keeps the requested time while earlier frames arrive, until a timeout', async () => {
     const replays = [replay({ position_unix_s: 50, playing: false })];
     const { made, asked, go } = control(replays);
     const now = vi.spyOn(performance, 'now').mockReturnValue(0);
@@ -183,12 +183,12 @@ describe('steering', () => {
     await new Promise((done) => setTimeout(done, 0));
     now.mockReturnValue(60_000); // the browser was busy for a minute
     for (let i = 0; i < 20; i++) made.follow();
-    expect(made.wanted_unix_s).toBe(130);
+    expect(made.requested_unix_s).toBe(130);
     made.follow();
-    expect(made.wanted_unix_s).toBeNull(); // another client has moved it, or the connection is lost
+    expect(made.requested_unix_s).toBeNull(); // another client has moved it, or the connection is lost
     now.mockRestore();
   });
-  it('reads the marks once and chooses the vehicle of what was opened', async () => {
+  it('loads the marks once and selects the vehicle of the opened replay', async () => {
     const other = replay({ name: 'replay-b', vehicles: ['7'] });
     const { made, asked, select, go } = control([other]);
     const opening = made.open('b.tlog');
@@ -197,7 +197,7 @@ describe('steering', () => {
     await opening;
     expect(select).toHaveBeenCalledWith('7');
   });
-  it('says why it could not', async () => {
+  it('shows why a request failed', async () => {
     const api = new ApiClient(
       'test',
       undefined,

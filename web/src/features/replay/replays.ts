@@ -8,7 +8,7 @@ type Schemas = components['schemas'];
 export type Recording = Schemas['RecordedFlight'];
 export type RecordingIndex = Schemas['RecordingIndex'];
 export type VehicleMarks = RecordingIndex['vehicles'][number];
-type Said = VehicleMarks['messages'][number];
+type MessageMark = VehicleMarks['messages'][number];
 
 export const SPEEDS: readonly number[] = [0.25, 0.5, 1, 2, 4, 8, 16, 50];
 export const STEP_S = 5;
@@ -70,21 +70,21 @@ export function tone(severity: number): Tick['tone'] {
 
 const SEVERITIES = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
 
-function said(message: Said): string {
+function said(message: MessageMark): string {
   return message.severity <= SERIOUS ? `${SEVERITIES[message.severity] ?? ''}: ${message.text}` : message.text;
 }
 
 /** Mode at a time, and the most severe message within `near_s` of it, as text. */
-export function wordsAt(marks: VehicleMarks | null, unix_s: number, near_s: number): { mode: string; armed: boolean; message: string } {
+export function textAt(marks: VehicleMarks | null, unix_s: number, near_s: number): { mode: string; armed: boolean; message: string } {
   const within = (span: { begin_unix_s: number; end_unix_s: number }): boolean => span.begin_unix_s <= unix_s && unix_s <= span.end_unix_s;
   const mode = marks?.modes.filter(within).at(-1)?.mode_label ?? '';
   const close = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= near_s);
-  const most = close.reduce<Said | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
+  const most = close.reduce<MessageMark | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
   return { mode, armed: marks?.armed.some(within) ?? false, message: most === null ? '' : said(most) };
 }
 
 /** Times to jump to: changes of mode, arming, and messages of warning or worse. */
-export function moments(marks: VehicleMarks | null): number[] {
+export function jumpTimes(marks: VehicleMarks | null): number[] {
   if (marks === null) return [];
   const all = [
     ...marks.modes.map((m) => m.begin_unix_s),
@@ -142,14 +142,14 @@ export function size(bytes: number): string {
   return `${value.toFixed(value < 9.95 ? 1 : 0)} ${units[0]}`;
 }
 
-export function vehicleWords(vehicles: readonly number[]): string {
+export function vehicleText(vehicles: readonly number[]): string {
   if (vehicles.length === 0) return 'no vehicle in the first minute of the recording';
   return `${vehicles.length === 1 ? 'vehicle' : 'vehicles'} ${vehicles.join(', ')}`;
 }
 
 /** One line below a recording's date. */
-export function recordingWords(r: Recording): string {
-  return [duration(r.duration_s), vehicleWords(r.vehicles), size(r.bytes), r.link ?? r.name].join(' · ');
+export function recordingText(r: Recording): string {
+  return [duration(r.duration_s), vehicleText(r.vehicles), size(r.bytes), r.link ?? r.name].join(' · ');
 }
 
 /** The replay whose bar is shown: that of the selected vehicle, else the expected one, else one without a vehicle. */

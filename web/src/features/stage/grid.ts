@@ -1,12 +1,12 @@
 /** The metric grid about home; its spacing depends on the zoom. */
 
-import { eastNorth, fromPixel, lengthText, pixelsPerMetre, placeAt, toPixel, type EastNorth, type MapView, type Place } from '../../vehicle/geo';
+import { eastNorth, fromPixel, lengthText, pixelsPerMetre, positionAt, toPixel, type EastNorth, type MapView, type GeoPosition } from '../../vehicle/geo';
 
 /** Smallest side of a cell [px]; the largest is ten times that. */
 const SMALLEST_CELL_PX = 34;
 /** No grid is drawn farther from home than this [m], because a flat grid is too inaccurate there. */
 const FLAT_WITHIN_M = 500_000;
-const MOST_LINES = 400;
+const MAX_LINES = 400;
 
 /** Side of a small cell [m]: the smallest visible power of ten, at least 1 m. Strong lines are ten cells apart. */
 export function gridStep_m(px_per_m: number): number {
@@ -22,7 +22,7 @@ export interface Box {
 }
 
 /** The rectangle that the view shows; for a rotated view, with its corners. */
-export function viewBox(view: MapView, reference: Place): Box {
+export function viewBox(view: MapView, reference: GeoPosition): Box {
   const corners = [
     [0, 0],
     [view.width, view.height],
@@ -37,12 +37,12 @@ export function viewBox(view: MapView, reference: Place): Box {
 function multiples(from_m: number, to_m: number, step_m: number): number[] {
   const first = Math.ceil(from_m / step_m);
   const count = Math.max(0, Math.floor(to_m / step_m) - first + 1);
-  return count > MOST_LINES ? [] : Array.from({ length: count }, (_, i) => first + i);
+  return count > MAX_LINES ? [] : Array.from({ length: count }, (_, i) => first + i);
 }
 
 export interface GridLine {
-  from: Place;
-  to: Place;
+  from: GeoPosition;
+  to: GeoPosition;
 }
 
 export interface Grid {
@@ -52,7 +52,7 @@ export interface Grid {
 }
 
 /** The grid's lines in a box. */
-export function gridLines(reference: Place, box: Box, step_m: number): Grid {
+export function gridLines(reference: GeoPosition, box: Box, step_m: number): Grid {
   const west_m = Math.max(box.west_m, -FLAT_WITHIN_M);
   const east_m = Math.min(box.east_m, FLAT_WITHIN_M);
   const south_m = Math.max(box.south_m, -FLAT_WITHIN_M);
@@ -60,7 +60,7 @@ export function gridLines(reference: Place, box: Box, step_m: number): Grid {
   const grid: Grid = { thin: [], strong: [] };
   if (west_m >= east_m || south_m >= north_m) return grid;
   const add = (k: number, from: EastNorth, to: EastNorth): unknown =>
-    (k % 10 === 0 ? grid.strong : grid.thin).push({ from: placeAt(reference, from), to: placeAt(reference, to) });
+    (k % 10 === 0 ? grid.strong : grid.thin).push({ from: positionAt(reference, from), to: positionAt(reference, to) });
   for (const k of multiples(west_m, east_m, step_m)) add(k, { east_m: k * step_m, north_m: south_m }, { east_m: k * step_m, north_m });
   for (const k of multiples(south_m, north_m, step_m)) add(k, { east_m: west_m, north_m: k * step_m }, { east_m, north_m: k * step_m });
   return grid;
@@ -76,7 +76,7 @@ export interface EdgeLabel {
 const LABEL_PX = 64;
 
 /** Distances from home [m] at the view's top edge (east, west) and left edge (north, south); only with north up. */
-export function edgeLabels(view: MapView, reference: Place): EdgeLabel[] {
+export function edgeLabels(view: MapView, reference: GeoPosition): EdgeLabel[] {
   if (Math.abs(Math.sin(view.up_rad)) > 0.005 || Math.cos(view.up_rad) < 0) return [];
   const px_per_m = pixelsPerMetre(view);
   const step_m = gridStep_m(px_per_m);
@@ -88,10 +88,10 @@ export function edgeLabels(view: MapView, reference: Place): EdgeLabel[] {
     metres === 0 ? 'home' : `${lengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
   const labels: EdgeLabel[] = [];
   for (const k of multiples(box.west_m, box.east_m, every_m)) {
-    labels.push({ x: toPixel(view, placeAt(reference, { east_m: k * every_m, north_m: 0 })).x, y: 0, text: name(k * every_m, 'E', 'W') });
+    labels.push({ x: toPixel(view, positionAt(reference, { east_m: k * every_m, north_m: 0 })).x, y: 0, text: name(k * every_m, 'E', 'W') });
   }
   for (const k of multiples(box.south_m, box.north_m, every_m)) {
-    labels.push({ x: 0, y: toPixel(view, placeAt(reference, { east_m: 0, north_m: k * every_m })).y, text: name(k * every_m, 'N', 'S') });
+    labels.push({ x: 0, y: toPixel(view, positionAt(reference, { east_m: 0, north_m: k * every_m })).y, text: name(k * every_m, 'N', 'S') });
   }
   return labels;
 }

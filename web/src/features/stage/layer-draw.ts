@@ -6,7 +6,7 @@
 import type { Feature, FeatureCollection, Geometry } from 'geojson';
 import type { GeoJSONSource, LayerSpecification, Map as MapLibre } from 'maplibre-gl';
 import type { LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
-import type { Place } from '../../vehicle/geo';
+import type { GeoPosition } from '../../vehicle/geo';
 import type { Palette } from './map-draw';
 
 const SOURCE = 'edited';
@@ -26,7 +26,7 @@ const TONES: Readonly<Record<Tone, string>> = {
 
 type Drawn = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number; yaw_deg?: number }>;
 
-const coordinates = (places: readonly Place[]): [number, number][] => places.map((place) => [place.lon_deg, place.lat_deg]);
+const coordinates = (places: readonly GeoPosition[]): [number, number][] => places.map((place) => [place.lon_deg, place.lat_deg]);
 
 /** Name of a point's icon; it contains everything that the icon shows. */
 export function iconName(point: LayerPoint): string {

@@ -7,7 +7,7 @@ import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
 import { fromPixel, hit, toPixel, type MapView, type Pixel } from '../../vehicle/geo';
 
 /** A pointer that moves less than this makes a click [px]. */
-const STILL_PX = 5;
+const CLICK_TOLERANCE_PX = 5;
 /** Reach of a midpoint, as a fraction of the reach of a point. */
 const MIDDLE_REACH = 0.7;
 
@@ -18,7 +18,7 @@ export function pointAt(view: MapView, at: Pixel, points: readonly LayerPoint[],
   return hit(view, at, real, reach_px) ?? hit(view, at, middles, reach_px * MIDDLE_REACH);
 }
 
-interface Held {
+interface GrabbedPoint {
   point: LayerPoint;
   began: Pixel;
   /** Offset from the pointer to the point, so that the point does not jump to the pointer. */
@@ -31,7 +31,7 @@ interface Held {
 }
 
 export class LayerGesture {
-  private held: Held | null = null;
+  private held: GrabbedPoint | null = null;
 
   constructor(private readonly editor: LayerEditor) {}
 
@@ -55,7 +55,7 @@ export class LayerGesture {
   move(view: MapView, at: Pixel): void {
     const held = this.held;
     if (held === null || held.fixed) return;
-    if (held.moving === null && Math.hypot(at.x - held.began.x, at.y - held.began.y) < STILL_PX) return;
+    if (held.moving === null && Math.hypot(at.x - held.began.x, at.y - held.began.y) < CLICK_TOLERANCE_PX) return;
     if (held.moving === null) this.begin();
     if (held.moving !== null) this.editor.drag(held.moving, fromPixel(view, { x: at.x + held.offset.x, y: at.y + held.offset.y }));
   }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
-import { fromPixel, mercator, pixelsPerMetre, placeAt, toPixel, type MapView, type Place } from '../../vehicle/geo';
+import { fromPixel, mercator, pixelsPerMetre, positionAt, toPixel, type MapView, type GeoPosition } from '../../vehicle/geo';
 import { features, iconName } from './layer-draw';
 import { LayerGesture, pointAt } from './layer-gesture';
 
@@ -10,7 +10,7 @@ const bare = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, heig
 const view: MapView = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
 
 const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): LayerPoint => ({
-  ...placeAt(HERE, { east_m, north_m: 0 }),
+  ...positionAt(HERE, { east_m, north_m: 0 }),
   id,
   mark,
   tone: 'target',
@@ -27,7 +27,7 @@ class Notes implements LayerEditor {
     this.told.push(['grab', id]);
     return this.moves;
   };
-  drag = (id: string, to: Place): void => void this.told.push(['drag', id, to]);
+  drag = (id: string, to: GeoPosition): void => void this.told.push(['drag', id, to]);
   drop = (keep: boolean): void => void this.told.push(['drop', keep]);
   press = (): boolean => false;
   remove = (): boolean => false;
@@ -39,7 +39,7 @@ describe('the point under a pointer', () => {
     expect(pointAt(view, { x: 512, y: 400 }, points, 14)?.id).toBe('b');
     expect(pointAt(view, { x: 540, y: 400 }, points, 14)).toBeNull();
   });
-  it('is a real point before a middle, also where the middle is nearer', () => {
+  it('is a point of the plan before a midpoint, even if the midpoint is nearer', () => {
     const points = [point('a', 0), point('middle', 3, 'middle')];
     expect(pointAt(view, { x: 505, y: 400 }, points, 14)?.id).toBe('a');
     expect(pointAt(view, { x: 515, y: 400 }, points, 14)?.id).toBe('middle');
@@ -47,7 +47,7 @@ describe('the point under a pointer', () => {
 });
 
 describe('a gesture', () => {
-  it('that stays still picks', () => {
+  it('without movement selects', () => {
     const notes = new Notes('a');
     const gesture = new LayerGesture(notes);
     gesture.down(view, { x: 503, y: 402 }, point('a', 0), true);
@@ -56,13 +56,13 @@ describe('a gesture', () => {
     expect(notes.told).toEqual([['pick', 'a', true]]);
   });
 
-  it('that moves drags, with the point as far from the pointer as it was', () => {
+  it('with movement drags, with a constant offset to the pointer', () => {
     const notes = new Notes('a');
     const gesture = new LayerGesture(notes);
     gesture.down(view, { x: 503, y: 402 }, point('a', 0), false);
     gesture.move(view, { x: 523, y: 402 });
     gesture.up();
-    const [grab, drag, drop] = notes.told as [unknown, [string, string, Place], unknown];
+    const [grab, drag, drop] = notes.told as [unknown, [string, string, GeoPosition], unknown];
     expect(grab).toEqual(['grab', 'a']);
     expect(drop).toEqual(['drop', true]);
     const at = toPixel(view, drag[2]);
@@ -70,7 +70,7 @@ describe('a gesture', () => {
     expect(at.y).toBeCloseTo(400, 3);
   });
 
-  it('on a middle drags the point that it inserts', () => {
+  it('on a midpoint drags the inserted point', () => {
     const notes = new Notes('new');
     const gesture = new LayerGesture(notes);
     gesture.down(view, { x: 500, y: 400 }, point('middle', 0, 'middle'), false);
@@ -78,7 +78,7 @@ describe('a gesture', () => {
     expect(notes.told.at(-1)).toMatchObject(['drag', 'new', {}]);
   });
 
-  it('that is cancelled puts everything back', () => {
+  it('moves everything back when it is cancelled', () => {
     const notes = new Notes('a');
     const gesture = new LayerGesture(notes);
     gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
@@ -88,7 +88,7 @@ describe('a gesture', () => {
     expect(notes.told.at(-1)).toEqual(['drop', false]);
   });
 
-  it('on a point that does not move only picks', () => {
+  it('on a point that cannot move only selects', () => {
     const notes = new Notes(null);
     const gesture = new LayerGesture(notes);
     gesture.down(view, { x: 500, y: 400 }, point('a', 0), false);
@@ -101,7 +101,7 @@ describe('a gesture', () => {
     ]);
   });
 
-  it('by keys moves from the first step on', () => {
+  it('by keys moves from the first key press', () => {
     const notes = new Notes('a');
     const gesture = new LayerGesture(notes);
     expect(gesture.take(view, point('a', 0))).toBe(true);
@@ -113,9 +113,9 @@ describe('a gesture', () => {
   });
 });
 
-describe('what MapLibre draws', () => {
-  it('is areas, lines and points, the area closed', () => {
-    const ring = [0, 10, 20].map((east_m) => placeAt(HERE, { east_m, north_m: east_m % 20 }));
+describe('the MapLibre data', () => {
+  it('has areas, lines and points, the area closed', () => {
+    const ring = [0, 10, 20].map((east_m) => positionAt(HERE, { east_m, north_m: east_m % 20 }));
     const drawn = features([
       {
         points: [point('1', 0), { ...point('2', 10), selected: true }],
@@ -128,7 +128,7 @@ describe('what MapLibre draws', () => {
     expect(area.coordinates[0]).toHaveLength(4);
     expect(area.coordinates[0]?.at(-1)).toEqual(area.coordinates[0]?.[0]);
   });
-  it('names a picture by all that it shows', () => {
+  it('has icon names that contain everything the icon shows', () => {
     const one = point('7', 0);
     const names = [one, { ...one, selected: true }, { ...one, text: '8' }, { ...one, mark: 'corner' as const }, { ...one, tone: 'caution' as const }].map(
       iconName,

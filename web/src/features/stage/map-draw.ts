@@ -4,7 +4,7 @@ import type { MapTarget, MapVehicle } from './map-model';
 import type { LayerPoint } from '../../app/map-layers.svelte';
 import { POINT_RADIUS_PX } from './layer-draw';
 import type { EdgeLabel, Grid, GridLine } from './grid';
-import { toPixel, type MapView, type Pixel, type Place } from '../../vehicle/geo';
+import { toPixel, type MapView, type Pixel, type GeoPosition } from '../../vehicle/geo';
 
 /** The page's colours for the canvas and the map's style. */
 export interface Palette {
@@ -39,7 +39,7 @@ export interface Picture {
   /** Points that MapLibre draws below the canvas; grid lines leave them free. */
   edited: readonly LayerPoint[];
   /** The point whose menu is open. */
-  mapPoint: Place | null;
+  mapPoint: GeoPosition | null;
   inset: boolean;
 }
 
@@ -48,7 +48,7 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
   ctx.clearRect(0, 0, view.width, view.height);
   if (picture.grid !== null) drawGrid(ctx, view, picture.grid, picture.overTiles, palette);
   if (picture.grid !== null) clearPoints(ctx, view, picture.edited);
-  if (!inset) for (const label of picture.labels) drawEdge(ctx, label, palette);
+  if (!inset) for (const label of picture.labels) drawEdgeLabels(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const v of vehicles) drawReturns(ctx, view, v, palette);
   for (const home of homes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
@@ -109,8 +109,8 @@ function drawReturns(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): 
 }
 
 /** Homes; vehicles that started close together share one mark. */
-function homes(vehicles: readonly MapVehicle[]): Place[] {
-  const found = new Map<string, Place>();
+function homes(vehicles: readonly MapVehicle[]): GeoPosition[] {
+  const found = new Map<string, GeoPosition>();
   for (const { home } of vehicles) if (home !== null) found.set(`${home.lat_deg.toFixed(6)},${home.lon_deg.toFixed(6)}`, home);
   return [...found.values()];
 }
@@ -119,7 +119,7 @@ function colourOf(v: MapVehicle, palette: Palette): string {
   return v.stale ? palette.text3 : palette.of(v.colour);
 }
 
-function drawEdge(ctx: Ctx, label: EdgeLabel, palette: Palette): void {
+function drawEdgeLabels(ctx: Ctx, label: EdgeLabel, palette: Palette): void {
   ctx.font = '11px Inter, system-ui, sans-serif';
   ctx.fillStyle = palette.text3;
   ctx.textBaseline = label.y === 0 ? 'top' : 'bottom';

@@ -6,7 +6,7 @@
 import { addProtocol, LngLatBounds, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent } from 'maplibre-gl';
 import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
 import { Protocol } from 'pmtiles';
-import { mercator, type MapView, type Pixel, type Place } from '../../vehicle/geo';
+import { mercator, type MapView, type Pixel, type GeoPosition } from '../../vehicle/geo';
 import idleUrl from './idle-worker.js?url';
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { LayerPainter } from './layer-draw';
@@ -111,7 +111,7 @@ export class MapEngine {
   }
 
   /** Shows a position at an offset [px] right of and below the middle, without animation. */
-  look(at: Place, off: Pixel, zoom?: number): void {
+  look(at: GeoPosition, off: Pixel, zoom?: number): void {
     const zoomed = zoom === undefined ? {} : { zoom };
     this.map.jumpTo({
       center: [at.lon_deg, at.lat_deg],
@@ -121,7 +121,7 @@ export class MapEngine {
   }
 
   /** The position in the middle of the uncovered area. */
-  centre(): Place {
+  centre(): GeoPosition {
     const { lat, lng } = this.map.getCenter();
     return { lat_deg: lat, lon_deg: lng };
   }
@@ -143,7 +143,7 @@ export class MapEngine {
   }
 
   /** Fits all positions into the uncovered area, with a zoom of at most `max_zoom`. */
-  fit(places: readonly Place[], max_zoom: number): void {
+  fit(places: readonly GeoPosition[], max_zoom: number): void {
     const [first] = places;
     if (first === undefined) return;
     const box = new LngLatBounds([first.lon_deg, first.lat_deg], [first.lon_deg, first.lat_deg]);

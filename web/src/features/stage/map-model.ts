@@ -5,12 +5,12 @@ import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
 import type { VehicleState } from '../../live/vehicle-state';
-import { returnsOf, SHOWN_S } from '../../vehicle/returns';
+import { returnsOf, MAX_AGE_S } from '../../vehicle/returns';
 import { fixed } from '../../ui/format';
 import type { MapPreview } from '../../app/preview.svelte';
-import { groundDistance_m, placeAt, type Place } from '../../vehicle/geo';
+import { groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';
 
-export interface MapVehicle extends Place {
+export interface MapVehicle extends GeoPosition {
   id: string;
   selected: boolean;
   lost: boolean;
@@ -21,17 +21,17 @@ export interface MapVehicle extends Place {
   yaw_rad: number | null;
   label: string;
   /** Oldest point first; shared with the store, must not be changed. */
-  trail: readonly Place[];
-  home: Place | null;
+  trail: readonly GeoPosition[];
+  home: GeoPosition | null;
   targets: MapTarget[];
   /** Direction of the camera, clockwise from north [rad]. */
   look_rad: number | null;
   /** Obstacles that its distance sensors detected. */
-  returns: readonly Place[];
+  returns: readonly GeoPosition[];
 }
 
 /** A target of the vehicle: a setpoint, a position to fly to, a region of interest of the camera. */
-export interface MapTarget extends Place {
+export interface MapTarget extends GeoPosition {
   kind: 'go' | 'look' | 'preview';
   label: string;
   /** Heading of a previewed setpoint. */
@@ -39,17 +39,17 @@ export interface MapTarget extends Place {
 }
 
 /** A position that this page told a vehicle to fly to or to look at. */
-export interface Wanted extends Place {
+export interface RequestedTarget extends GeoPosition {
   alt_home_m: number | null;
 }
 
-export interface WantedOf {
-  go: Wanted | null;
-  look: Wanted | null;
+export interface RequestedTargets {
+  go: RequestedTarget | null;
+  look: RequestedTarget | null;
 }
 
 /** Reference of all distances: the selected vehicle's home, else its position. */
-export function referencePlace(facts: VehicleFacts): Place | null {
+export function referencePosition(facts: VehicleFacts): GeoPosition | null {
   return facts.home?.value ?? facts.global?.value ?? null;
 }
 
@@ -59,13 +59,13 @@ export function homeKnown(facts: VehicleFacts): boolean {
 }
 
 /** The streamed setpoint on the earth, by the difference between the vehicle's global and local position. */
-function setpoint(facts: VehicleFacts, here: Place): MapTarget | null {
+function setpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
   const stream = facts.offboard;
   const at = facts.local?.value.position_ned_m;
   if (stream?.streaming !== true || stream.position_ned_m === null || at === undefined) return null;
   const [north, east, down] = stream.position_ned_m;
   if (north === null || east === null) return null;
-  const place = placeAt(here, { north_m: north - at[0], east_m: east - at[1] });
+  const place = positionAt(here, { north_m: north - at[0], east_m: east - at[1] });
   return { ...place, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m up`}` };
 }
 
@@ -73,7 +73,7 @@ function previewed(id: string, shown: MapPreview | null): MapTarget | null {
   return shown?.vehicle === id ? { ...shown.place, kind: 'preview', label: shown.label, yaw_rad: shown.yaw_ned_rad } : null;
 }
 
-function named(kind: MapTarget['kind'], what: string, wanted: Wanted | null): MapTarget | null {
+function named(kind: MapTarget['kind'], what: string, wanted: RequestedTarget | null): MapTarget | null {
   return wanted === null
     ? null
     : { kind, lat_deg: wanted.lat_deg, lon_deg: wanted.lon_deg, label: wanted.alt_home_m === null ? what : `${what} ${fixed(wanted.alt_home_m, 1)} m` };
@@ -88,13 +88,13 @@ function look(facts: VehicleFacts): number | null {
 }
 
 /** Positions of the obstacles that its distance sensors detect now. */
-function returns(vehicle: VehicleState, facts: VehicleFacts, here: Place): Place[] {
+function returns(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
   const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
   const around = vehicle.read('obstacle_distance', facts.now_unix_s);
   if (sensors === null && around === null) return [];
   return returnsOf(here, facts.attitude?.value.yaw_ned_rad ?? null, {
-    sensors: sensors !== null && sensors.age_s <= SHOWN_S ? sensors.value : null,
-    around: around !== null && around.age_s <= SHOWN_S ? around.value : null,
+    sensors: sensors !== null && sensors.age_s <= MAX_AGE_S ? sensors.value : null,
+    around: around !== null && around.age_s <= MAX_AGE_S ? around.value : null,
   });
 }
 
@@ -109,7 +109,7 @@ function label(facts: VehicleFacts): string {
 export function mapVehicles(
   store: TelemetryStore,
   selectedId: string | null,
-  wantedOf: (facts: VehicleFacts) => WantedOf,
+  targetsOf: (facts: VehicleFacts) => RequestedTargets,
   shown: MapPreview | null = null,
 ): MapVehicle[] {
   const found: MapVehicle[] = [];
@@ -120,7 +120,7 @@ export function mapVehicles(
     if (facts.global === null) return;
     const { lat_deg, lon_deg } = facts.global.value;
     const here = { lat_deg, lon_deg };
-    const wanted = wantedOf(facts);
+    const wanted = targetsOf(facts);
     const streamed = setpoint(facts, here);
     const targets = [streamed ?? named('go', 'go to', wanted.go), named('look', 'ROI', wanted.look), previewed(id, shown)];
     found.push({
@@ -145,12 +145,12 @@ export function mapVehicles(
 /** Distance at which a target counts as reached [m]. */
 const ARRIVED_M = 2;
 /** Time in which a vehicle must start to fly to a target [s]. */
-const SETTLES_S = 5;
+const START_TIMEOUT_S = 5;
 
 /** Whether the target of a vehicle still applies: not after it was reached, nor in another flight mode. */
-export function stillGoing(wanted: Wanted & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
+export function isTargetActive(wanted: RequestedTarget & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
   const mode = facts.status?.value.mode ?? '';
-  if (now_s - wanted.since_s < SETTLES_S) return true;
+  if (now_s - wanted.since_s < START_TIMEOUT_S) return true;
   if (facts.status?.value.armed !== true || mode !== 'hold' || facts.global === null) return false;
   const climb = wanted.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - wanted.alt_home_m);
   return groundDistance_m(wanted, facts.global.value) > ARRIVED_M || climb > ARRIVED_M;

@@ -6,10 +6,10 @@ import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { service } from '../../app/services';
 import type { Pixel } from '../../vehicle/geo';
-import { stillGoing, type Wanted, type WantedOf } from './map-model';
-import { distance_m, flightTime_s, heightWithin, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
+import { isTargetActive, type RequestedTarget, type RequestedTargets } from './map-model';
+import { distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
 
-type Going = Wanted & { since_s: number };
+type ActiveTarget = RequestedTarget & { since_s: number };
 
 /** PX4's parameters for its speeds in automatic modes. */
 const SPEEDS = { level_m_s: 'MPC_XY_CRUISE', up_m_s: 'MPC_Z_V_AUTO_UP', down_m_s: 'MPC_Z_V_AUTO_DN' } as const;
@@ -28,7 +28,7 @@ export class MapPointMenu {
   point_home_m = $state(0);
   busy = $state(false);
   private speeds = $state.raw<Record<string, Speeds>>({});
-  private readonly going = new Map<string, Going>();
+  private readonly activeTargets = new Map<string, ActiveTarget>();
 
   constructor(
     private readonly api: ApiClient,
@@ -45,7 +45,7 @@ export class MapPointMenu {
     if (this.actions.asked?.place === 'stage') this.actions.cancel();
     this.mapPoint = mapPoint;
     this.vehicle = facts.id;
-    if (!facts.replayed && !facts.lost) void this.askSpeeds(facts.id);
+    if (!facts.replayed && !facts.lost) void this.loadSpeeds(facts.id);
   }
 
   close(): void {
@@ -67,7 +67,7 @@ export class MapPointMenu {
   }
 
   setHeight(which: 'go_home_m' | 'point_home_m', value_m: number): void {
-    this[which] = heightWithin(value_m) ?? this[which];
+    this[which] = altitudeInRange(value_m) ?? this[which];
   }
 
   /** Opens the confirmation of "Go here". */
@@ -85,14 +85,14 @@ export class MapPointMenu {
       time_s: flightTime_s(facts, mapPoint, alt_home_m, this.speedsOf(facts.id)),
       settled: (taken) => {
         if (!taken) return;
-        this.going.set(facts.id, { lat_deg, lon_deg, alt_home_m, since_s: this.nowS() });
+        this.activeTargets.set(facts.id, { lat_deg, lon_deg, alt_home_m, since_s: this.nowS() });
         if (this.mapPoint === mapPoint) this.close();
       },
     });
   }
 
   /** Points the camera at the point once. */
-  async look(facts: VehicleFacts): Promise<void> {
+  async lookAt(facts: VehicleFacts): Promise<void> {
     const angles = this.mapPoint === null ? null : lookAngles(facts, this.mapPoint, this.point_home_m);
     if (angles === null) return;
     const lock = service('gimbal').lock(facts);
@@ -101,7 +101,7 @@ export class MapPointMenu {
   }
 
   /** Sets the point as the region of interest: the camera keeps pointing at it while the vehicle moves. */
-  async keepLooking(facts: VehicleFacts): Promise<void> {
+  async setRoi(facts: VehicleFacts): Promise<void> {
     const home = homeAmsl_m(facts);
     if (this.mapPoint === null || home === null) return;
     const { lat_deg, lon_deg } = this.mapPoint;
@@ -110,13 +110,13 @@ export class MapPointMenu {
   }
 
   /** The vehicle's targets for the map to draw. */
-  wantedOf(facts: VehicleFacts): WantedOf {
-    const going = this.going.get(facts.id);
-    if (going !== undefined && !stillGoing(going, facts, this.nowS())) this.going.delete(facts.id);
+  targetsOf(facts: VehicleFacts): RequestedTargets {
+    const going = this.activeTargets.get(facts.id);
+    if (going !== undefined && !isTargetActive(going, facts, this.nowS())) this.activeTargets.delete(facts.id);
     const roi = service('gimbal').roiOf(facts);
     const home = homeAmsl_m(facts);
     const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
-    return { go: this.going.get(facts.id) ?? null, look };
+    return { go: this.activeTargets.get(facts.id) ?? null, look };
   }
 
   private async send(what: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
@@ -127,7 +127,7 @@ export class MapPointMenu {
     if (taken) this.close();
   }
 
-  private async askSpeeds(id: string): Promise<void> {
+  private async loadSpeeds(id: string): Promise<void> {
     if (id in this.speeds) return;
     this.speeds = { ...this.speeds, [id]: NO_SPEEDS };
     const ask = async (name: string): Promise<number | null> => {

@@ -5,9 +5,9 @@
 import type { VehicleFacts } from '../../vehicle/facts';
 import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
 import { limits, type Angles } from '../../vehicle/gimbal';
-import { bearing_rad, groundDistance_m, type Pixel, type Place } from '../../vehicle/geo';
+import { bearing_rad, groundDistance_m, type Pixel, type GeoPosition } from '../../vehicle/geo';
 
-export interface MapPoint extends Place {
+export interface MapPoint extends GeoPosition {
   /** Terrain altitude at the point; null if the view does not know it. */
   ground_amsl_m: number | null;
   /** Null for a point on the map; for a point in 3D its pixel on the stage. */
@@ -15,13 +15,13 @@ export interface MapPoint extends Place {
 }
 
 /** The API's limits [m above home]. */
-export const HEIGHT_RANGE_M = { min: -100, max: 1000 } as const;
+export const ALTITUDE_RANGE_M = { min: -100, max: 1000 } as const;
 /** Largest distance [m] that the API accepts by default. */
-export const GO_WITHIN_M = 1000;
+export const MAX_GO_DISTANCE_M = 1000;
 
-const RECORDED = 'A recording takes no commands.';
-const UNHEARD = 'No connection to the vehicle.';
-const NO_PLACE = 'The vehicle’s position is not known.';
+const IS_REPLAY = 'A recording takes no commands.';
+const NO_CONNECTION = 'No connection to the vehicle.';
+const NO_POSITION = 'The vehicle’s position is not known.';
 const NO_HOME = 'The home position is not known.';
 
 /** The vehicle's speeds in automatic modes, from its parameters; null is unknown. */
@@ -39,12 +39,12 @@ export function homeAmsl_m(facts: VehicleFacts): number | null {
   return facts.global === null ? null : facts.global.value.alt_amsl_m - facts.global.value.alt_home_m;
 }
 
-export function distance_m(facts: VehicleFacts, mapPoint: Place): number | null {
+export function distance_m(facts: VehicleFacts, mapPoint: GeoPosition): number | null {
   return facts.global === null ? null : groundDistance_m(facts.global.value, mapPoint);
 }
 
 /** Flight time [s]: the longer of the horizontal flight and the climb; null if a required speed is not known. */
-export function flightTime_s(facts: VehicleFacts, mapPoint: Place, alt_home_m: number, speeds: Speeds): number | null {
+export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_home_m: number, speeds: Speeds): number | null {
   const way = distance_m(facts, mapPoint);
   if (way === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
   const climb = alt_home_m - facts.global.value.alt_home_m;
@@ -54,21 +54,21 @@ export function flightTime_s(facts: VehicleFacts, mapPoint: Place, alt_home_m: n
 }
 
 /** Why "Go here" is not possible now; null if it is. */
-export function whyNotGo(facts: VehicleFacts, mapPoint: Place): string | null {
-  if (facts.replayed) return RECORDED;
-  if (facts.lost) return UNHEARD;
+export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | null {
+  if (facts.replayed) return IS_REPLAY;
+  if (facts.lost) return NO_CONNECTION;
   const way = distance_m(facts, mapPoint);
-  if (way === null || facts.global?.stale === true) return NO_PLACE;
+  if (way === null || facts.global?.stale === true) return NO_POSITION;
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
   const { text, unit } = metres(way);
-  return way > GO_WITHIN_M ? `${text} ${unit} away: too far. Fly there in legs of at most ${GO_WITHIN_M} m.` : null;
+  return way > MAX_GO_DISTANCE_M ? `${text} ${unit} away: too far. Fly there in legs of at most ${MAX_GO_DISTANCE_M} m.` : null;
 }
 
 /**
  * Camera angles from the vehicle's present position, yaw from the nose and from north; null if they are not known.
  */
-export function lookAngles(facts: VehicleFacts, mapPoint: Place, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
+export function lookAngles(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
   const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
   if (facts.global === null || yaw_deg === null) return null;
   const way = groundDistance_m(facts.global.value, mapPoint);
@@ -78,21 +78,21 @@ export function lookAngles(facts: VehicleFacts, mapPoint: Place, point_home_m: n
 }
 
 function whyNoCamera(facts: VehicleFacts): string | null {
-  if (facts.replayed) return RECORDED;
-  if (facts.lost) return UNHEARD;
+  if (facts.replayed) return IS_REPLAY;
+  if (facts.lost) return NO_CONNECTION;
   if (facts.gimbal === null) return 'The vehicle reports no gimbal.';
-  return facts.global === null || facts.global.stale ? NO_PLACE : null;
+  return facts.global === null || facts.global.stale ? NO_POSITION : null;
 }
 
 /** Why "Look here" is not possible now; null if it is. */
-export function whyNotLook(facts: VehicleFacts, mapPoint: Place, point_home_m: number, inControl: boolean): string | null {
+export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number, inControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
   if (!inControl) return 'Take control of the gimbal first (its card).';
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
   const reach = limits(facts.gimbal?.value ?? null);
-  const beyond = (value: number, min: number, max: number): boolean => reach.told && (value < min - 0.05 || value > max + 0.05);
+  const beyond = (value: number, min: number, max: number): boolean => reach.isReported && (value < min - 0.05 || value > max + 0.05);
   if (beyond(angles.pitch_deg, reach.pitchMin_deg, reach.pitchMax_deg)) return `Beyond the gimbal’s reach: pitch ${fixed(angles.pitch_deg, 0)}°.`;
   if (beyond(angles.yaw_deg, reach.yawMin_deg, reach.yawMax_deg)) return `Beyond the gimbal’s reach: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
   return null;
@@ -106,14 +106,14 @@ export function whyNotRoi(facts: VehicleFacts): string | null {
 }
 
 /** The altitude within the permitted range; null if it is not a number. */
-export function heightWithin(value_m: number): number | null {
-  return Number.isFinite(value_m) ? Math.min(HEIGHT_RANGE_M.max, Math.max(HEIGHT_RANGE_M.min, value_m)) : null;
+export function altitudeInRange(value_m: number): number | null {
+  return Number.isFinite(value_m) ? Math.min(ALTITUDE_RANGE_M.max, Math.max(ALTITUDE_RANGE_M.min, value_m)) : null;
 }
 
 const COMPASS = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
 
 /** Distance and direction to a place: "34 m north-east". */
-export function wayText(from: Place, to: Place): string {
+export function distanceText(from: GeoPosition, to: GeoPosition): string {
   const { text, unit } = metres(groundDistance_m(from, to));
   const point = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';
   return `${text} ${unit} ${point}`;

@@ -4,7 +4,7 @@ import { covered } from '../../app/covers.svelte';
 import { freeMiddle } from '../../app/free';
 import type { Camera } from '../../app/services';
 import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
-import type { Place } from '../../vehicle/geo';
+import type { GeoPosition } from '../../vehicle/geo';
 
 export type SceneState = { phase: 'asking' } | { phase: 'there' } | { phase: 'absent'; why: string };
 
@@ -23,7 +23,7 @@ export interface MapCommands {
   near: () => void;
   northUp: () => void;
   /** Fits positions into the uncovered area. */
-  show: (places: readonly Place[]) => void;
+  show: (places: readonly GeoPosition[]) => void;
 }
 
 const RETRY_MS = 5000;
@@ -44,24 +44,24 @@ class StageState {
    */
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
-  private toTell: SceneView | null = null;
-  private wantsMap = $state(false);
-  readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.wantsMap ? 'scene' : 'map');
+  private pendingView: SceneView | null = null;
+  private mapChosen = $state(false);
+  readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'there' && !this.mapChosen ? 'scene' : 'map');
 
-  get sceneIsThere(): boolean {
+  get sceneAvailable(): boolean {
     return this.scene.phase === 'there';
   }
 
   swap(): void {
-    if (this.scene.phase === 'there') this.wantsMap = !this.wantsMap;
+    if (this.scene.phase === 'there') this.mapChosen = !this.mapChosen;
   }
 
   /** Makes the map large. */
   showMap(): void {
-    this.wantsMap = true;
+    this.mapChosen = true;
   }
 
-  showPlaces(places: readonly Place[]): void {
+  showPlaces(places: readonly GeoPosition[]): void {
     this.map?.show(places);
   }
 
@@ -83,16 +83,16 @@ class StageState {
    * view and needs no message.
    */
   async show(view: SceneView): Promise<void> {
-    const telling = this.toTell !== null;
-    this.toTell = view;
-    if (telling) return;
-    for (let told: SceneView | null = null; told !== this.toTell;) {
-      told = this.toTell;
-      const { vehicle, ...rest } = told;
-      const body = JSON.stringify(vehicle === null ? rest : told);
+    const sendView = this.pendingView !== null;
+    this.pendingView = view;
+    if (sendView) return;
+    for (let sentView: SceneView | null = null; sentView !== this.pendingView;) {
+      sentView = this.pendingView;
+      const { vehicle, ...rest } = sentView;
+      const body = JSON.stringify(vehicle === null ? rest : sentView);
       await fetch(`${SCENE_URL}view/${this.token}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
     }
-    this.toTell = null;
+    this.pendingView = null;
   }
 
   /** Polls until the 3D view is available. */

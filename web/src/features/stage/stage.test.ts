@@ -10,14 +10,14 @@ import {
   mercator,
   niceLength_m,
   pixelsPerMetre,
-  placeAt,
+  positionAt,
   toPixel,
   type MapView,
 } from '../../vehicle/geo';
 import { edgeLabels, gridLines, gridStep_m, viewBox } from './grid';
-import { stillGoing } from './map-model';
+import { isTargetActive } from './map-model';
 import { attributionText, offlineMap, type MapFile } from './offline-maps';
-import { flightTime_s, heightWithin, lookAngles, menuCorner, wayText, whyNotGo, whyNotLook, whyNotRoi } from './map-point';
+import { flightTime_s, altitudeInRange, lookAngles, menuCorner, distanceText, whyNotGo, whyNotLook, whyNotRoi } from './map-point';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const view = (px_per_m: number, over: Partial<MapView> = {}): MapView => {
@@ -25,22 +25,22 @@ const view = (px_per_m: number, over: Partial<MapView> = {}): MapView => {
   return { ...one, world_px: px_per_m / pixelsPerMetre(one), ...over };
 };
 
-describe('places', () => {
-  it('are measured in metres, over the date line too', () => {
+describe('positions', () => {
+  it('are measured in metres, also across the date line', () => {
     expect(eastNorth(HERE, { lat_deg: 47.401, lon_deg: 8.5 }).north_m).toBeCloseTo(111.2, 0);
     expect(groundDistance_m({ lat_deg: 0, lon_deg: 179.9995 }, { lat_deg: 0, lon_deg: -179.9995 })).toBeCloseTo(111.2, 0);
-    const there = placeAt(HERE, { east_m: 300, north_m: -40 });
+    const there = positionAt(HERE, { east_m: 300, north_m: -40 });
     expect(eastNorth(HERE, there).east_m).toBeCloseTo(300, 6);
     expect(eastNorth(HERE, there).north_m).toBeCloseTo(-40, 6);
   });
-  it('lie where the metres say on the screen, north up or turned', () => {
-    const east = placeAt(HERE, { east_m: 20, north_m: 0 });
+  it('are projected to the screen, north up or rotated', () => {
+    const east = positionAt(HERE, { east_m: 20, north_m: 0 });
     const up = toPixel(view(8), east);
     expect([up.x, up.y].map(Math.round)).toEqual([660, 400]);
     const turned = toPixel(view(8, { up_rad: Math.PI / 2 }), east);
     expect([turned.x, turned.y].map(Math.round)).toEqual([500, 240]);
   });
-  it('come back from pixels as the same place', () => {
+  it('are the same after projection and back', () => {
     for (const up_rad of [0, 0.7, -2]) {
       const at = { x: 130, y: 720 };
       const back = toPixel(view(3, { up_rad }), fromPixel(view(3, { up_rad }), at));
@@ -48,19 +48,19 @@ describe('places', () => {
       expect(back.y).toBeCloseTo(at.y, 4);
     }
   });
-  it('are hit within reach, the nearest first', () => {
-    const those = [0, 4, 30].map((east_m) => ({ ...placeAt(HERE, { east_m, north_m: 0 }), east_m }));
+  it('are found within reach, the nearest first', () => {
+    const those = [0, 4, 30].map((east_m) => ({ ...positionAt(HERE, { east_m, north_m: 0 }), east_m }));
     expect(hit(view(5), { x: 515, y: 400 }, those, 24)?.east_m).toBe(4);
     expect(hit(view(5), { x: 560, y: 400 }, those, 24)).toBeNull();
   });
-  it('have round scale bars', () => {
+  it('have scale bars of round lengths', () => {
     expect([niceLength_m(4, 110), niceLength_m(0.1, 110), niceLength_m(60, 110)]).toEqual([20, 1000, 1]);
     expect([lengthText(20), lengthText(2000), lengthText(0.5)]).toEqual(['20 m', '2 km', '0.5 m']);
   });
 });
 
 describe('grid', () => {
-  it('has cells of a power of ten that can be seen', () => {
+  it('has visible cells of a power of ten', () => {
     expect([60, 8, 1, 0.1, 0.002].map(gridStep_m)).toEqual([1, 10, 100, 1000, 100_000]);
     for (let px_per_m = 30; px_per_m > 0.001; px_per_m /= 1.3) {
       const cell = gridStep_m(px_per_m) * px_per_m;
@@ -68,18 +68,18 @@ describe('grid', () => {
       expect(cell).toBeLessThan(341);
     }
   });
-  it('starts at home, every tenth line strong', () => {
+  it('starts at home, with every tenth line strong', () => {
     const { thin, strong } = gridLines(HERE, { west_m: -55, east_m: 105, south_m: -5, north_m: 5 }, 10);
     expect(thin).toHaveLength(14); // 16 meridians from −50 to 100, without 0 and 100
     expect(strong).toHaveLength(3); // these two, and the parallel through home
     expect(strong.some(({ from, to }) => from.lon_deg === to.lon_deg && Math.abs(from.lon_deg - HERE.lon_deg) < 1e-12)).toBe(true);
   });
-  it('covers what a turned view shows, and is none where a flat one would lie', () => {
+  it('covers a rotated view, and is empty where a flat grid is inaccurate', () => {
     const box = viewBox(view(4, { up_rad: Math.PI / 4 }), HERE);
     expect(box.east_m).toBeCloseTo((1000 + 800) / 2 / Math.SQRT2 / 4, 0);
     expect(gridLines(HERE, { west_m: 6e5, east_m: 7e5, south_m: 0, north_m: 1e5 }, 1000)).toEqual({ thin: [], strong: [] });
   });
-  it('says metres from home at its edges, north up only', () => {
+  it('labels the distance from home at its edges, only with north up', () => {
     const labels = edgeLabels(view(1), HERE).map((l) => l.text);
     expect(labels).toContain('home');
     expect(labels).toContain('100 m E');
@@ -106,18 +106,18 @@ function facts(over: Record<string, unknown> = {}): VehicleFacts {
     ...over,
   } as unknown as VehicleFacts;
 }
-const EAST_30 = placeAt(HERE, { east_m: 30, north_m: 0 });
+const EAST_30 = positionAt(HERE, { east_m: 30, north_m: 0 });
 
-describe('what can be done at a place', () => {
-  it('is all of it in the air with a gimbal of ours', () => {
+describe('actions at a map point', () => {
+  it('are all possible in the air with gimbal control', () => {
     expect(whyNotGo(facts(), EAST_30)).toBeNull();
     expect(whyNotLook(facts(), EAST_30, 0, true)).toBeNull();
     expect(whyNotRoi(facts())).toBeNull();
   });
-  it('is refused in words where it does not apply', () => {
+  it('have a reason where they are not possible', () => {
     expect(whyNotGo(facts({ inAir: false }), EAST_30)).toMatch(/take off first/);
     expect(whyNotGo(facts({ home: null }), EAST_30)).toMatch(/home position is not known/);
-    expect(whyNotGo(facts(), placeAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
+    expect(whyNotGo(facts(), positionAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
     expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
@@ -131,29 +131,29 @@ describe('what can be done at a place', () => {
       for (const why of [whyNotGo(facts(over), EAST_30), whyNotLook(facts(over), EAST_30, 0, true), whyNotRoi(facts(over))]) expect(why).toMatch(word);
     }
   });
-  it('keeps ROI and look apart from flying: both work on the ground', () => {
+  it('allow ROI and look on the ground', () => {
     expect(whyNotRoi(facts({ inAir: false }))).toBeNull();
     expect(whyNotLook(facts({ inAir: false }), EAST_30, 0, true)).toBeNull();
   });
-  it('points the camera down to a place ahead', () => {
+  it('point the camera down to a point ahead', () => {
     const angles = lookAngles(facts(), EAST_30, 0);
     expect(angles?.yaw_deg).toBeCloseTo(0, 3); // the vehicle faces east
     expect(angles?.yaw_ned_deg).toBeCloseTo(90, 3);
     expect(angles?.pitch_deg).toBeCloseTo((-Math.atan2(12, 30) * 180) / Math.PI, 3);
     expect(lookAngles(facts({ attitude: null }), EAST_30, 0)).toBeNull();
   });
-  it('says how far and how long, and no time that it does not know', () => {
+  it('show distance and time, and no unknown time', () => {
     const speeds = { level_m_s: 5, up_m_s: 3, down_m_s: 1.5 };
-    expect(wayText(HERE, EAST_30)).toBe('30.0 m east');
-    expect(wayText(HERE, placeAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
+    expect(distanceText(HERE, EAST_30)).toBe('30.0 m east');
+    expect(distanceText(HERE, positionAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
     expect(flightTime_s(facts(), EAST_30, 12, speeds)).toBeCloseTo(6, 1);
     expect(flightTime_s(facts(), EAST_30, 42, speeds)).toBeCloseTo(10, 1);
     expect(flightTime_s(facts(), EAST_30, 0, speeds)).toBeCloseTo(8, 1);
     expect(flightTime_s(facts(), EAST_30, 12, { ...speeds, level_m_s: null })).toBeNull();
     expect(flightTime_s(facts(), EAST_30, 42, { ...speeds, up_m_s: null })).toBeNull();
-    expect([heightWithin(NaN), heightWithin(5000), heightWithin(12.5)]).toEqual([null, 1000, 12.5]);
+    expect([altitudeInRange(NaN), altitudeInRange(5000), altitudeInRange(12.5)]).toEqual([null, 1000, 12.5]);
   });
-  it('opens beside the place, inside what is free', () => {
+  it('open beside the point, within the free area', () => {
     const free = { left: 12, top: 12, right: 936, bottom: 600 };
     const menu = { width: 300, height: 270 };
     expect(menuCorner({ x: 400, y: 300 }, menu, free)).toEqual({ x: 420, y: 210 });
@@ -162,14 +162,14 @@ describe('what can be done at a place', () => {
   });
 });
 
-describe('a place it was sent to', () => {
+describe('a target of a vehicle', () => {
   const wanted = { ...EAST_30, alt_home_m: 12, since_s: 0 };
-  it('stays on the map until it is there or flies something else', () => {
-    expect(stillGoing(wanted, facts(), 60)).toBe(true);
-    expect(stillGoing({ ...wanted, ...HERE }, facts(), 60)).toBe(false);
-    expect(stillGoing({ ...wanted, ...HERE, alt_home_m: 30 }, facts(), 60)).toBe(true);
-    expect(stillGoing(wanted, facts({ status: reading({ armed: true, mode: 'rtl' }) }), 60)).toBe(false);
-    expect(stillGoing(wanted, facts({ status: reading({ armed: true, mode: 'takeoff' }) }), 2)).toBe(true); // the vehicle has not shown the new mode yet
+  it('stays on the map until it is reached or the mode changes', () => {
+    expect(isTargetActive(wanted, facts(), 60)).toBe(true);
+    expect(isTargetActive({ ...wanted, ...HERE }, facts(), 60)).toBe(false);
+    expect(isTargetActive({ ...wanted, ...HERE, alt_home_m: 30 }, facts(), 60)).toBe(true);
+    expect(isTargetActive(wanted, facts({ status: reading({ armed: true, mode: 'rtl' }) }), 60)).toBe(false);
+    expect(isTargetActive(wanted, facts({ status: reading({ armed: true, mode: 'takeoff' }) }), 2)).toBe(true); // the vehicle has not shown the new mode yet
   });
 });
 
@@ -186,25 +186,25 @@ describe('offline maps', () => {
     layers: [],
     bytes: 1,
   };
-  it('are read from this server only', () => {
+  it('are loaded only from this server', () => {
     expect(offlineMap(file, 'http://h').source).toMatchObject({ type: 'raster', url: 'pmtiles://http://h/api/v1/maps/a.pmtiles' });
     const tiles = offlineMap({ ...file, format: 'mbtiles', tiles: 'vector', url: '/api/v1/maps/b' }, 'http://h').source;
     expect(tiles).toMatchObject({ type: 'vector', tiles: ['http://h/api/v1/maps/b/{z}/{x}/{y}'], minzoom: 3, maxzoom: 15, bounds: [8, 47, 9, 48] });
   });
-  it('name who made them, once and without markup', () => {
+  it('show each attribution once, without markup', () => {
     expect(attributionText([file, file, { ...file, attribution: null }])).toBe('© Someone');
   });
 });
 
-describe('the middle of what panels leave free', () => {
+describe('the middle of the uncovered area', () => {
   const stage = { width: 1036, height: 628 };
-  it('is between them, wherever they are', () => {
+  it('is between the panels on all sides', () => {
     expect(freeMiddle(stage, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: -46, y: -34 });
     expect(freeMiddle(stage, { left: 240, right: 0, top: 0, bottom: 0 })).toEqual({ x: 126, y: 0 });
     expect(freeMiddle(stage, { left: 0, right: 0, top: 78, bottom: 56 })).toEqual({ x: 0, y: 11 });
     expect(freeMiddle(stage, { left: 0, right: 0, top: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
   });
-  it('goes by the widest at each edge', () => {
+  it('uses the widest panel at each edge', () => {
     expect(
       widest([
         { edge: 'left', px: 240 },
@@ -213,10 +213,10 @@ describe('the middle of what panels leave free', () => {
       ]),
     ).toEqual({ left: 540, right: 344, top: 0, bottom: 0 });
   });
-  it('stays where nothing is left', () => {
+  it('stays unchanged if nothing is uncovered', () => {
     expect(freeMiddle({ width: 400, height: 50 }, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: 0, y: 0 });
   });
-  it('is told to the 3D view as shares of it', () => {
+  it('is sent to the 3D view as fractions of its size', () => {
     expect(asShares({ x: -46, y: -34 }, stage)).toEqual([-0.0444, -0.0541]);
     expect(asShares({ x: 126, y: 0 }, { width: 0, height: 0 })).toEqual([0, 0]);
   });

@@ -19,7 +19,7 @@ const status = (over: Partial<Status> = {}): Status => ({
 const words = (over: Partial<StatusFacts>) => statusWords({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
 
 describe('status words', () => {
-  it('says who makes it fly', () => {
+  it('shows who commands the vehicle', () => {
     expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
       title: 'Offboard',
       who: 'setpoints from this server: position, 50 Hz, a',
@@ -29,14 +29,14 @@ describe('status words', () => {
     expect(words({ status: status({ mode: 'position' }) }).who).toContain('pilot');
     expect(words({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
   });
-  it('does not call ready what has not said so', () => {
+  it('does not show an unreported vehicle as ready', () => {
     const down = status({ armed: false, landed_state: 'on_ground' });
     expect(words({ status: down, ready: true }).title).toBe('Ready');
     expect(words({ status: down, ready: false })).toMatchObject({ title: 'Not ready', tone: 'caution' });
     expect(words({ status: down }).title).toBe('Disarmed');
     expect(words({ status: null }).title).toBe('No vehicle state');
   });
-  it('puts lost, replay and failsafe before the mode', () => {
+  it('shows lost, replay and failsafe before the mode', () => {
     expect(words({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', who: '7 s ago · last: Hold, armed', tone: 'danger' });
     expect(words({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', who: 'last: Hold, armed' });
     expect(words({ replayed: true }).title).toBe('Replay');
@@ -68,7 +68,7 @@ it('shows severity with a word, and unknown as unknown', () => {
   });
 });
 
-it('says that a recording stopped, and does not claim one that nobody told of', () => {
+it('shows a stopped recording, and none that was not reported', () => {
   const link: LinkLine = {
     name: 'a',
     url: 'udpin://x',

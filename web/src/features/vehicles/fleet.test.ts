@@ -2,7 +2,7 @@ import { describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
-import { heldWords, narrowed, removable, rowOf, stateWords, stepped } from './fleet';
+import { holdText, narrowed, removable, rowOf, stateWords, stepped } from './fleet';
 import { list } from './list.svelte';
 
 function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
@@ -13,13 +13,13 @@ function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
 }
 
 describe('list of vehicles', () => {
-  it('calls a vehicle lost only where the server says so, not where the server itself is away', () => {
+  it('shows a vehicle as lost only if the server reports it, not if the server is unreachable', () => {
     expect(stateWords(facts('1', { lost: true }))).toEqual({ words: 'lost', tone: 'danger' });
     expect(stateWords(facts('1', { lost: true, offline: true }))).toEqual({ words: 'no server', tone: 'danger' });
     expect(stateWords(facts('1')).words).toBe('disarmed');
   });
 
-  it('finds by number, type and state, and narrows to those that fly or need attention', () => {
+  it('finds by number, type and state, and filters those that fly or need attention', () => {
     const rows = [facts('1'), facts('12', { inAir: true }), facts('21', { lost: true })].map(rowOf);
     const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => narrowed(rows, text, filter).map((row) => row.facts.id);
     expect(ids('')).toEqual(['1', '12', '21']);
@@ -33,7 +33,7 @@ describe('list of vehicles', () => {
     expect(ids('armed')).toEqual([]); // the beginning of a word is enough
   });
 
-  it('goes through the list by arrows and stops at its ends', () => {
+  it('moves through the list with the arrow keys and stops at its ends', () => {
     expect([stepped(-1, 3, 'ArrowDown'), stepped(2, 3, 'ArrowDown'), stepped(0, 3, 'ArrowUp'), stepped(1, 3, 'End'), stepped(1, 3, 'Home')]).toEqual([
       0, 2, 0, 2, 0,
     ]);
@@ -41,7 +41,7 @@ describe('list of vehicles', () => {
     expect(stepped(0, 0, 'ArrowDown')).toBeNull();
   });
 
-  it('holds all in one request, and names those that did not', async () => {
+  it('holds all in one request, and names those that failed', async () => {
     const asked: { url: string; vehicles: string[] }[] = [];
     const fetch = vi.fn((url: string, init?: RequestInit) => {
       const { vehicles } = JSON.parse(String(init?.body)) as { vehicles: string[] };
@@ -52,20 +52,20 @@ describe('list of vehicles', () => {
     const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
     expect(asked).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((one) => one.id) }]);
-    expect(list.said).toEqual({ text: '19 of 20 vehicles switched to Hold. Not: 7 Quad.', refused: true });
+    expect(list.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not: 7 Quad.', refused: true });
     expect(list.holding).toBe(false);
-    expect(heldWords(3, [])).toBe('All 3 vehicles switched to Hold.');
+    expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
 
-  it('says why none was asked to hold', async () => {
+  it('shows why none could be held', async () => {
     const refusal = { title: 'Signed out', code: 'token', detail: 'The token is not valid.', remedy: 'Sign in again.' };
     const fetch = vi.fn(() => Promise.resolve(new Response(JSON.stringify(refusal), { status: 401 })));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: '1 Quad' }]);
-    expect(list.said).toEqual({ text: 'The token is not valid. Sign in again.', refused: true });
+    expect(list.result).toEqual({ text: 'The token is not valid. Sign in again.', refused: true });
     expect(list.holding).toBe(false);
   });
 
-  it('removes a silent vehicle, and says why one stays', async () => {
+  it('removes a lost vehicle, and shows why a removal failed', async () => {
     const asked: [string, string | undefined][] = [];
     const fetch = vi.fn((url: string, init?: RequestInit) => {
       asked.push([url, init?.method]);
@@ -74,16 +74,16 @@ describe('list of vehicles', () => {
     });
     const api = new ApiClient('test', () => undefined, fetch as never);
     await list.remove(api, { id: '3~2', name: '3~2 Quad' });
-    expect(list.said).toEqual({ text: '3~2 Quad is removed.', refused: false });
+    expect(list.result).toEqual({ text: '3~2 Quad is removed.', refused: false });
     await list.remove(api, { id: '7', name: '7 Quad' });
-    expect(list.said).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
+    expect(list.result).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
     expect(asked.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([
       ['3~2', 'DELETE'],
       ['7', 'DELETE'],
     ]);
   });
 
-  it('offers removal only for a vehicle that the server does not hear, and that no recording has', () => {
+  it('offers removal only for a lost vehicle that is not a replay', () => {
     expect(removable(facts('1', { lost: true }))).toBe(true);
     expect(removable(facts('1'))).toBe(false);
     expect(removable(facts('1', { lost: true, offline: true }))).toBe(false);

@@ -74,7 +74,7 @@ export function stepped(at: number, count: number, key: string): number | null {
 }
 
 /** Result of a Hold command to several vehicles. */
-export function heldWords(asked: number, refused: readonly string[]): string {
+export function holdText(asked: number, refused: readonly string[]): string {
   if (refused.length === 0) return asked === 1 ? 'The vehicle switched to Hold.' : `All ${asked} vehicles switched to Hold.`;
   const named = refused.slice(0, 5).join(', ') + (refused.length > 5 ? ` and ${refused.length - 5} more` : '');
   return `${asked - refused.length} of ${asked} vehicles switched to Hold. Not: ${named}.`;

@@ -2,9 +2,9 @@
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
-import { heldWords, type Filter } from './fleet';
+import { holdText, type Filter } from './fleet';
 
-const wordsOf = (problem: Problem): string => [problem.detail, problem.remedy].filter(Boolean).join(' ');
+const problemText = (problem: Problem): string => [problem.detail, problem.remedy].filter(Boolean).join(' ');
 
 class VehicleList {
   open = $state(false);
@@ -13,39 +13,39 @@ class VehicleList {
   /** Whether a Hold command is waiting for its answers. */
   holding = $state(false);
   /** Result of the last command; null before the first. */
-  said = $state.raw<{ text: string; refused: boolean } | null>(null);
+  result = $state.raw<{ text: string; refused: boolean } | null>(null);
 
   toggle(): void {
     this.open = !this.open;
-    if (!this.open) this.said = null;
+    if (!this.open) this.result = null;
   }
 
   close(): void {
     this.open = false;
-    this.said = null;
+    this.result = null;
   }
 
   /** Sends Hold to all of them in one request, without a confirmation (Hold never needs one). */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
     if (this.holding || vehicles.length === 0) return;
-    this.said = null;
+    this.result = null;
     this.holding = true;
     const outcome = await api.post('/hold', { body: { vehicles: vehicles.map((one) => one.id) } });
     this.holding = false;
     if (outcome.ok) {
       const failed = new Set(outcome.value.results.filter((one) => !one.held).map((one) => one.vehicle));
       const refused = vehicles.filter((one) => failed.has(one.id)).map((one) => one.name);
-      this.said = { text: heldWords(vehicles.length, refused), refused: refused.length > 0 };
+      this.result = { text: holdText(vehicles.length, refused), refused: refused.length > 0 };
     } else {
-      this.said = { text: wordsOf(outcome.problem), refused: true };
+      this.result = { text: problemText(outcome.problem), refused: true };
     }
   }
 
   /** Removes a vehicle whose connection is lost; a refusal is shown. */
   async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
     const outcome = await api.delete('/vehicles/{v}', ofVehicle(vehicle.id));
-    const text = outcome.ok ? `${vehicle.name} is removed.` : wordsOf(outcome.problem);
-    this.said = { text, refused: !outcome.ok };
+    const text = outcome.ok ? `${vehicle.name} is removed.` : problemText(outcome.problem);
+    this.result = { text, refused: !outcome.ok };
   }
 }
 

@@ -4,7 +4,7 @@ import type { AnySetpoint } from '../../../vehicle/setpoint';
 import { Pilot, RATE_HZ, type PadSnapshot, type Step } from './pilot';
 import { SCALES, type PadMode } from './sticks';
 
-/** Names of the standard layout's buttons that a hand holds while it flies. */
+/** Names of the buttons of the standard layout that a hand can hold while flying. */
 export const DEADMEN: readonly { value: number; text: string }[] = [
   { value: 5, text: 'R1' },
   { value: 4, text: 'L1' },

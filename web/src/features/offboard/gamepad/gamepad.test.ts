@@ -8,7 +8,7 @@ const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pa
 const FORWARD = [0, 0, 0, -1];
 
 describe('sticks', () => {
-  it('ask for nothing within the dead zone and begin there without a step', () => {
+  it('command nothing within the dead zone and start there without a step', () => {
     expect(shaped(0.1, SHAPE)).toBe(0);
     expect(shaped(-0.09, SHAPE)).toBe(0);
     expect(shaped(0.101, SHAPE)).toBeLessThan(0.01);
@@ -17,19 +17,19 @@ describe('sticks', () => {
     expect(shaped(Number.NaN, SHAPE)).toBe(0);
   });
 
-  it('are softer about the middle with expo, and never go back', () => {
+  it('are less sensitive about the middle with expo, and monotonic', () => {
     expect(shaped(0.5, { dead: 0, expo: 1 })).toBeCloseTo(0.125);
     expect(shaped(0.5, { dead: 0, expo: 0 })).toBe(0.5);
     const values = Array.from({ length: 101 }, (_, i) => shaped(i / 100, SHAPE));
     expect(values.every((v, i) => i === 0 || v >= (values[i - 1] ?? 0))).toBe(true);
   });
 
-  it('are read as a pilot means them: up is up, although a pad reports down as positive', () => {
+  it('count up as positive, although a gamepad reports down as positive', () => {
     expect(sticksOf([0.5, -1, 1, -1], { dead: 0, expo: 0 })).toEqual({ forward: 1, right: 1, up: 1, turn: 0.5 });
     expect(sticksOf([], SHAPE)).toEqual(CENTRED);
   });
 
-  it('become a velocity in the frame that was chosen, no faster in a corner', () => {
+  it('command a velocity in the chosen frame, not faster in a corner', () => {
     expect(velocityOrder({ forward: 1, right: 0, up: 0.5, turn: -1 }, 'heading', SCALE)).toEqual({
       type: 'velocity_body',
       velocity_frd_m_s: [4, 0, -1],
@@ -40,7 +40,7 @@ describe('sticks', () => {
     expect(corner.type).toBe('velocity');
   });
 
-  it('become an attitude: forward is nose down, the middle is the hover thrust', () => {
+  it('command an attitude: forward is nose down, the middle is the hover thrust', () => {
     const order = attitudeOrder({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
     expect(order.pitch_rad).toBeCloseTo(-20 * (Math.PI / 180));
     expect(order.thrust).toBe(0.6);
@@ -48,7 +48,7 @@ describe('sticks', () => {
     expect(attitudeOrder({ ...CENTRED, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
   });
 
-  it('stand still without a negative zero', () => {
+  it('command zero without a negative zero', () => {
     expect(Object.is(velocityOrder(CENTRED, 'heading', SCALES[0]?.scale ?? SCALE).velocity_frd_m_s?.[2], 0)).toBe(true);
   });
 });
@@ -63,7 +63,7 @@ describe('the deadman button', () => {
     return pilot;
   }
 
-  it('must be held: sticks alone move nothing', () => {
+  it('must be held: sticks alone command nothing', () => {
     const pilot = new Pilot(SCALE, 5);
     expect(pilot.step(pad(FORWARD, true), HERE, 0).order).toBeNull();
     pilot.engage();
@@ -71,7 +71,7 @@ describe('the deadman button', () => {
     expect(pilot.step(pad(FORWARD, true), HERE, 0.04).order).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
   });
 
-  it('held from before does not count until it was let go once', () => {
+  it('does not count if it was already held, until it is released once', () => {
     const pilot = new Pilot(SCALE, 5);
     pilot.engage();
     expect(pilot.step(pad(FORWARD, true), HERE, 0)).toMatchObject({ phase: 'release', order: STAND });
@@ -79,7 +79,7 @@ describe('the deadman button', () => {
     expect(pilot.step(pad(FORWARD, true), HERE, 0.08).phase).toBe('flying');
   });
 
-  it.each(['heading', 'attitude'] as const)('let go stops at once (%s)', (mode) => {
+  it.each(['heading', 'attitude'] as const)('stops the vehicle on release (%s)', (mode) => {
     expect(flying(mode).step(pad(FORWARD, false), HERE, 0.08)).toMatchObject({ phase: 'ready', order: STAND, ended: null });
   });
 
@@ -92,11 +92,11 @@ describe('the deadman button', () => {
     const step = pilot.step(seen, around, 0.08);
     expect(step).toMatchObject({ phase: 'off', order: STAND });
     expect(step.ended).toMatch(/\.$/);
-    // Back again with the button still held: nothing flies until it is begun anew.
+    // Visible again with the button still held: nothing is sent until it is started again.
     expect(pilot.step(pad(FORWARD, true), HERE, 0.12).order).toBeNull();
   });
 
-  it('turns the yaw it holds by the stick, from where the vehicle points, and does not jump after a pause', () => {
+  it('turns the held yaw by the stick, from the vehicle’s heading, without a jump after a pause', () => {
     const pilot = flying('attitude');
     const turned = pilot.step(pad([1, 0, 0, 0], true), HERE, 0.08).order;
     expect(turned).toMatchObject({ type: 'attitude' });
@@ -106,7 +106,7 @@ describe('the deadman button', () => {
     expect(pilot.step(pad(FORWARD, true), { ...HERE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', order: STAND });
   });
 
-  it('ended by hand stands still once', () => {
+  it('sends one stop when a person ends it', () => {
     const pilot = flying();
     expect(pilot.disengage()).toEqual(STAND);
     expect(pilot.disengage()).toBeNull();

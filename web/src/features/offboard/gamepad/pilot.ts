@@ -1,6 +1,7 @@
 /**
- * Turns a gamepad's state into setpoints, 25 times a second: the sticks count only while the deadman button is held; the vehicle stops the
- * moment it is released. Losing sight of the sticks (unplugged, tab hidden, window left) ends it. Pure: callers pass the time.
+ * Turns a gamepad's state into setpoints, 25 times a second. The sticks count only while the deadman button is held;
+ * the vehicle stops as soon as it is released. It ends when the sticks cannot be read (unplugged, hidden tab, window
+ * without focus). Pure: callers pass the time.
  */
 
 import { attitudeOrder, SHAPE, STAND, sticksOf, velocityOrder, type PadMode, type PadOrder, type Scale, type Sticks, CENTRED } from './sticks';
@@ -26,14 +27,17 @@ export interface Surroundings {
   hoverThrust: number;
 }
 
-/** `release`: the button must be let go once before it counts; `ready`: stands still; `flying`: the sticks fly. */
+/**
+ * `release`: the button must be released once before it counts; `ready`: stopped; `flying`: the sticks control the
+ * vehicle.
+ */
 export type PilotPhase = 'off' | 'release' | 'ready' | 'flying';
 
 export interface Step {
   phase: PilotPhase;
   /** The setpoint to send now; null for none. */
   order: PadOrder | null;
-  /** Why it ended by itself; null while it goes on. */
+  /** Why it ended by itself; null while it runs. */
   ended: string | null;
   sticks: Sticks;
   held: boolean;

@@ -2,7 +2,7 @@
 
 import type { Vector3 } from '../../../live/topics';
 
-/** Sticks as a person means them, each −1 to 1. */
+/** Stick positions from the pilot's view, each −1 to 1. */
 export interface Sticks {
   forward: number;
   right: number;
@@ -14,15 +14,15 @@ export interface Sticks {
 export const CENTRED: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
 
 export interface Shape {
-  /** What counts as the middle, 0–0.5. */
+  /** Dead zone, 0–0.5. */
   dead: number;
-  /** 0: straight; 1: all cubic, soft about the middle. */
+  /** Expo: 0 is linear, 1 is cubic with low sensitivity about the middle. */
   expo: number;
 }
 
 export const SHAPE: Shape = { dead: 0.1, expo: 0.4 };
 
-/** What full sticks ask for. */
+/** Values at full stick deflection. */
 export interface Scale {
   speed_m_s: number;
   climb_m_s: number;
@@ -36,12 +36,12 @@ export const SCALES: readonly { name: string; scale: Scale }[] = [
   { name: 'Fast', scale: { speed_m_s: 6, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 25 } },
 ];
 
-/** Which frame the right stick moves in, or whether it tilts. */
+/** The frame of the right stick's velocity, or attitude control. */
 export type PadMode = 'heading' | 'north' | 'attitude';
 
 const RAD = Math.PI / 180;
 
-/** One axis shaped: nothing within the dead zone, full at the end, no step between; NaN counts as the middle. */
+/** Shapes one axis: zero within the dead zone, full at the end, without a step. NaN counts as the middle. */
 export function shaped(value: number, { dead, expo }: Shape): number {
   if (!Number.isFinite(value)) return 0;
   const size = Math.min(1, Math.abs(value));
@@ -50,7 +50,10 @@ export function shaped(value: number, { dead, expo }: Shape): number {
   return Math.sign(value) * (x * (1 - expo) + x ** 3 * expo);
 }
 
-/** The standard layout's four axes, left stick height and turn, right stick along the ground; sticks report down as positive. */
+/**
+ * The standard layout's four axes: the left stick climbs and turns, the right stick moves horizontally. Gamepads
+ * report down as positive.
+ */
 export function sticksOf(axes: readonly number[], shape: Shape): Sticks {
   const [leftX = 0, leftY = 0, rightX = 0, rightY = 0] = axes.map((a) => shaped(a, shape));
   return { forward: 0 - rightY, right: rightX, up: 0 - leftY, turn: leftX };
@@ -76,7 +79,7 @@ export type PadOrder = VelocityOrder | AttitudeOrder;
 /** The stop setpoint, sent in every mode when the deadman button is released. */
 export const STAND: VelocityOrder = { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0], yaw_rate_ned_rad_s: 0 };
 
-/** Velocity along heading or north; the stick's corner asks for no more than its edge. */
+/** Velocity along heading or north; diagonal deflection is limited to full speed. */
 export function velocityOrder(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocityOrder {
   const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
   const along: Vector3 = [(sticks.forward / most) * scale.speed_m_s, (sticks.right / most) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
@@ -86,7 +89,10 @@ export function velocityOrder(sticks: Sticks, mode: 'heading' | 'north', scale: 
     : { type: 'velocity', velocity_ned_m_s: along, yaw_rate_ned_rad_s };
 }
 
-/** Tilt and thrust; `yaw_ned_rad` is kept by the caller and turned by the stick. Middle of the left stick is the hover thrust. */
+/**
+ * Tilt and thrust. The caller keeps `yaw_ned_rad`, and the stick turns it. The middle of the left stick is the hover
+ * thrust.
+ */
 export function attitudeOrder(sticks: Sticks, yaw_ned_rad: number, hoverThrust: number, scale: Scale): AttitudeOrder {
   const tilt = scale.tilt_deg * RAD;
   const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));

@@ -9,17 +9,17 @@ import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { editor } from '../setpoints/editor.svelte';
 import { commandable, listed, type Group } from './group';
 import {
-  flownHow,
-  formWords,
+  axesKindOf,
+  formText,
   lastingOf,
   NEW_DRAFT,
   problemsOf,
   setpointsFor,
   startBody,
   startQuestion,
-  togetherWords,
+  groupText,
   type Draft,
-  type Ordered,
+  type SetpointsResult,
   type Problems,
 } from './order';
 
@@ -53,7 +53,7 @@ class GroupDraft {
   private async start(draft: Draft): Promise<Outcome<unknown>> {
     const ordered = setpointsFor(factsOf(draft.members), draft);
     if (!ordered.ok) return nowhere(ordered);
-    groups.putAway();
+    groups.dismissEnded();
     return this.logged(draft.members, draft, () => groups.start(startBody(ordered.setpoints, draft, page.store.nowUnixS()), lastingOf(draft)));
   }
 
@@ -71,14 +71,14 @@ class GroupDraft {
 
   /** Renews the flying setpoints for their own validity, not the one being typed; keeps them renewed if that was chosen. */
   async renew(group: Group): Promise<void> {
-    const flown: Draft = { ...this.now, how: flownHow(group) };
+    const flown: Draft = { ...this.now, how: axesKindOf(group) };
     this.tried = true;
     if ('valid' in problemsOf(flown, true)) return;
     await actions.attempt(`Renewing group ${group.id}`, { name: listed(groups.names(group)) }, 'room', () => groups.renew(group, lastingOf(flown)));
   }
 
   private async logged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
-    const line = editor.noteSent('group', { type: `Group of ${listed(members)}: ${togetherWords(draft)}` });
+    const line = editor.noteSent('group', { type: `Group of ${listed(members)}: ${groupText(draft)}` });
     const outcome = await send();
     editor.answered(line, outcome, null);
     if (outcome.ok) {
@@ -87,7 +87,7 @@ class GroupDraft {
       return outcome;
     }
     const { detail, remedy } = outcome.problem;
-    return { ok: false, problem: { ...outcome.problem, detail: formWords(detail), remedy: remedy === null ? null : formWords(remedy) } };
+    return { ok: false, problem: { ...outcome.problem, detail: formText(detail), remedy: remedy === null ? null : formText(remedy) } };
   }
 }
 
@@ -101,7 +101,7 @@ function factsOf(ids: readonly string[]): VehicleFacts[] {
   return ids.map((id) => page.factsOf(id)).filter((facts) => facts !== null);
 }
 
-function nowhere(ordered: Extract<Ordered, { ok: false }>): Outcome<never> {
+function nowhere(ordered: Extract<SetpointsResult, { ok: false }>): Outcome<never> {
   return {
     ok: false,
     problem: {

@@ -12,12 +12,12 @@ export type Member = Group['members'][number];
 export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'dim';
 
 /** A group and when this page received it, by its own clock, so that countdowns continue between two answers. */
-export interface Heard {
+export interface ReceivedGroup {
   group: Group;
-  heardAt_s: number;
+  receivedAt_s: number;
 }
 
-/** Group numbers start again with each run of the server; the creation time tells two of one number apart. */
+/** Group numbers restart with the server; the creation time distinguishes two groups with the same number. */
 export function keyOf(group: Group): string {
   return `${group.id} ${group.created_unix_s}`;
 }
@@ -26,7 +26,7 @@ export function isLive(group: Group): boolean {
   return group.state !== 'ended';
 }
 
-/** What an event carries, where it is a group. */
+/** The group of an event; null if it has none. */
 export function readGroup(value: unknown): Group | null {
   const group = value as Group | null;
   return typeof group === 'object' && group !== null && typeof group.id === 'string' && Array.isArray(group.members) && Array.isArray(group.findings)
@@ -34,20 +34,23 @@ export function readGroup(value: unknown): Group | null {
     : null;
 }
 
-/** The list with one group as it is now, in the server's order. */
-export function withGroup(list: readonly Heard[], heard: Heard): Heard[] {
+/** The list with one group updated, in the server's order. */
+export function withGroup(list: readonly ReceivedGroup[], heard: ReceivedGroup): ReceivedGroup[] {
   const key = keyOf(heard.group);
   const there = list.some((one) => keyOf(one.group) === key);
   return there ? list.map((one) => (keyOf(one.group) === key ? heard : one)) : [...list, heard];
 }
 
 /** The newest ended group that this page has seen flying, until it is dismissed. */
-export function newestOver(list: readonly Heard[], seenLive: ReadonlySet<string>): Group | null {
+export function lastEnded(list: readonly ReceivedGroup[], seenLive: ReadonlySet<string>): Group | null {
   const over = list.map((one) => one.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(keyOf(g)));
   return over[over.length - 1] ?? null;
 }
 
-/** PX4's multicopters: what the server commands. Quadrotor, coaxial, hexa-, octo-, tri-, dodeca- and decarotor. */
+/**
+ * The types of PX4 multicopters that the server commands: quadrotor, coaxial, hexa-, octo-, tri-, dodeca- and
+ * decarotor.
+ */
 const MULTICOPTERS: readonly (number | null)[] = [2, 3, 13, 14, 15, 29, 35];
 const PX4 = 12;
 
@@ -81,7 +84,7 @@ const STREAMS: Readonly<Record<string, string>> = {
   undoing: 'start failed: stopping',
 };
 
-/** What a member flies: its stream, then its mode as the vehicle shows it. */
+/** What a member flies: its stream, then its reported mode. */
 export function memberWords(member: Member, modeLabel: string | null, waits = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
@@ -91,8 +94,8 @@ export function memberWords(member: Member, modeLabel: string | null, waits = fa
 }
 
 /** Remaining validity of the group's setpoints [s]; null if none are flown. */
-export function validLeft_s({ group, heardAt_s }: Heard, now_s: number): number | null {
-  return group.valid_left_s === null ? null : Math.max(0, group.valid_left_s - (now_s - heardAt_s));
+export function validLeft_s({ group, receivedAt_s }: ReceivedGroup, now_s: number): number | null {
+  return group.valid_left_s === null ? null : Math.max(0, group.valid_left_s - (now_s - receivedAt_s));
 }
 
 /** Newest first, without a finding that only repeats why the group ended. */
@@ -103,17 +106,17 @@ export function findingsShown(group: Group, most: number): Group['findings'] {
     .filter((finding) => finding.text !== group.ended);
 }
 
-/** The minimum distance that the guard keeps, and the margin it adds for uncertain positions. */
+/** The minimum distance that the guard ensures, and its margin for uncertain positions. */
 export function separationWords(group: Group): string {
   const least = `at least ${fixed(group.minimum_separation_m, 1)} m`;
   return group.margin_m === null ? least : `${least} + ${fixed(group.margin_m, 1)} m margin`;
 }
 
-/** A caution from a quarter above the minimum. */
-const NEAR = 1.25;
+/** Caution below 1.25 times the minimum. */
+const CAUTION_FACTOR = 1.25;
 
 export function distanceTone(distance_m: number, minimum_m: number): Tone {
-  return distance_m < minimum_m ? 'danger' : distance_m < NEAR * minimum_m ? 'caution' : 'ok';
+  return distance_m < minimum_m ? 'danger' : distance_m < CAUTION_FACTOR * minimum_m ? 'caution' : 'ok';
 }
 
 /** The two vehicles nearest to each other now, by their global positions; null if fewer than two are known. */

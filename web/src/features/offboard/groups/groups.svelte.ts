@@ -1,43 +1,49 @@
-/** All flying groups, this page's and others': updated by events, and polled once a second while there is one. */
+/**
+ * All active groups, this page's and others'. Events update them, and they are polled once a second while there is
+ * one.
+ */
 
 import type { ApiClient, Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
-import type { Turns } from '../../../api/turns';
+import type { CommandQueue } from '../../../api/turns';
 import type { WireEvent } from '../../../live/wire';
 import type { ActionController } from '../../../app/actions/controller.svelte';
-import { asBody, type AnySetpoint, type Lasting } from '../../../vehicle/setpoint';
+import { asBody, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import type { GroupBody, MemberSetpoint } from './order';
-import { isLive, keyOf, newestOver, readGroup, withGroup, type Group, type Heard } from './group';
-import { GroupRenewer, type Said } from './renewer';
+import { isLive, keyOf, lastEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
+import { GroupRenewer, type RenewalResult } from './renewer';
 
-const ASK_EVERY_S = 1;
+const POLL_INTERVAL_S = 1;
 
 export class GroupController {
-  list = $state.raw<readonly Heard[]>([]);
-  /** Renews the setpoints of this page's group. */
-  keptKey = $state<string | null>(null);
+  list = $state.raw<readonly ReceivedGroup[]>([]);
+  /** Key of this page's group whose setpoints are renewed. */
+  renewedKey = $state<string | null>(null);
   private seenLive = $state.raw<ReadonlySet<string>>(new Set());
-  private readonly renewer = new GroupRenewer((group, lasting) => this.renewed(group, lasting));
-  /** This page's setpoint of each member, by group: sent again with each renewal, except for members that got a setpoint of their own since. */
-  private readonly asked = new Map<string, Map<string, AnySetpoint>>();
-  private askedAt_s = -Infinity;
-  private asking = false;
+  private readonly renewer = new GroupRenewer((group, lasting) => this.sendRenewal(group, lasting));
+  /**
+   * This page's setpoints of the members, by group. Each renewal sends them again, except for members that got their
+   * own setpoint since.
+   */
+  private readonly setpoints = new Map<string, Map<string, AnySetpoint>>();
+  private polledAt_s = -Infinity;
+  private polling = false;
   private connection: unknown = null;
 
   constructor(
     private readonly api: ApiClient,
-    private readonly turns: Turns,
+    private readonly queue: CommandQueue,
     private readonly actions: Pick<ActionController, 'attempt'>,
     private readonly nowS: () => number,
-    /** Whether somebody can see the page. */
-    private readonly seen: () => boolean,
+    /** Whether the page is visible. */
+    private readonly isVisible: () => boolean,
     private readonly nameOf: (vehicle: string) => string,
-    /** Stops renewing a vehicle's own setpoint, which would work against the group. */
-    private readonly forgetAlone: (vehicle: string) => void,
+    /** Stops renewing a vehicle's own setpoint, which would conflict with the group. */
+    private readonly stopOwnRenewal: (vehicle: string) => void,
   ) {}
 
   readonly live = $derived(this.list.filter((one) => isLive(one.group)));
-  readonly over = $derived(newestOver(this.list, this.seenLive));
+  readonly lastEnded = $derived(lastEnded(this.list, this.seenLive));
   /** The group that this page started or commands. */
   readonly own = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
 
@@ -55,92 +61,95 @@ export class GroupController {
   }
 
   /** Dismisses the ended group. */
-  putAway(): void {
+  dismissEnded(): void {
     this.seenLive = new Set([...this.seenLive].filter((key) => this.live.some((one) => keyOf(one.group) === key)));
   }
 
-  heard(event: WireEvent): void {
+  onEvent(event: WireEvent): void {
     const group = event.kind === 'group' ? readGroup(event['group']) : null;
-    if (group !== null) this.take(group);
+    if (group !== null) this.update(group);
   }
 
-  /** Called as telemetry arrives. @param connection another one: groups of before may be gone. */
+  /**
+   * Called as telemetry arrives. @param connection identifies the connection; after a change, earlier groups may no
+   * longer exist.
+   */
   tick(connection: unknown): void {
     const now_s = this.nowS();
-    const anew = connection !== this.connection;
+    const isNewConnection = connection !== this.connection;
     this.connection = connection;
-    if (anew || (this.live.length > 0 && this.seen() && now_s - this.askedAt_s >= ASK_EVERY_S)) void this.ask(now_s);
-    const kept = this.list.find((one) => this.renewer.keeps(one.group));
-    if (kept === undefined || !this.turns.busy(vehiclesOf(kept.group)))
+    if (isNewConnection || (this.live.length > 0 && this.isVisible() && now_s - this.polledAt_s >= POLL_INTERVAL_S)) void this.poll(now_s);
+    const renewed = this.list.find((one) => this.renewer.isRenewing(one.group));
+    if (renewed === undefined || !this.queue.busy(vehiclesOf(renewed.group)))
       this.renewer.tick(
         now_s,
         this.list.map((one) => one.group),
-        this.seen(),
+        this.isVisible(),
       );
-    this.tellKept();
+    this.updateRenewedKey();
   }
 
-  async start(body: GroupBody, lasting: Lasting): Promise<Outcome<Group>> {
-    for (const { vehicle } of body.members) this.forgetAlone(vehicle);
+  async start(body: GroupBody, lasting: Validity): Promise<Outcome<Group>> {
+    for (const { vehicle } of body.members) this.stopOwnRenewal(vehicle);
     const members = body.members.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) }));
     const outcome = await this.api.post('/groups', { body: { ...body, members } });
-    if (outcome.ok) this.taken(outcome.value, body.members, lasting);
+    if (outcome.ok) this.onAccepted(outcome.value, body.members, lasting);
     return outcome;
   }
 
-  /** New setpoints for some members, the others renewed; without any, all renewed. */
-  async send(group: Group, setpoints: readonly MemberSetpoint[], lasting: Lasting): Promise<Outcome<Group>> {
-    for (const { vehicle } of setpoints) this.forgetAlone(vehicle);
-    return this.inTurn(group, async () => {
+  /** Sends new setpoints to some members and renews the others; without new ones, renews all. */
+  async send(group: Group, setpoints: readonly MemberSetpoint[], lasting: Validity): Promise<Outcome<Group>> {
+    for (const { vehicle } of setpoints) this.stopOwnRenewal(vehicle);
+    return this.enqueue(group, async () => {
       const outcome = await this.post(group, setpoints, lasting);
-      if (outcome.ok) this.taken(outcome.value, setpoints, lasting);
-      else if (outcome.problem.status === 0) this.keepNone(); // nobody knows what is flown: a renewal might take it back
+      if (outcome.ok) this.onAccepted(outcome.value, setpoints, lasting);
+      else if (outcome.problem.status === 0) this.stopRenewing(); // it is unknown which setpoints are flown: a renewal might undo the new ones
       return outcome;
     });
   }
 
-  /** Renews all setpoints as they are flown. */
-  renew(group: Group, lasting: Lasting): Promise<Outcome<Group>> {
-    return this.inTurn(group, async () => {
-      const outcome = await this.post(group, this.again(group), lasting);
-      if (outcome.ok) this.taken(outcome.value, [], lasting);
+  /** Renews all present setpoints. */
+  renew(group: Group, lasting: Validity): Promise<Outcome<Group>> {
+    return this.enqueue(group, async () => {
+      const outcome = await this.post(group, this.currentSetpoints(group), lasting);
+      if (outcome.ok) this.onAccepted(outcome.value, [], lasting);
       return outcome;
     });
   }
 
-  /** The vehicle got a setpoint of its own: group renewals leave it out. */
-  sentAlone(vehicle: string): void {
-    for (const asked of this.asked.values()) asked.delete(vehicle);
+  /** The vehicle got its own setpoint: renewals of the group leave it out. */
+  onOwnSetpoint(vehicle: string): void {
+    for (const asked of this.setpoints.values()) asked.delete(vehicle);
   }
 
   async hold(group: Group): Promise<void> {
-    this.keepNone();
+    this.stopRenewing();
     await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'room', async () => {
       const outcome = await this.api.post('/groups/{g}/hold', of(group));
-      if (outcome.ok) this.take(outcome.value);
+      if (outcome.ok) this.update(outcome.value);
       return outcome;
     });
   }
 
-  /** Shows the page's own refusal, or a renewal's, beside the buttons. */
-  async refuse(what: string, vehicleName: string, problem: Problem): Promise<void> {
+  /** Shows a refusal by this page, or of a renewal, beside the buttons. */
+  async showProblem(what: string, vehicleName: string, problem: Problem): Promise<void> {
     await this.actions.attempt(what, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
   }
 
-  private async renewed(group: Group, lasting: Lasting): Promise<Said> {
-    const outcome = await this.inTurn(group, () => this.post(group, this.again(group), lasting));
+  private async sendRenewal(group: Group, lasting: Validity): Promise<RenewalResult> {
+    const outcome = await this.enqueue(group, () => this.post(group, this.currentSetpoints(group), lasting));
     if (outcome.ok) {
-      this.take(outcome.value);
-      return 'taken';
+      this.update(outcome.value);
+      return 'accepted';
     }
-    if (outcome.problem.status === 0) return 'unheard';
-    await this.refuse(`Renewing group ${group.id}`, this.names(group).join(', '), outcome.problem);
+    if (outcome.problem.status === 0) return 'no answer';
+    await this.showProblem(`Renewing group ${group.id}`, this.names(group).join(', '), outcome.problem);
     return 'refused';
   }
 
   /** This page's setpoints of the members that still follow the group. */
-  private again(group: Group): MemberSetpoint[] {
-    const asked = this.asked.get(keyOf(group));
+  private currentSetpoints(group: Group): MemberSetpoint[] {
+    const asked = this.setpoints.get(keyOf(group));
     return group.members.flatMap(({ vehicle, held }) => {
       const setpoint = asked?.get(vehicle);
       return held || setpoint === undefined ? [] : [{ vehicle, setpoint }];
@@ -148,60 +157,60 @@ export class GroupController {
   }
 
   /** The setpoints are computed when they are sent. */
-  private inTurn(group: Group, send: () => Promise<Outcome<Group>>): Promise<Outcome<Group>> {
-    return this.turns.run(vehiclesOf(group), send);
+  private enqueue(group: Group, send: () => Promise<Outcome<Group>>): Promise<Outcome<Group>> {
+    return this.queue.run(vehiclesOf(group), send);
   }
 
-  private post(group: Group, setpoints: readonly MemberSetpoint[], { valid_for_s, on_expiry }: Lasting): Promise<Outcome<Group>> {
+  private post(group: Group, setpoints: readonly MemberSetpoint[], { valid_for_s, on_expiry }: Validity): Promise<Outcome<Group>> {
     return this.api.post('/groups/{g}/setpoints', {
       ...of(group),
       body: { setpoints: setpoints.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) })), valid_for_s, on_expiry },
     });
   }
 
-  private taken(group: Group, setpoints: readonly MemberSetpoint[], lasting: Lasting): void {
-    this.take(group);
-    const asked = this.asked.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
+  private onAccepted(group: Group, setpoints: readonly MemberSetpoint[], lasting: Validity): void {
+    this.update(group);
+    const asked = this.setpoints.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
     for (const { vehicle, setpoint } of setpoints) asked.set(vehicle, setpoint);
-    this.asked.clear(); // of those before: they are over
-    this.asked.set(keyOf(group), asked);
-    this.renewer.keep(group, lasting, this.nowS());
-    this.tellKept();
+    this.setpoints.clear(); // those of earlier groups have ended
+    this.setpoints.set(keyOf(group), asked);
+    this.renewer.start(group, lasting, this.nowS());
+    this.updateRenewedKey();
   }
 
-  private take(group: Group): void {
-    this.list = withGroup(this.list, { group, heardAt_s: this.nowS() });
-    this.noteLive([group]);
+  private update(group: Group): void {
+    this.list = withGroup(this.list, { group, receivedAt_s: this.nowS() });
+    this.recordLive([group]);
   }
 
-  private noteLive(groups: readonly Group[]): void {
-    const news = groups.filter((group) => isLive(group) && !this.seenLive.has(keyOf(group)));
-    if (news.length > 0) this.seenLive = new Set([...this.seenLive, ...news.map(keyOf)]);
+  private recordLive(groups: readonly Group[]): void {
+    const newLive = groups.filter((group) => isLive(group) && !this.seenLive.has(keyOf(group)));
+    if (newLive.length > 0) this.seenLive = new Set([...this.seenLive, ...newLive.map(keyOf)]);
   }
 
-  private keepNone(): void {
-    this.renewer.forget();
-    this.tellKept();
+  private stopRenewing(): void {
+    this.renewer.stop();
+    this.updateRenewedKey();
   }
 
-  private tellKept(): void {
-    this.keptKey =
+  private updateRenewedKey(): void {
+    this.renewedKey =
       this.live
         .map((one) => one.group)
-        .filter((group) => this.renewer.keeps(group))
+        .filter((group) => this.renewer.isRenewing(group))
         .map(keyOf)[0] ?? null;
   }
 
-  private async ask(now_s: number): Promise<void> {
-    if (this.asking) return;
-    this.asking = true;
-    this.askedAt_s = now_s;
+  private async poll(now_s: number): Promise<void> {
+    if (this.polling) return;
+    this.polling = true;
+    this.polledAt_s = now_s;
     const answer = await this.api.get('/groups');
-    this.asking = false;
+    this.polling = false;
     if (!answer.ok) return;
-    const heardAt_s = this.nowS();
-    this.list = answer.value.groups.map((group) => ({ group, heardAt_s })); // a server that was started anew knows none of before
-    this.noteLive(answer.value.groups);
+    const receivedAt_s = this.nowS();
+    this.list = answer.value.groups.map((group) => ({ group, receivedAt_s })); // a restarted server has no earlier groups
+    this.recordLive(answer.value.groups);
   }
 }
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
-import { Turns } from '../../../api/turns';
+import { CommandQueue } from '../../../api/turns';
 import type { Refusal } from '../../../app/actions/controller.svelte';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import {
@@ -10,7 +10,7 @@ import {
   listed,
   memberWords,
   nearestNow,
-  newestOver,
+  lastEnded,
   readGroup,
   separationWords,
   stateWords,
@@ -18,11 +18,11 @@ import {
   withGroup,
   keyOf,
   type Group,
-  type Heard,
+  type ReceivedGroup,
 } from './group';
 import { GroupController } from './groups.svelte';
-import { GroupRenewer, type Said } from './renewer';
-import { flownHow } from './order';
+import { GroupRenewer, type RenewalResult } from './renewer';
+import { axesKindOf } from './order';
 import { vehicle } from './vehicle.fixture';
 
 const GROUP: Group = {
@@ -43,16 +43,16 @@ const GROUP: Group = {
 };
 const as = (more: Partial<Group>): Group => ({ ...GROUP, ...more });
 
-describe('how a group stands', () => {
-  it('counts down to the start and ages what is left of its validity', () => {
+describe('a group’s state', () => {
+  it('counts down to the start and reduces the remaining validity with its age', () => {
     expect(stateWords(as({ state: 'waiting' }), 107.5).text).toBe('Waiting, starts in 2.5 s');
     expect(stateWords(as({ state: 'waiting', start_unix_s: null }), 107).text).toBe('Waiting, starts in – s');
-    expect(validLeft_s({ group: GROUP, heardAt_s: 50 }, 51.5)).toBe(2.5);
-    expect(validLeft_s({ group: GROUP, heardAt_s: 50 }, 60)).toBe(0);
-    expect(validLeft_s({ group: as({ valid_left_s: null }), heardAt_s: 50 }, 51)).toBeNull();
+    expect(validLeft_s({ group: GROUP, receivedAt_s: 50 }, 51.5)).toBe(2.5);
+    expect(validLeft_s({ group: GROUP, receivedAt_s: 50 }, 60)).toBe(0);
+    expect(validLeft_s({ group: as({ valid_left_s: null }), receivedAt_s: 50 }, 51)).toBeNull();
   });
 
-  it('says what a member flies, and in amber what does not follow', () => {
+  it('shows what a member flies, and in amber a member that does not follow', () => {
     const [member] = GROUP.members;
     if (member === undefined) throw new Error('no member');
     expect(memberWords(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
@@ -63,37 +63,37 @@ describe('how a group stands', () => {
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
   });
 
-  it('says what the guard adds to the separation that was asked for, once it has looked', () => {
+  it('shows the guard’s margin once the guard has measured it', () => {
     expect(separationWords(GROUP)).toBe('at least 5.0 m + 1.6 m margin');
     expect(separationWords(as({ margin_m: null }))).toBe('at least 5.0 m');
   });
 
-  it('tells findings newest first, and why it ended once', () => {
+  it('lists findings newest first, and the reason of the end once', () => {
     const finding = (text: string): Group['findings'][number] => ({ unix_s: 1, code: 'left', vehicles: ['1'], held: [], text, distance_m: null });
     const group = as({ findings: ['a', 'b', 'c', 'd'].map(finding) });
     expect(findingsShown(group, 3).map((f) => f.text)).toEqual(['d', 'c', 'b']);
     expect(findingsShown({ ...group, state: 'ended', ended: 'd' }, 3).map((f) => f.text)).toEqual(['c', 'b']);
   });
 
-  it('finds the two that are nearest, of those whose place is known', () => {
+  it('finds the two nearest vehicles with known positions', () => {
     const [a, b, c] = [vehicle('1', null), vehicle('2', null, 47.0002), vehicle('3', null, 47.0003)];
     expect(nearestNow([a, b, c])).toMatchObject({ vehicles: ['2', '3'], distance_m: expect.closeTo(11.1, 1) as number });
     expect(nearestNow([a, { ...b, global: null }])).toBeNull();
     expect(listed(['a', 'b', 'c'])).toBe('a, b and c');
   });
 
-  it('keeps groups of one number apart by their creation, and shows only what ended in its sight', () => {
+  it('distinguishes groups of one number by their creation, and shows only ended groups that were seen flying', () => {
     const old = as({ state: 'ended', created_unix_s: 1, ended: 'x' });
-    const list: Heard[] = withGroup([{ group: old, heardAt_s: 0 }], { group: GROUP, heardAt_s: 1 });
+    const list: ReceivedGroup[] = withGroup([{ group: old, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
     expect(list).toHaveLength(2);
-    const over = withGroup(list, { group: as({ state: 'ended', ended: 'me commanded Hold.' }), heardAt_s: 2 });
+    const over = withGroup(list, { group: as({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
     expect(over).toHaveLength(2);
-    expect(newestOver(over, new Set([keyOf(GROUP)]))?.ended).toBe('me commanded Hold.');
-    expect(newestOver(over, new Set())).toBeNull();
-    expect(newestOver([{ group: as({ state: 'ended', start_unix_s: null }), heardAt_s: 0 }], new Set([keyOf(GROUP)]))).toBeNull();
+    expect(lastEnded(over, new Set([keyOf(GROUP)]))?.ended).toBe('me commanded Hold.');
+    expect(lastEnded(over, new Set())).toBeNull();
+    expect(lastEnded([{ group: as({ state: 'ended', start_unix_s: null }), receivedAt_s: 0 }], new Set([keyOf(GROUP)]))).toBeNull();
   });
 
-  it('takes only multicopters of PX4, and only what is a group', () => {
+  it('accepts only PX4 multicopters, and only valid groups', () => {
     const quad = { ...UNKNOWN_IDENTITY, autopilot: 12, vehicle_type: 2 };
     expect([quad, { ...quad, autopilot: 3 }, { ...quad, vehicle_type: 1 }, { ...quad, replayed: true }, UNKNOWN_IDENTITY].map(commandable)).toEqual([
       true,
@@ -109,14 +109,14 @@ describe('how a group stands', () => {
 
 describe('the renewer of a group', () => {
   const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
-  function renewer(answers: Said[] = []): { said: number[]; renewer: GroupRenewer; at: { now_s: number } } {
+  function renewer(answers: RenewalResult[] = []): { said: number[]; renewer: GroupRenewer; at: { now_s: number } } {
     const said: number[] = [];
     const at = { now_s: 0 };
     const one = new GroupRenewer(() => {
       said.push(at.now_s);
-      return Promise.resolve(answers.shift() ?? 'taken');
+      return Promise.resolve(answers.shift() ?? 'accepted');
     });
-    one.keep(GROUP, LASTING, 0);
+    one.start(GROUP, LASTING, 0);
     return { said, renewer: one, at };
   }
   async function run(
@@ -132,7 +132,7 @@ describe('the renewer of a group', () => {
     }
   }
 
-  it('renews in time, and only while somebody sees the page', async () => {
+  it('renews in time, and only while the page is visible', async () => {
     const one = renewer();
     await run(
       one,
@@ -143,31 +143,31 @@ describe('the renewer of a group', () => {
     expect(one.said).toEqual([3, 6, 16, 19]);
   });
 
-  it('waits for the start, and brings nothing back that is being stopped or over', async () => {
+  it('waits for the start, and renews no group that is stopping or ended', async () => {
     const one = renewer();
     await run(one, 30, (s) => [as({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
     expect(one.said).toEqual([10]);
     const other = renewer();
     await run(other, 10, () => [as({ created_unix_s: 999 })]);
     expect(other.said).toEqual([]);
-    expect(other.renewer.keeps(GROUP)).toBe(false);
+    expect(other.renewer.isRenewing(GROUP)).toBe(false);
   });
 
-  it('tries again where nobody answered, and not where it was refused', async () => {
-    const one = renewer(['unheard', 'refused']);
+  it('retries without an answer, and not after a refusal', async () => {
+    const one = renewer(['no answer', 'refused']);
     await run(one, 30, () => [GROUP]);
     expect(one.said).toEqual([3, 6]);
   });
 
-  it('keeps nothing that shall not be renewed', async () => {
+  it('does not renew a group for which renewal is off', async () => {
     const one = renewer();
-    one.renewer.keep(GROUP, { ...LASTING, renew: false }, 0);
+    one.renewer.start(GROUP, { ...LASTING, renew: false }, 0);
     await run(one, 30, () => [GROUP]);
     expect(one.said).toEqual([]);
   });
 });
 
-describe('the controller of groups', () => {
+describe('the group controller', () => {
   const LASTING = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
   const MEMBERS = ['1', '2'].map((vehicle) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } }));
 
@@ -207,7 +207,7 @@ describe('the controller of groups', () => {
     };
     const controller = new GroupController(
       api,
-      new Turns(),
+      new CommandQueue(),
       actions,
       () => at.now_s,
       () => at.seen,
@@ -218,16 +218,16 @@ describe('the controller of groups', () => {
     return { controller, calls, at, dropped, refused, settle };
   }
 
-  it('says again what it asked of each, but of whom it has sent alone since or who is held', async () => {
+  it('renews each member’s setpoint, except of members that got their own or were held', async () => {
     const { controller, calls, at, dropped, settle } = station();
     expect((await controller.start({ members: MEMBERS }, LASTING)).ok).toBe(true);
     expect(dropped).toEqual(['1', '2']);
-    expect([controller.own?.group.id, controller.keptKey, controller.of('2')?.id, controller.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
+    expect([controller.own?.group.id, controller.renewedKey, controller.of('2')?.id, controller.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
     at.now_s = 3;
     controller.tick('open');
     await settle();
-    controller.sentAlone('1');
+    controller.onOwnSetpoint('1');
     at.now_s = 6;
     controller.tick('open');
     await settle();
@@ -239,7 +239,7 @@ describe('the controller of groups', () => {
     expect(renewals()).toHaveLength(2);
   });
 
-  it('lets no renewal overtake what is ordered anew', async () => {
+  it('lets no renewal overtake a new setpoint', async () => {
     const { controller, calls, at, settle } = station();
     await controller.start({ members: MEMBERS }, LASTING);
     const held = (): (() => void) => {
@@ -250,7 +250,7 @@ describe('the controller of groups', () => {
     const posts = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => c.body);
     const anew = MEMBERS.map(({ vehicle }) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [0, 2, 0] } }));
 
-    // Ordered while a renewal is under way: it goes out behind the answer.
+    // Sent while a renewal is under way: it is sent after the renewal's answer.
     const renewed = held();
     at.now_s = 3;
     controller.tick('open');
@@ -263,7 +263,7 @@ describe('the controller of groups', () => {
     await settle();
     expect(posts().slice(1)).toEqual([{ setpoints: anew, valid_for_s: 30, on_expiry: LASTING.on_expiry }]);
 
-    // The renewal that falls due while the order is under way is not sent; the next says what was ordered, for as long.
+    // A renewal that is due meanwhile is not sent; the next one renews the new setpoint with its validity.
     at.now_s = 8;
     controller.tick('open');
     await settle();
@@ -277,17 +277,17 @@ describe('the controller of groups', () => {
     await settle();
     expect(posts()[2]).toEqual(posts()[1]);
 
-    // Where no answer came nobody knows what is flown, and nothing is said again.
+    // Without an answer it is unknown what is flown, and nothing is renewed.
     at.answer = Promise.reject(new TypeError('network'));
     expect((await controller.send(GROUP, MEMBERS, LASTING)).ok).toBe(false);
     at.answer = Promise.resolve();
     at.now_s = 60;
     controller.tick('open');
     await settle();
-    expect([posts().length, controller.keptKey]).toEqual([4, null]);
+    expect([posts().length, controller.renewedKey]).toEqual([4, null]);
   });
 
-  it('asks once a second while there is one and somebody looks, and after each new connection', async () => {
+  it('polls once a second while there is a group and the page is visible, and after each new connection', async () => {
     const { controller, calls, at, settle } = station();
     const asked = (): number => calls.filter((c) => c.call === 'GET /groups').length;
     for (; at.now_s < 2.95; at.now_s += 0.1) {
@@ -296,8 +296,8 @@ describe('the controller of groups', () => {
     }
     expect(asked()).toBe(3);
     at.group = as({ state: 'ended', ended: 'me commanded Hold.' });
-    controller.heard({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
-    expect([controller.live.length, controller.over?.ended, controller.own]).toEqual([0, 'me commanded Hold.', null]);
+    controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
+    expect([controller.live.length, controller.lastEnded?.ended, controller.own]).toEqual([0, 'me commanded Hold.', null]);
     at.now_s = 60;
     controller.tick('open');
     await settle();
@@ -305,11 +305,11 @@ describe('the controller of groups', () => {
     controller.tick('another connection');
     await settle();
     expect(asked()).toBe(4);
-    controller.putAway();
-    expect(controller.over).toBeNull();
+    controller.dismissEnded();
+    expect(controller.lastEnded).toBeNull();
   });
 
-  it('tells why it was not renewed, and tries no more', async () => {
+  it('shows why a renewal was refused, and stops renewing', async () => {
     const { controller, at, refused, calls, settle } = station();
     await controller.start({ members: MEMBERS }, LASTING);
     at.status = 409;
@@ -320,11 +320,11 @@ describe('the controller of groups', () => {
     }
     expect(refused.map((r) => [r.what, r.vehicleName, r.problem.detail])).toEqual([['Renewing group 1', '1 Quad, 2 Quad', 'x has control of vehicle 1.']]);
     expect(calls.filter((c) => c.call.endsWith('setpoints'))).toHaveLength(1);
-    expect(controller.keptKey).toBeNull();
+    expect(controller.renewedKey).toBeNull();
   });
 
-  it('never renews a velocity by the rule for places', () => {
-    expect(flownHow(GROUP)).toBe('move');
-    expect(flownHow(as({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
+  it('never renews a velocity by the rule for positions', () => {
+    expect(axesKindOf(GROUP)).toBe('move');
+    expect(axesKindOf(as({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
   });
 });

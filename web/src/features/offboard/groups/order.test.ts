@@ -1,21 +1,21 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { humanWords } from '../setpoints/info';
-import { formWords, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, togetherWords, type Draft } from './order';
+import { formText, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, groupText, type Draft } from './order';
 import { reading, vehicle } from './vehicle.fixture';
 
 const PAIR: Draft = { ...NEW_DRAFT, members: ['1', '2'] };
 const MOVE: Draft = { ...PAIR, axes: { ...PAIR.axes, move: ['5', '-2,5', '1'] } };
 const FLY: Draft = { ...PAIR, how: 'velocity', axes: { ...PAIR.axes, velocity: ['1', '0', '−0.5'] } };
 
-describe('what a group is to do', () => {
-  it('adds an offset to each one’s own place, up being minus down, and keeps the heading', () => {
+describe('the group form', () => {
+  it('adds an offset to each vehicle’s position, up as minus down, and keeps the heading', () => {
     expect(setpointFor(vehicle('1', [10, 20, -8]), MOVE)).toEqual({ type: 'position', position_ned_m: [15, 17.5, -9], yaw_ned_rad: 1 });
     expect(setpointFor(vehicle('2', [0, 0, -6]), MOVE)).toMatchObject({ position_ned_m: [5, -2.5, -7] });
     expect(setpointFor(vehicle('2', null), FLY)).toEqual({ type: 'velocity', velocity_ned_m_s: [1, 0, 0.5], yaw_ned_rad: 1 });
   });
 
-  it('sends nothing to anybody where one does not know its place, and names it', () => {
+  it('sends nothing if a position is not known, and names the vehicle', () => {
     const stale = { ...vehicle('3', [0, 0, 0]), local: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
     expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), stale], MOVE)).toEqual({
       ok: false,
@@ -23,10 +23,10 @@ describe('what a group is to do', () => {
     });
   });
 
-  it('orders what the API takes; the instant is counted from the server’s clock', () => {
+  it('builds the API’s request; the start time uses the server’s clock', () => {
     const ordered = setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', [1, 0, 0])], MOVE);
     if (!ordered.ok) throw new Error(ordered.detail);
-    const body = startBody(ordered.setpoints, { ...MOVE, apart_m: '2,5', othersGoOn: true }, 1000);
+    const body = startBody(ordered.setpoints, { ...MOVE, apart_m: '2,5', othersContinue: true }, 1000);
     expect(body).toMatchObject({
       minimum_separation_m: 2.5,
       valid_for_s: 10,
@@ -38,7 +38,7 @@ describe('what a group is to do', () => {
     expect(startBody(ordered.setpoints, { ...MOVE, startIn_s: '20' }, 1000)).toMatchObject({ start_at_unix_s: 1020 });
   });
 
-  it('names each field that is wrong; a group that flies is asked for less', () => {
+  it('reports each invalid field; a flying group has fewer fields', () => {
     expect(problemsOf(MOVE, false)).toEqual({});
     const bad: Draft = {
       ...MOVE,
@@ -54,11 +54,11 @@ describe('what a group is to do', () => {
     expect(problemsOf({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
   });
 
-  it('is said in words before it is done: vehicles, action, effect', () => {
-    expect(togetherWords(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
-    expect(togetherWords(FLY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
-    expect(togetherWords(PAIR)).toBe('hold their positions');
-    const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersGoOn: true });
+  it('describes vehicles, action and effect before the start', () => {
+    expect(groupText(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
+    expect(groupText(FLY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
+    expect(groupText(PAIR)).toBe('hold their positions');
+    const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersContinue: true });
     expect(asked.title).toBe('Group: 1 Quad and 2 Quad');
     expect(asked.effect).toBe(
       'Each switches to Offboard at its current position; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Separation at least 5.0 m; a vehicle that comes closer holds. Ends in Hold after 5.0 s. Hold group ends it.',
@@ -67,12 +67,12 @@ describe('what a group is to do', () => {
   });
 });
 
-describe('the server’s words', () => {
-  it('name the form’s fields as the form does', () => {
-    expect(formWords('Place them farther apart, or lower minimum_separation_m.')).toBe('Place them farther apart, or lower “Keep apart”.');
+describe('the server’s texts', () => {
+  it('use the form’s names of fields', () => {
+    expect(formText('Place them farther apart, or lower minimum_separation_m.')).toBe('Place them farther apart, or lower “Keep apart”.');
   });
 
-  it('call kinds of setpoints as the form does', () => {
+  it('use the form’s names of setpoint kinds', () => {
     expect(humanWords('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.')).toBe(
       'A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity by heading.',
     );

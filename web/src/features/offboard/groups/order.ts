@@ -1,10 +1,10 @@
-/** The group form's values and the request they make; every wrong field is named. Pure. */
+/** The group form's values and the API request from them; every invalid field is reported. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { fixed } from '../../../ui/format';
 import type { Question } from '../../../app/actions/actions';
-import { ON_EXPIRY, type AnySetpoint, type Lasting } from '../../../vehicle/setpoint';
+import { ON_EXPIRY, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import { typed } from '../setpoints/form';
 import { listed, type Group } from './group';
 
@@ -19,9 +19,9 @@ export interface Draft {
   valid_s: Readonly<Record<Together, string>>;
   renew: Readonly<Record<Together, boolean>>;
   apart_m: string;
-  /** Empty: as soon as all are in Offboard. */
+  /** Empty: as soon as all members are in Offboard mode. */
   startIn_s: string;
-  othersGoOn: boolean;
+  othersContinue: boolean;
 }
 
 /** Position setpoints are renewed while the page is visible; velocities expire unless the person chooses to renew them. */
@@ -33,11 +33,11 @@ export const NEW_DRAFT: Draft = {
   renew: { move: true, velocity: false },
   apart_m: '5',
   startIn_s: '',
-  othersGoOn: false,
+  othersContinue: false,
 };
 
 export const AXES = ['North', 'East', 'Up'] as const;
-export const MOST_MEMBERS = 10;
+export const MAX_MEMBERS = 10;
 
 /** The API's limits, except that the validity of setpoints sent over HTTP is at least half a second. */
 const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, 's'] } as const;
@@ -57,7 +57,7 @@ export function problemsOf(draft: Draft, flying: boolean): Problems {
   note('valid', outside(draft.valid_s[draft.how], RANGES.valid));
   if (flying) return found;
   if (draft.members.length < 2) note('members', 'Choose two vehicles or more.');
-  if (draft.members.length > MOST_MEMBERS) note('members', `A group has ${MOST_MEMBERS} vehicles at most.`);
+  if (draft.members.length > MAX_MEMBERS) note('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
   note('apart', outside(draft.apart_m, RANGES.apart));
   if (draft.startIn_s.trim() !== '') note('start', outside(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start at once.') ?? null);
   return found;
@@ -67,7 +67,7 @@ function vector(draft: Draft): [number, number, number] {
   return draft.axes[draft.how].map((text) => typed(text) ?? 0) as [number, number, number];
 }
 
-export function lastingOf(draft: Draft): Lasting {
+export function lastingOf(draft: Draft): Validity {
   return { valid_for_s: typed(draft.valid_s[draft.how]) ?? 0, on_expiry: ON_EXPIRY, renew: draft.renew[draft.how] };
 }
 
@@ -81,8 +81,8 @@ export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | nu
   return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
 }
 
-/** The kind that a flying group has in this form, so that velocities are not renewed as positions are. */
-export function flownHow(group: Group): Together {
+/** The form's kind of a flying group's setpoints, so that velocities are not renewed as positions are. */
+export function axesKindOf(group: Group): Together {
   return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
 
@@ -94,10 +94,10 @@ export interface MemberSetpoint {
 
 export type GroupBody = Omit<components['schemas']['StartGroup'], 'members'> & { members: readonly MemberSetpoint[] };
 
-export type Ordered = { ok: true; setpoints: MemberSetpoint[] } | { ok: false; detail: string };
+export type SetpointsResult = { ok: true; setpoints: MemberSetpoint[] } | { ok: false; detail: string };
 
 /** The setpoints of all members, or the members without a known position. */
-export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): Ordered {
+export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): SetpointsResult {
   const setpoints: MemberSetpoint[] = [];
   const nowhere: string[] = [];
   for (const facts of all) {
@@ -121,13 +121,13 @@ export function startBody(setpoints: readonly MemberSetpoint[], draft: Draft, no
     minimum_separation_m: typed(draft.apart_m) ?? 0,
     valid_for_s,
     on_expiry,
-    others_go_on: draft.othersGoOn,
+    others_go_on: draft.othersContinue,
     ...(startIn_s === null ? {} : { start_at_unix_s: now_unix_s + startIn_s }),
   };
 }
 
-/** The API's names of fields as this form calls them; the rest is the server's own words. */
-export function formWords(words: string): string {
+/** Replaces the API's field names with the form's; the rest is the server's own text. */
+export function formText(words: string): string {
   return words.replaceAll('minimum_separation_m', '“Keep apart”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
 }
 
@@ -138,7 +138,7 @@ const WAYS: readonly (readonly [string, string])[] = [
 ];
 
 /** "move 5.0 m north, 2.0 m down". */
-export function togetherWords(draft: Draft): string {
+export function groupText(draft: Draft): string {
   const unit = draft.how === 'move' ? 'm' : 'm/s';
   const parts = vector(draft)
     .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${WAYS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
@@ -152,10 +152,10 @@ export function startQuestion(names: readonly string[], draft: Draft): Question 
   const start = typed(draft.startIn_s) === null ? 'as soon as all have switched' : `in ${fixed(typed(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = lastingOf(draft);
   const ends = renew ? 'Renewed while this page is visible' : `Ends in Hold after ${fixed(valid_for_s, 1)} s`;
-  const near = draft.othersGoOn ? 'a vehicle that comes closer holds' : 'if two come closer, all hold';
+  const near = draft.othersContinue ? 'a vehicle that comes closer holds' : 'if two come closer, all hold';
   return {
     title: `Group: ${listed(names)}`,
-    effect: `Each switches to Offboard at its current position; ${start}, all ${togetherWords(draft)} together. Separation at least ${fixed(typed(draft.apart_m), 1)} m; ${near}. ${ends}. Hold group ends it.`,
+    effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(typed(draft.apart_m), 1)} m; ${near}. ${ends}. Hold group ends it.`,
     verb: 'Start',
     danger: false,
   };

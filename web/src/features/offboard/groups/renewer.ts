@@ -1,61 +1,61 @@
 /**
- * Renews a group's setpoints before they expire, while this page is visible: hidden, asleep, closed or disconnected, it
- * lets them expire, and the server puts all into Hold. Ticked by arriving telemetry.
+ * Renews a group's setpoints before they expire, while this page is visible. If it is hidden, suspended, closed or
+ * disconnected, they expire and the server switches all members to Hold. Arriving telemetry calls tick().
  */
 
-import type { Lasting } from '../../../vehicle/setpoint';
+import type { Validity } from '../../../vehicle/setpoint';
 import { keyOf, type Group } from './group';
 
-/** Part of the validity after which it is renewed. */
+/** Fraction of the validity after which it is renewed. */
 const REFRESH_AT = 0.3;
 
-interface Kept {
+interface RenewedGroup {
   key: string;
-  lasting: Lasting;
-  saidAt_s: number;
+  lasting: Validity;
+  sentAt_s: number;
   busy: boolean;
 }
 
-/** Result of a renewal: taken, refused, or without an answer, so that it is tried again. */
-export type Said = 'taken' | 'refused' | 'unheard';
+/** Result of a renewal: accepted, refused, or without an answer and therefore tried again. */
+export type RenewalResult = 'accepted' | 'refused' | 'no answer';
 
 export class GroupRenewer {
-  private kept: Kept | null = null;
+  private current: RenewedGroup | null = null;
 
-  /** @param say renews the setpoints of all members. */
-  constructor(private readonly say: (group: Group, lasting: Lasting) => Promise<Said>) {}
+  /** @param send renews the setpoints of all members. */
+  constructor(private readonly send: (group: Group, lasting: Validity) => Promise<RenewalResult>) {}
 
   /** Starts to renew this group, if that was chosen; the caller has just sent its setpoints. */
-  keep(group: Group, lasting: Lasting, now_s: number): void {
-    this.kept = lasting.renew ? { key: keyOf(group), lasting, saidAt_s: now_s, busy: false } : null;
+  start(group: Group, lasting: Validity, now_s: number): void {
+    this.current = lasting.renew ? { key: keyOf(group), lasting, sentAt_s: now_s, busy: false } : null;
   }
 
-  forget(): void {
-    this.kept = null;
+  stop(): void {
+    this.current = null;
   }
 
-  keeps(group: Group): boolean {
-    return this.kept?.key === keyOf(group);
+  isRenewing(group: Group): boolean {
+    return this.current?.key === keyOf(group);
   }
 
   /**
    * @param groups all known groups.
-   * @param seen whether somebody can see the page.
+   * @param isVisible whether somebody can see the page.
    */
-  tick(now_s: number, groups: readonly Group[], seen: boolean): void {
-    const kept = this.kept;
-    if (kept === null || kept.busy) return;
-    const group = groups.find((one) => keyOf(one) === kept.key);
+  tick(now_s: number, groups: readonly Group[], isVisible: boolean): void {
+    const current = this.current;
+    if (current === null || current.busy) return;
+    const group = groups.find((one) => keyOf(one) === current.key);
     if (group === undefined || group.state === 'ended' || group.state === 'holding') {
-      this.forget(); // ended or being stopped: only a person may start it again
+      this.stop(); // ended or being stopped: only a person may start it again
       return;
     }
-    if (group.state !== 'flying' || !seen || now_s - kept.saidAt_s < REFRESH_AT * kept.lasting.valid_for_s) return;
-    kept.busy = true;
-    kept.saidAt_s = now_s;
-    void this.say(group, kept.lasting).then((said) => {
-      kept.busy = false;
-      if (said === 'refused' && this.kept === kept) this.forget();
+    if (group.state !== 'flying' || !isVisible || now_s - current.sentAt_s < REFRESH_AT * current.lasting.valid_for_s) return;
+    current.busy = true;
+    current.sentAt_s = now_s;
+    void this.send(group, current.lasting).then((result) => {
+      current.busy = false;
+      if (result === 'refused' && this.current === current) this.stop();
     });
   }
 }

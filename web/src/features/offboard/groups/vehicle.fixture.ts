@@ -1,4 +1,4 @@
-/** A vehicle as the page hears it, for the tests of groups. */
+/** The facts of a vehicle, for tests of groups. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 

@@ -8,7 +8,7 @@ import { ofVehicle, type Outcome } from '../../../api/client';
 import type { Vector3 } from '../../../live/topics';
 import type { WireEvent } from '../../../live/wire';
 import { fixed } from '../../../ui/format';
-import type { AnySetpoint, Lasting, OnExpiry } from '../../../vehicle/setpoint';
+import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint';
 import { readOffboard } from '../../../vehicle/offboard';
 import { build, formHere, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './info';
@@ -23,7 +23,7 @@ const PLACE_S = 10;
 const MOTION_S = 2;
 /** Validity of setpoints from a gamepad or a held handle [s]. */
 export const HAND_S = 0.5;
-export const HAND: Lasting = { valid_for_s: HAND_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
+export const HAND: Validity = { valid_for_s: HAND_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
 const LAST_WORD_MS = 500;
 
@@ -106,7 +106,7 @@ class SetpointEditor {
     return seconds >= 0.05 && seconds <= 3600 ? null : 'From 0.05 to 3600 s.';
   }
 
-  get lastingNow(): Lasting {
+  get lastingNow(): Validity {
     const on_expiry: OnExpiry = this.expiry === 'hold' ? { action: 'hold', hold_for_s: 5 } : { action: this.expiry };
     return { valid_for_s: Number(this.lasting.replace(',', '.')), on_expiry, renew: this.renew };
   }
@@ -118,7 +118,7 @@ class SetpointEditor {
     return built.ok ? previewOf(built.setpoint, facts) : null;
   }
 
-  // --- what the server says ---
+  // --- server state ---
 
   async ask(id: string): Promise<void> {
     const answer = await page.api.get('/vehicles/{v}/offboard', ofVehicle(id));
@@ -143,7 +143,7 @@ class SetpointEditor {
 
   // --- sending ---
 
-  /** Start, or send where a stream runs. */
+  /** Starts the stream, or sends to a running one. */
   go(facts: VehicleFacts, streaming: boolean): void {
     const setpoint = this.way === 'drag' ? this.dragSetpoint() : this.built(facts);
     const lasting = this.way === 'drag' ? { ...this.lastingNow, valid_for_s: PLACE_S, renew: true } : this.lastingNow;
@@ -152,7 +152,7 @@ class SetpointEditor {
     else this.start(facts, setpoint, lasting);
   }
 
-  start(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Lasting): void {
+  start(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Validity): void {
     const way = setpoint.type === 'position' || this.way === 'form' ? previewOf(setpoint as never, facts) : null;
     const where = way === null ? '' : ` (${wayWords(way, facts)})`;
     const after = lasting.on_expiry.action === 'hold' ? 'holds, then Hold mode' : lasting.on_expiry.action === 'land' ? 'lands' : 'stops the stream';
@@ -162,8 +162,8 @@ class SetpointEditor {
       setpoint,
       lasting,
       rate_hz: 50,
-      words: `${setpointWords(setpoint)}${where}, ${lasts}`,
-      settled: (outcome) => this.answered(this.noteSent(sent, setpoint), outcome, null),
+      text: `${setpointWords(setpoint)}${where}, ${lasts}`,
+      onOutcome: (outcome) => this.answered(this.noteSent(sent, setpoint), outcome, null),
     });
   }
 
@@ -177,7 +177,7 @@ class SetpointEditor {
     return this.drag === null ? null : { type: 'position', ...this.drag };
   }
 
-  private async send(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Lasting): Promise<void> {
+  private async send(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Validity): Promise<void> {
     const line = this.noteSent(this.way, setpoint);
     const began_s = performance.now() / 1000;
     let outcome: Outcome<unknown> | null = null;
@@ -198,7 +198,7 @@ class SetpointEditor {
     return id;
   }
 
-  // --- the stream of a hand ---
+  // --- the stream of gamepad and drag ---
 
   /** Opens the stream for gamepad or drag; `onEnd` is called with the reason when it ends. */
   openStream(id: string, onEnd: (why: string) => void): void {
@@ -237,12 +237,12 @@ class SetpointEditor {
   }
 
   /** Sends one setpoint of gamepad or drag. */
-  sendByHand(way: Way, setpoint: AnySetpoint, lasting: Lasting = HAND): void {
+  sendByHand(way: Way, setpoint: AnySetpoint, lasting: Validity = HAND): void {
     if (this.socket === null) return;
     const { valid_for_s, on_expiry } = lasting;
     const seq = this.socket.stream.send({ setpoint, valid_for_s, on_expiry });
     if (seq === null) return;
-    offboard.forget(this.socket.id);
+    offboard.onDirectControl(this.socket.id);
     this.waiting.set(seq, this.noteSent(way, setpoint));
   }
 
@@ -255,9 +255,9 @@ class SetpointEditor {
     if (ack.problem !== null) onEnd(ack.problem.detail);
   }
 
-  // --- the drag ---
+  // --- drag ---
 
-  /** Starts at the vehicle's position; null if that is not known. */
+  /** Starts at the vehicle's position; null if it is not known. */
   dragHere(facts: VehicleFacts): void {
     const at = facts.local?.value.position_ned_m;
     const yaw = facts.attitude?.value.yaw_ned_rad;

@@ -1,11 +1,11 @@
-/** The form's values and the setpoint they make; every wrong field is named. Pure. */
+/** The form's values and the setpoint from them; every invalid field is reported. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { specOf, type Axis, type Group, type Kind } from '../../../vehicle/setpoint-kinds';
 
 export interface Field {
   text: string;
-  /** Left to the vehicle: null in the API, NaN on the wire. */
+  /** Not controlled by this field: null in the API, NaN in MAVLink. */
   off: boolean;
 }
 
@@ -134,7 +134,7 @@ export function build(form: Form): Built {
   return Object.keys(errors).length > 0 ? { ok: false, errors } : { ok: true, setpoint };
 }
 
-/** Every axis must be controlled by some quantity: otherwise the vehicle would stop. */
+/** Every axis must be controlled by some quantity, because the vehicle does not move along an uncontrolled axis. */
 function controlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
   const given = groups.filter((g) => !form.without.includes(g.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
@@ -145,7 +145,7 @@ function controlled(groups: readonly Group[], form: Form, errors: Record<string,
   });
 }
 
-/** North and east of a quantity must both be controlled: the vehicle does not fly one without the other. */
+/** North and east of a quantity must both be controlled, because the vehicle ignores one without the other. */
 export function setOff(form: Form, key: string, off: boolean): Form {
   const along = /^([pva])[01]$/.exec(key)?.[1];
   const keys = along === undefined ? [key] : [`${along}0`, `${along}1`];

@@ -14,14 +14,14 @@ export interface HealthNow {
   yaw_error_rad: number | null;
 }
 
-/** @param age_s since the sample was heard. */
+/** @param age_s age of the sample. */
 export function readHealth(topic: unknown, age_s: number): HealthNow {
   const health = (topic as { health?: Partial<Wire> | null } | null)?.health ?? null;
   const number = (value: unknown): number | null => (typeof value === 'number' && Number.isFinite(value) ? value : null);
   const older = (value: unknown): number | null => (number(value) === null ? null : (value as number) + age_s);
   return {
     setpoint_age_s: older(health?.setpoint_age_s),
-    // The stream goes on while the sample ages: what was left is left still, until it is seldom heard.
+    // The stream continues while the sample ages, so the remaining times stay unchanged until the sample is stale.
     failsafe_in_s: number(health?.failsafe_in_s),
     echo_age_s: older(health?.echo?.age_s),
     position_error_m: number(health?.position_error_m),

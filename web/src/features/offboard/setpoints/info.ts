@@ -1,4 +1,4 @@
-/** What the server says about offboard on a vehicle besides the stream: what can be flown, limits, the failsafe. */
+/** The server's data about offboard on a vehicle besides the stream: possible kinds, limits, failsafe. Pure. */
 
 import type { components } from '../../../api/schema';
 import { fixed } from '../../../ui/format';
@@ -12,7 +12,7 @@ export type OperatorLimits = Limits['operator'];
 export type LimitsBody = Schemas['LimitsRequest'];
 export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
-/** The server's words with the kinds called as the form calls them: "thrust and torque", not "thrust_torque". */
+/** The server's text with the form's names of kinds: "thrust and torque" instead of "thrust_torque". */
 export function humanWords(words: string): string {
   return KINDS.reduce(
     (said, one) =>
@@ -23,7 +23,7 @@ export function humanWords(words: string): string {
   );
 }
 
-/** Why a kind cannot be flown now; null where it can, or where the server has not said. */
+/** Why a kind is not possible now; null if it is, or if the server has not reported it. */
 export function whyNot(view: OffboardView | null, kind: Kind): string | null {
   const said = view?.available[kind];
   return said === undefined || said.can ? null : humanWords(said.why_not ?? 'Not on this vehicle.');
@@ -44,7 +44,7 @@ export interface LimitField {
   unit: string;
   /** API value = typed × scale. */
   scale: number;
-  /** The vehicle's own, where it has one. */
+  /** The vehicle's own limit, if it has one. */
   own: keyof Limits['vehicle'] | null;
 }
 
@@ -61,12 +61,12 @@ export const LIMIT_FIELDS: readonly LimitField[] = [
   { name: 'slew_velocity_m_s2', label: 'Velocity slew rate', unit: 'm/s²', scale: 1, own: null },
 ];
 
-/** A limit as a person reads it: "5", "45". */
+/** A limit as text: "5", "45". */
 export function limitText(value: number | null | undefined, field: LimitField): string {
   return value == null ? '' : String(Number((value / field.scale).toFixed(2)));
 }
 
-/** The operator's limits in one line; what is not limited is not said. */
+/** The operator's limits in one line; unlimited values are left out. */
 export function limitsWords(limits: Limits | null): string {
   if (limits === null) return 'not known yet';
   const said = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
@@ -77,7 +77,7 @@ export function limitsWords(limits: Limits | null): string {
   return said.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : said.join(', ');
 }
 
-/** "5.0 m/s" of the vehicle's own limit, for the field's placeholder. */
+/** The vehicle's own limit for the field's placeholder, for example "5.0 m/s". */
 export function ownLimit(limits: Limits | null, field: LimitField): string {
   const own = field.own === null ? null : limits?.vehicle[field.own];
   return own == null ? 'no limit' : fixed(own / field.scale, 1);

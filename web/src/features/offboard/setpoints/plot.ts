@@ -1,4 +1,4 @@
-/** The only place that knows uPlot: one axis of target against actual, the last minute. */
+/** The only module that uses uPlot: one axis, target against actual, over the last minute. */
 
 import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
@@ -12,7 +12,7 @@ export interface PlotColours {
   stroke: number;
 }
 
-/** Smallest height of what is shown, so that noise is no mountain. */
+/** Smallest range of the vertical axis, so that noise is not magnified. */
 const LEAST: Readonly<Record<string, number>> = { m: 1, 'm/s': 0.5, '°': 4 };
 
 export class AxisPlot {

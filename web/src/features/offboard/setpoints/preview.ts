@@ -3,7 +3,7 @@
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Vector3 } from '../../../live/topics';
 import { fixed, metres, wrap180 } from '../../../ui/format';
-import { eastNorth, placeAt, type Place } from '../../../vehicle/geo';
+import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { SetpointJson } from './form';
 
 /** A velocity is previewed as the position reached after this time [s]. */
@@ -28,7 +28,7 @@ function yawOf(setpoint: SetpointJson, now_rad: number | null): number | null {
   return now_rad;
 }
 
-/** An offset along the heading, turned north: [n, e, d]. */
+/** Rotates an offset along the heading to north: [n, e, d]. */
 export function fromHeading([forward, right, down]: Vector3, yaw_rad: number): Vector3 {
   const [cos, sin] = [Math.cos(yaw_rad), Math.sin(yaw_rad)];
   return [forward * cos - right * sin, forward * sin + right * cos, down];
@@ -66,12 +66,12 @@ function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Readonly
   return { position_ned_m: [at[0] + north_m, at[1] + east_m, at[2] - up_m], yaw_ned_rad, leads: false };
 }
 
-/** The preview as a place on the map, through where the vehicle is in both frames now. */
-export function previewPlace(preview: Preview, facts: VehicleFacts): Place | null {
+/** The preview on the earth, by the difference between the vehicle's global and local position. */
+export function previewPlace(preview: Preview, facts: VehicleFacts): GeoPosition | null {
   const at = facts.local?.value.position_ned_m;
   const here = facts.global?.value;
   if (at === undefined || here === undefined) return null;
-  return placeAt(here, { north_m: preview.position_ned_m[0] - at[0], east_m: preview.position_ned_m[1] - at[1] });
+  return positionAt(here, { north_m: preview.position_ned_m[0] - at[0], east_m: preview.position_ned_m[1] - at[1] });
 }
 
 /** "12.4 m away, 3.0 m up, turns 40° right". */

@@ -1,4 +1,7 @@
-/** The log of sent setpoints, newest first, each with what was applied. Setpoints repeated 25 times a second share a line. Pure. */
+/**
+ * The log of sent setpoints, newest first, each with the applied values. Setpoints repeated 25 times a second share a
+ * line. Pure.
+ */
 
 import { fixed } from '../../../ui/format';
 import { kindName } from '../../../vehicle/setpoint-kinds';
@@ -70,7 +73,7 @@ function number(value: unknown, words: (v: number) => string): string | null {
   return typeof value === 'number' ? words(value) : null;
 }
 
-/** A setpoint in one short line, as the form's fields read: up positive, degrees. */
+/** A setpoint in one short line, with the form's conventions: up positive, degrees. */
 export function setpointWords(s: Readonly<Record<string, unknown>>): string {
   const parts = [
     triple(s['position_ned_m'], 'm', true),

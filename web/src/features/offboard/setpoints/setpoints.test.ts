@@ -29,14 +29,14 @@ function bad(form: Form): Readonly<Record<string, string>> {
 const put = (form: Form, key: string, text: string, off = false): Form => ({ ...form, fields: { ...form.fields, [key]: { text, off } } });
 
 describe('forms', () => {
-  it('begin with what is: sent as they are they move nothing', () => {
+  it('start with the present state: sent unchanged they move nothing', () => {
     expect(good(formHere('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
     expect(good(formHere('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
     expect(good(formHere('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
     expect(good(formHere('attitude', FACTS, 0.55))).toEqual({ type: 'attitude', roll_rad: 0, pitch_rad: 0, yaw_ned_rad: Math.PI / 2, thrust: 0.55 });
   });
 
-  it('build every kind that has a form once its numbers are there', () => {
+  it('build every kind of setpoint once its numbers are filled in', () => {
     for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
       const built = good({ ...formHere(kind, FACTS, 0.5), other: '2' });
       expect(built['type']).toBe(kind);
@@ -45,7 +45,7 @@ describe('forms', () => {
     expect(bad(formHere('actuators', FACTS, 0.5))).toHaveProperty('kind');
   });
 
-  it('take up as minus down and degrees as radians', () => {
+  it('convert up to minus down and degrees to radians', () => {
     expect(good(put(formHere('position', FACTS, null), 'p2', '12,5'))['position_ned_m']).toEqual([10, 20, -12.5]);
     expect(good(put(formHere('rates', FACTS, 0.5), 'r2', '−90'))['rates_frd_rad_s']).toEqual([0, 0, -Math.PI / 2]);
     expect(good({ ...formHere('position', FACTS, null), yaw: '270' })['yaw_ned_rad']).toBeCloseTo(-Math.PI / 2);
@@ -53,7 +53,7 @@ describe('forms', () => {
     expect(good({ ...formHere('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
   });
 
-  it('leave an axis to another quantity, north and east together, and none to nothing', () => {
+  it('leave axes to other quantities, north and east together, and none without control', () => {
     const mixed = setOff({ ...formHere('trajectory', FACTS, null), without: ['acceleration_ned_m_s2'] }, 'p1', true);
     expect(good(setOff(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
     expect(bad({ ...mixed, without: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
@@ -63,7 +63,7 @@ describe('forms', () => {
     expect(good(put(formHere('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
   });
 
-  it('name the field that is wrong, and the unknown is not filled in', () => {
+  it('report the invalid field, and do not fill in unknown values', () => {
     expect(bad(put(formHere('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
     expect(bad(put(formHere('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
     expect(bad(formHere('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
@@ -71,7 +71,7 @@ describe('forms', () => {
     expect(typed(' 1e400 ')).toBeNull();
   });
 
-  it('follow somebody, not nobody, and not too near', () => {
+  it('require a vehicle to follow, and a minimum offset', () => {
     const form = formHere('follow', FACTS, null);
     expect(bad(form)).toEqual({ other: 'Choose the vehicle to follow.' });
     expect(good({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
@@ -79,7 +79,7 @@ describe('forms', () => {
     expect(previewOf({ type: 'follow', offset_frd_m: [-5, 0, -2] }, FACTS)).toBeNull();
   });
 
-  it('feed forward only what is asked for', () => {
+  it('add feedforward only if chosen', () => {
     const form = formHere('trajectory', FACTS, null);
     expect(good(form)).not.toHaveProperty('velocity_ned_m_s');
     expect(good({ ...form, without: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
@@ -87,25 +87,25 @@ describe('forms', () => {
 });
 
 describe('preview', () => {
-  it('turns what is along the heading', () => {
+  it('rotates an offset along the heading', () => {
     expect(fromHeading([1, 0, -2], Math.PI / 2).map((v) => v + 0)).toEqual([expect.closeTo(0), expect.closeTo(1), -2]);
     const preview = previewOf({ type: 'position_body', offset_frd_m: [3, 0, -1], yaw_offset_rad: 0.5 }, FACTS);
     expect(preview?.position_ned_m).toEqual([expect.closeTo(10), expect.closeTo(23), -6]);
     expect(preview?.yaw_ned_rad).toBeCloseTo(Math.PI / 2 + 0.5);
   });
 
-  it('shows where a velocity leads and says so', () => {
+  it('shows the position that a velocity leads to, and marks it', () => {
     const preview = previewOf({ type: 'velocity', velocity_ned_m_s: [1, null, -1], yaw_rate_ned_rad_s: 0 }, FACTS);
     expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], leads: true });
     expect(preview && wayWords(preview, FACTS)).toBe('3.0 m in 3 s, 3.0 m up');
   });
 
-  it('has no place for an attitude, nor without knowing where the vehicle is', () => {
+  it('is null for an attitude, and without the vehicle’s position', () => {
     expect(previewOf({ type: 'attitude', roll_rad: 0 }, FACTS)).toBeNull();
     expect(previewOf({ type: 'position', position_ned_m: [0, 0, 0] }, { ...FACTS, local: null })).toBeNull();
   });
 
-  it('finds a global place in the local frame and back', () => {
+  it('converts a global position to the local frame and back', () => {
     const preview = previewOf({ type: 'position_global', lat_deg: 47.0001, lon_deg: 8, alt_amsl_m: 515, yaw_ned_rad: 0 }, FACTS);
     expect(preview?.position_ned_m[0]).toBeCloseTo(10 + 11.12, 1);
     expect(preview?.position_ned_m[2]).toBeCloseTo(-15);
@@ -159,7 +159,7 @@ describe('the stream', () => {
     };
   }
 
-  it('numbers what it sends and joins the answers', () => {
+  it('numbers its setpoints and assigns the answers', () => {
     const { stream, socket, acks, later } = opened();
     expect(stream.send({ type: 'velocity' })).toBe(1);
     later(0.02);
@@ -170,7 +170,7 @@ describe('the stream', () => {
     expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, took_s: 0.02 }]);
   });
 
-  it('tells a refusal in the server’s words', () => {
+  it('returns a refusal with the server’s text', () => {
     const { stream, socket, acks } = opened();
     stream.send({});
     socket.hear({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is held by tablet.', code: 'not_in_control' } });
@@ -178,7 +178,7 @@ describe('the stream', () => {
     expect(acks[0]?.applied).toBeNull();
   });
 
-  it('drops what the network does not take instead of sending it late', () => {
+  it('drops setpoints that the network cannot send in time', () => {
     const { stream, socket } = opened();
     socket.bufferedAmount = 5000;
     expect(stream.send({})).toBeNull();
@@ -189,7 +189,7 @@ describe('the stream', () => {
     expect(socket.sent).toEqual([]);
   });
 
-  it('says once that it ended, and why', () => {
+  it('reports its end once, with the reason', () => {
     const { stream, socket, ended } = opened();
     socket.onclose?.({ reason: '' } as CloseEvent);
     stream.close();
@@ -198,7 +198,7 @@ describe('the stream', () => {
 });
 
 describe('the log', () => {
-  it('joins what a gamepad repeats and keeps what was limited', () => {
+  it('merges the repeated setpoints of a gamepad and keeps limited ones', () => {
     const log = new SentLog();
     const first = log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [1, 0, 0] }, 100);
     log.answer(first, { note: 'slowed to 2 m/s', refused: false, took_s: 0.01 });
@@ -211,7 +211,7 @@ describe('the log', () => {
     expect(log.lines.map((l) => l.count)).toEqual([1, 1, 2]);
   });
 
-  it('says a setpoint as the form reads', () => {
+  it('describes a setpoint as the form does', () => {
     expect(setpointWords({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  1.0 – 3.0 m  yaw 270°');
     expect(setpointWords({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  0.0 0.0 180.0 °/s  thrust 0.50');
     expect(kindName('orbit')).toBe('orbit');
@@ -232,7 +232,7 @@ describe('traces', () => {
     asked: target === null ? null : { position_ned_m: [0, 0, -target], velocity_ned_m_s: null, attitude_rad: null },
   });
 
-  it('hold a minute, oldest first, up positive, with gaps where nothing is asked', () => {
+  it('keep a minute, oldest first, up positive, with gaps without a setpoint', () => {
     const traces = new Traces();
     traces.add(seen(0, 1, null));
     traces.add(seen(50, 2, 3));
@@ -256,7 +256,7 @@ describe('traces', () => {
     expect(traces.columns('attitude', 2, 2)[2].map((v) => v && Math.round(v))).toEqual([170, 179, null]);
   });
 
-  it('read an attitude however it is given', () => {
+  it('read every form of an attitude', () => {
     expect(eulerOf([Math.SQRT1_2, 0, 0, Math.SQRT1_2])).toEqual([0, 0, expect.closeTo(Math.PI / 2)]);
     expect(askedOf(null, null)).toBeNull();
     const stream = { streaming: true, position_ned_m: null, velocity_ned_m_s: null, yaw_ned_rad: 1 } as never;

@@ -8,9 +8,9 @@ import { parseProblem } from '../../../api/problems';
 
 export interface Ack {
   seq: number;
-  /** What reaches the vehicle, after limits; null where it was refused. */
+  /** The setpoint after the limits; null if it was refused. */
   applied: Readonly<Record<string, unknown>> | null;
-  /** What was changed and why, in the server's words. */
+  /** What was changed and why, as the server's text. */
   limited: readonly string[];
   problem: Problem | null;
   /** True if a newer setpoint replaced it before it was sent. */
@@ -33,13 +33,13 @@ export interface SocketLike {
 }
 
 const OPEN = 1;
-/** More than this waiting means the network does not keep up [bytes]. */
+/** A larger send buffer means that the network is too slow [bytes]. */
 const MOST_WAITING = 4096;
 const MOST_PENDING = 256;
 
 export class SetpointStream {
   state: StreamState = 'connecting';
-  /** Setpoints not sent because the network did not keep up. */
+  /** Number of setpoints not sent because the network was too slow. */
   dropped = 0;
   private seq = 0;
   private readonly sent = new Map<number, number>();

@@ -1,13 +1,16 @@
-/** The last minute of target and actual, axis by axis, for the plots. Time is the vehicle's samples'; pure. */
+/**
+ * The last minute of target and actual, axis by axis, for the plots. The times are those of the vehicle's samples.
+ * Pure.
+ */
 
 import type { Attitude, LocalPosition, MaybeVector3, Vector3 } from '../../../live/topics';
 import type { OffboardStatus } from '../../../vehicle/offboard';
 import { fromHeading } from './preview';
 
 export const WINDOW_S = 60;
-/** Nothing heard for longer than this is a gap, not a line [s]. */
+/** A longer time without a sample [s] is drawn as a gap. */
 const GAP_S = 2;
-/** Room for a minute at the rate the page is told at. */
+/** Capacity for one minute at the page's telemetry rate. */
 const MOST = 60 * 30;
 const DEG = 180 / Math.PI;
 
@@ -58,7 +61,7 @@ export interface Seen {
   unix_s: number;
   local: LocalPosition | null;
   attitude: Attitude | null;
-  /** What is asked for now; null while nothing is streamed. */
+  /** The present target; null while nothing is streamed. */
   asked: Asked | null;
 }
 
@@ -80,7 +83,7 @@ function degrees(v: MaybeVector3): MaybeVector3 {
 }
 
 export class Traces {
-  /** Counts what was added, so that a painter knows. */
+  /** Incremented by each added sample; painters compare it. */
   revision = 0;
   private rows: Readonly<Record<Quantity, Row[]>> = { position: [], velocity: [], attitude: [] };
 
@@ -126,7 +129,7 @@ export class Traces {
   }
 }
 
-/** A heading that passes north leaves a gap, not a line across the plot. */
+/** A heading that wraps leaves a gap instead of a line across the plot. */
 function column(values: (number | null)[], turns: boolean): (number | null)[] {
   if (!turns) return values;
   return values.map((v, i) => {
@@ -135,7 +138,7 @@ function column(values: (number | null)[], turns: boolean): (number | null)[] {
   });
 }
 
-/** Roll, pitch and yaw of a quaternion that takes FRD to NED. */
+/** Roll, pitch and yaw of a quaternion from FRD to NED. */
 export function eulerOf(q: readonly number[]): MaybeVector3 {
   const [w = 1, x = 0, y = 0, z = 0] = q;
   return [
@@ -145,7 +148,7 @@ export function eulerOf(q: readonly number[]): MaybeVector3 {
   ];
 }
 
-/** What is asked for as far as it can be drawn against what is; what goes along the heading is turned north. */
+/** The drawable part of the target against the actual state; values along the heading are rotated to north. */
 export function askedOf(stream: OffboardStatus | null, setpoint: Readonly<Record<string, unknown>> | null, yaw_rad: number | null = null): Asked | null {
   if (stream === null || !stream.streaming) return null;
   const q = setpoint?.['q_ned_frd'];

@@ -1,7 +1,7 @@
 /** Edits of a mission. Pure: each function returns a new mission. */
 
-import { placeShared, removeShared } from '../edit';
-import type { Place } from '../../../vehicle/geo';
+import { moveShared, removeShared } from '../edit';
+import type { GeoPosition } from '../../../vehicle/geo';
 import {
   nodesOf,
   pathOf,
@@ -13,14 +13,14 @@ import {
   valueAt,
   withValue,
   type Mission,
-  type MissionPlace,
+  type MissionPosition,
   type Path,
   type Step,
   type StepKind,
   type StepNode,
 } from './mission';
-import { movedTo, saidAs, geoPointOf, wayOf, type Frame, type GeoPoint, type Way } from './places';
-import { freshStep, PLACED } from './words';
+import { movedTo, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './places';
+import { newStep, PLACED } from './words';
 
 const HEIGHT_M = 10;
 
@@ -34,12 +34,12 @@ export function setStep(mission: Mission, node: StepNode, step: Step): Mission {
 }
 
 /** Moves the point with this id. */
-export function put(mission: Mission, id: string, at: Place, frame: Frame): Mission {
+export function movePoint(mission: Mission, id: string, at: GeoPosition, frame: Frame): Mission {
   const ref = pointOf(id);
   const node = ref === null ? null : nodeOf(mission, id);
-  if (ref === null || node === null) return placeShared(mission, id, at);
+  if (ref === null || node === null) return moveShared(mission, id, at);
   const path = pathOf(node, ref);
-  const old = valueAt(mission, path) as MissionPlace | undefined;
+  const old = valueAt(mission, path) as MissionPosition | undefined;
   return old === undefined ? mission : withValue(mission, path, movedTo(old, at, frame));
 }
 
@@ -81,40 +81,40 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
 }
 
 /** Inserts a point before another one of the step, with the frame and height of the point before it. */
-export function insertPoint(mission: Mission, place: string, index: number, at: Place, frame: Frame): { mission: Mission; id: string } | null {
+export function insertPoint(mission: Mission, place: string, index: number, at: GeoPosition, frame: Frame): { mission: Mission; id: string } | null {
   const node = nodeOf(mission, stepId(place));
   const points = node?.step.points;
   if (node === null || points === undefined) return null;
   const like = points[index - 1] ?? points[index];
-  const point = like === undefined ? saidAs('offset', { ...at, up_m: HEIGHT_M }, frame) : plain(movedTo(like, at, frame));
+  const point = like === undefined ? inFrame('offset', { ...at, up_m: HEIGHT_M }, frame) : plain(movedTo(like, at, frame));
   const next = withValue(mission, [...node.path, 'points'], spliced(points, index, 0, point));
   return { mission: next, id: pointId({ place, field: 'points', index }) };
 }
 
 /** The position without the point's other fields. */
-function plain(point: MissionPlace): MissionPlace {
+function plain(point: MissionPosition): MissionPosition {
   const { yaw_ned_rad: _yaw, hold_s: _hold, stop: _stop, ...place } = point;
   return place;
 }
 
 /** A new position, in the frame that the mission uses; else on the earth if its origin is known. */
-function newPlace(mission: Mission, at: Place | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPlace {
+function newPlace(mission: Mission, at: GeoPosition | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPosition {
   const before = nodes
     .slice(0, after)
-    .flatMap((node): readonly MissionPlace[] | MissionPlace => node.step.points?.at(-1) ?? (node.step['center'] as MissionPlace | undefined) ?? []);
+    .flatMap((node): readonly MissionPosition[] | MissionPosition => node.step.points?.at(-1) ?? (node.step['center'] as MissionPosition | undefined) ?? []);
   const like = before.at(-1);
-  const way: Way = like !== undefined ? wayOf(like) : frame.known && mission.home != null ? 'home' : 'offset';
+  const way: PositionFrame = like !== undefined ? frameOfPosition(like) : frame.known && mission.home != null ? 'home' : 'offset';
   const takeoff = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
   const up_m = like !== undefined ? geoPointOf(like, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
   const geoPoint: GeoPoint = { ...(at ?? (like === undefined ? frame.start : geoPointOf(like, frame))), up_m };
-  return saidAs(way, geoPoint, frame);
+  return inFrame(way, geoPoint, frame);
 }
 
 /**
  * Adds a step after the selection, into a selected empty list, or at the end, but before a final landing. A further
  * point is added to the selected trajectory.
  */
-export function addStep(mission: Mission, kind: StepKind, at: Place | null, selected: readonly string[], frame: Frame): { mission: Mission; id: string } {
+export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null, selected: readonly string[], frame: Frame): { mission: Mission; id: string } {
   const nodes = nodesOf(mission);
   const last =
     selected
@@ -130,7 +130,7 @@ export function addStep(mission: Mission, kind: StepKind, at: Place | null, sele
     if (added !== null) return added;
   }
   const order = last === null ? nodes.length : nodes.indexOf(last) + 1;
-  const step = freshStep(kind, PLACED.has(kind) ? newPlace(mission, at, frame, order, nodes) : undefined);
+  const step = newStep(kind, PLACED.has(kind) ? newPlace(mission, at, frame, order, nodes) : undefined);
   const [role] = roleNames(mission);
   let list: Path = role === undefined ? ['steps'] : ['roles', role, 'steps'];
   let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);
@@ -152,7 +152,7 @@ export function addStep(mission: Mission, kind: StepKind, at: Place | null, sele
 /** Adds a first step to an empty branch, or one more at its end. */
 export function addToBranch(mission: Mission, node: StepNode, list: 'then' | 'otherwise'): { mission: Mission; id: string } {
   const steps = (node.step[list] ?? []) as readonly Step[];
-  const next = withValue(mission, [...node.path, list], [...steps, freshStep('hold')]);
+  const next = withValue(mission, [...node.path, list], [...steps, newStep('hold')]);
   return { mission: next, id: stepId(`${node.place} ${list} ${steps.length + 1}`) };
 }
 
@@ -161,7 +161,7 @@ export function addCalled(mission: Mission, node: StepNode): Mission {
   let number = 1;
   while (mission.missions[`part ${number}`] !== undefined) number += 1;
   const name = `part ${number}`;
-  const called = { ...mission, missions: { ...mission.missions, [name]: [freshStep('hold')] } };
+  const called = { ...mission, missions: { ...mission.missions, [name]: [newStep('hold')] } };
   return setStep(called, node, { ...node.step, mission: name });
 }
 

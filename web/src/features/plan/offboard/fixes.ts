@@ -2,9 +2,9 @@
 
 import type { Finding, Fix } from '../fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
-import { nodesOf, roleNames, stepId, type Mission, type MissionPlace, type Step, type StepNode } from './mission';
-import { saidAs, geoPointOf, wayOf, type Frame } from './places';
-import { freshStep } from './words';
+import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type Step, type StepNode } from './mission';
+import { inFrame, geoPointOf, frameOfPosition, type Frame } from './places';
+import { newStep } from './words';
 
 const HIGHEST_M = 120;
 const LOWEST_M = 2;
@@ -13,9 +13,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
   const node = finding.place.step === null ? null : nodeOf(mission, stepId(finding.place.step));
   switch (finding.code) {
     case 'takeoff_missing':
-      return roleNames(mission).length > 0
-        ? null
-        : { text: 'Take off at the beginning', plan: { ...mission, steps: [freshStep('take_off'), ...mission.steps] } };
+      return roleNames(mission).length > 0 ? null : { text: 'Take off at the beginning', plan: { ...mission, steps: [newStep('take_off'), ...mission.steps] } };
     case 'takeoff_in_air':
       return node === null ? null : { text: `Delete ${node.place}`, plan: remove(mission, [stepId(node.place)]) };
     case 'landing_missing':
@@ -47,9 +45,9 @@ function without(step: Step, field: string): Step {
 }
 
 function heights(mission: Mission, node: StepNode, frame: Frame, text: string, to: (up_m: number) => number): Fix<Mission> | null {
-  const moved = (at: MissionPlace): MissionPlace => {
+  const moved = (at: MissionPosition): MissionPosition => {
     const geoPoint = geoPointOf(at, frame);
-    return to(geoPoint.up_m) === geoPoint.up_m ? at : saidAs(wayOf(at), { ...geoPoint, up_m: to(geoPoint.up_m) }, frame, at);
+    return to(geoPoint.up_m) === geoPoint.up_m ? at : inFrame(frameOfPosition(at), { ...geoPoint, up_m: to(geoPoint.up_m) }, frame, at);
   };
   if (node.step.points === undefined) return null;
   return { text, plan: setStep(mission, node, { ...node.step, points: node.step.points.map(moved) }) };

@@ -1,14 +1,14 @@
 import { describe, expect, it } from 'vitest';
-import { placeAt } from '../../../vehicle/geo';
+import { positionAt } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run.svelte';
 import {
   corridorFor,
-  corridorWords,
-  deviationWords,
+  corridorText,
+  deviationText,
   isOver,
-  notFlyable,
-  orderQuestion,
-  orders,
+  startProblem,
+  commandQuestion,
+  availableCommands,
   progress,
   startQuestion,
   stateWords,
@@ -56,58 +56,58 @@ describe('the corridor of a dry run', () => {
   const here = { lat_deg: 47.4, lon_deg: 8.5 };
   const view = (more: object) => ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: here }, ...more }) as unknown as DryRunView;
 
-  it('is that of the same vehicle from the same place, else the start would be refused', () => {
-    expect(corridorFor(view({}), '1', placeAt(here, { north_m: 3, east_m: 3 }))).toBe('7');
-    expect(corridorFor(view({}), '1', placeAt(here, { north_m: 6, east_m: 0 }))).toBeNull();
+  it('is used for the same vehicle and start, because the server refuses others', () => {
+    expect(corridorFor(view({}), '1', positionAt(here, { north_m: 3, east_m: 3 }))).toBe('7');
+    expect(corridorFor(view({}), '1', positionAt(here, { north_m: 6, east_m: 0 }))).toBeNull();
     expect([corridorFor(view({}), '2', here), corridorFor(view({ monte_carlo: null }), '1', here), corridorFor(null, '1', here)]).toEqual([null, null, null]);
   });
 
-  it('is said where the vehicle is outside it', () => {
-    expect(corridorWords(as({ outside_corridor_m: 1.26, dry_run: '7' }))).toBe('1.3 m outside the corridor of the dry run');
-    expect([corridorWords(as({ outside_corridor_m: 0 })), corridorWords(FLOWN)]).toEqual([null, null]);
+  it('is mentioned while the vehicle is outside it', () => {
+    expect(corridorText(as({ outside_corridor_m: 1.26, dry_run: '7' }))).toBe('1.3 m outside the corridor of the dry run');
+    expect([corridorText(as({ outside_corridor_m: 0 })), corridorText(FLOWN)]).toEqual([null, null]);
   });
 });
 
 describe('an offboard mission in flight', () => {
-  it('offers only the orders that the state takes', () => {
-    expect(orders(FLOWN)).toEqual(['pause', 'skip', 'abort']);
-    expect(orders(as({ others: ['2'] }))).toEqual(['pause', 'abort']);
-    expect(orders(as({ state: 'paused' }))).toEqual(['resume', 'skip', 'abort']);
-    expect(orders(as({ state: 'suspended', question: 'Sharp?' }))).toEqual(['resume', 'skip', 'abort']);
-    expect(orders(as({ state: 'waiting', question: 'Sharp?' }))).toEqual(['go_on', 'pause', 'skip', 'abort']);
-    for (const state of ['done', 'aborted', 'stopped'] as const) expect(orders(as({ state }))).toEqual([]);
+  it('offers only the commands of its state', () => {
+    expect(availableCommands(FLOWN)).toEqual(['pause', 'skip', 'abort']);
+    expect(availableCommands(as({ others: ['2'] }))).toEqual(['pause', 'abort']);
+    expect(availableCommands(as({ state: 'paused' }))).toEqual(['resume', 'skip', 'abort']);
+    expect(availableCommands(as({ state: 'suspended', question: 'Sharp?' }))).toEqual(['resume', 'skip', 'abort']);
+    expect(availableCommands(as({ state: 'waiting', question: 'Sharp?' }))).toEqual(['go_on', 'pause', 'skip', 'abort']);
+    for (const state of ['done', 'aborted', 'stopped'] as const) expect(availableCommands(as({ state }))).toEqual([]);
   });
 
-  it('asks before what moves the vehicle, and pauses and goes on at once', () => {
-    expect(orderQuestion('pause', FLOWN, '1 Quad')).toBeNull();
-    expect(orderQuestion('go_on', FLOWN, '1 Quad')).toBeNull();
-    expect(orderQuestion('resume', FLOWN, '1 Quad')?.effect).toContain('“Approach”');
-    expect(orderQuestion('skip', as({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
-    expect(orderQuestion('abort', FLOWN, '1 Quad')?.verb).toBe('Abort');
+  it('confirms commands that move the vehicle; pause and continue are sent at once', () => {
+    expect(commandQuestion('pause', FLOWN, '1 Quad')).toBeNull();
+    expect(commandQuestion('go_on', FLOWN, '1 Quad')).toBeNull();
+    expect(commandQuestion('resume', FLOWN, '1 Quad')?.effect).toContain('“Approach”');
+    expect(commandQuestion('skip', as({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
+    expect(commandQuestion('abort', FLOWN, '1 Quad')?.verb).toBe('Abort');
   });
 
-  it('says how far it is, and nothing where that is not known', () => {
+  it('shows its progress, and nothing if that is not known', () => {
     expect(progress(FLOWN)).toBeCloseTo(0.25);
     expect(progress(as({ remaining_s: null }))).toBeNull();
     expect(progress(as({ duration_s: 0 }))).toBeNull();
     expect(progress(as({ remaining_s: 500 }))).toBe(0);
-    expect(deviationWords(FLOWN)).toBe('0.3 m from its setpoint');
-    expect(deviationWords(as({ deviation_m: null }))).toBeNull();
+    expect(deviationText(FLOWN)).toBe('0.3 m from its setpoint');
+    expect(deviationText(as({ deviation_m: null }))).toBeNull();
     expect(stateWords(as({ state: 'suspended' }))).toEqual({ text: 'Suspended', tone: 'caution' });
     expect([isOver(FLOWN), isOver(as({ state: 'done' }))]).toEqual([false, true]);
   });
 });
 
 describe('starting an offboard mission', () => {
-  it('is not offered with an error, unchecked, or while another is flown', () => {
-    expect(notFlyable([], null)).toBeNull();
-    expect(notFlyable(null, null)).toContain('not been checked');
-    expect(notFlyable([error('It leaves the fence.')], null)).toBe('An error to fix or accept below: It leaves the fence.');
-    expect(notFlyable([], FLOWN)).toContain('Abort it first');
-    expect(notFlyable([], as({ state: 'aborted' }))).toBeNull();
+  it('is not offered with an error, unchecked, or during another mission', () => {
+    expect(startProblem([], null)).toBeNull();
+    expect(startProblem(null, null)).toContain('not been checked');
+    expect(startProblem([error('It leaves the fence.')], null)).toBe('An error to fix or accept below: It leaves the fence.');
+    expect(startProblem([], FLOWN)).toContain('Abort it first');
+    expect(startProblem([], as({ state: 'aborted' }))).toBeNull();
   });
 
-  it('says beforehand what happens when battery, control, link or server are lost', () => {
+  it('lists the failsafe actions for battery, control, link and server', () => {
     const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
     expect(title).toBe('Fly “Tower” with 1 Quad');
     expect(effect).toContain('2 steps, about 01:05, 2 warnings.');

@@ -3,8 +3,8 @@
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
-import { groundDistance_m, type Place } from '../../../vehicle/geo';
-import { despiteText } from '../accepted.svelte';
+import { groundDistance_m, type GeoPosition } from '../../../vehicle/geo';
+import { acceptedErrorsText } from '../accepted.svelte';
 import type { DryRunView } from '../dry-run.svelte';
 import type { Finding } from '../fixes';
 import { nodesOf, type Mission } from './mission';
@@ -13,7 +13,7 @@ export type Flown = components['schemas']['OffboardMissionStatus'];
 type State = Flown['state'];
 /** The server compares a flight with a dry run only if their starts are closer than this [m]. */
 const SAME_START_M = 5;
-export type Order = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
+export type FlightCommand = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
 
 const WORDS: Readonly<Record<State, string>> = {
   ready: 'Starting',
@@ -43,15 +43,21 @@ export function stateWords(flown: Flown): { text: string; tone: 'ok' | 'target' 
 }
 
 /** The commands that are possible in the present state. */
-export function orders(flown: Flown): readonly Order[] {
+export function availableCommands(flown: Flown): readonly FlightCommand[] {
   if (isOver(flown)) return [];
-  const stands = flown.state === 'paused' || flown.state === 'suspended' || flown.state === 'pausing';
-  const answer: Order[] = flown.question === null || stands ? [] : ['go_on'];
-  const skip: Order[] = flown.others.length > 0 ? [] : ['skip']; // vehicles that fly together would lose their common timing
-  return [...answer, stands ? 'resume' : 'pause', ...skip, 'abort'];
+  const isPaused = flown.state === 'paused' || flown.state === 'suspended' || flown.state === 'pausing';
+  const answer: FlightCommand[] = flown.question === null || isPaused ? [] : ['go_on'];
+  const skip: FlightCommand[] = flown.others.length > 0 ? [] : ['skip']; // vehicles that fly together would lose their common timing
+  return [...answer, isPaused ? 'resume' : 'pause', ...skip, 'abort'];
 }
 
-export const ORDER_NAMES: Readonly<Record<Order, string>> = { pause: 'Pause', resume: 'Resume…', skip: 'Skip step…', go_on: 'Continue', abort: 'Abort…' };
+export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
+  pause: 'Pause',
+  resume: 'Resume…',
+  skip: 'Skip step…',
+  go_on: 'Continue',
+  abort: 'Abort…',
+};
 
 /** Elapsed part of the flight time, 0 to 1; null if it is not known. */
 export function progress(flown: Flown): number | null {
@@ -60,7 +66,7 @@ export function progress(flown: Flown): number | null {
 }
 
 /** The confirmation of a command that moves the vehicle; null: it is sent at once. */
-export function orderQuestion(order: Order, flown: Flown, vehicleName: string): Question | null {
+export function commandQuestion(order: FlightCommand, flown: Flown, vehicleName: string): Question | null {
   const step = flown.title === null ? 'the current step' : `“${flown.title}”`;
   switch (order) {
     case 'pause':
@@ -91,7 +97,7 @@ const ACTIONS: Readonly<Record<string, string>> = { continue: 'continues', hold:
  * Why this page cannot start a mission; null if it can.
  * @param open errors that are not accepted; null: the mission has not been checked.
  */
-export function notFlyable(open: readonly Finding[] | null, flown: Flown | null): string | null {
+export function startProblem(open: readonly Finding[] | null, flown: Flown | null): string | null {
   if (flown !== null && !isOver(flown)) return 'The vehicle is already flying a mission. Abort it first.';
   if (open === null) return 'The mission has not been checked for this vehicle yet.';
   if (open.length === 0) return null;
@@ -111,7 +117,7 @@ export function startQuestion(
   const does = (action: string): string => ACTIONS[action] ?? action;
   const parts = [
     `${nodesOf(mission).filter((node) => node.depth === 0).length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
-    despiteText(despite),
+    acceptedErrorsText(despite),
     `Low battery: the vehicle ${does(low_battery)}. Control lost: it ${does(control_lost)}. Link lost, then back: it ${does(link_loss)}.`,
     `If the server or its link fails: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(/\.\.$/, '.'),
     'Hold stops it at any time.',
@@ -123,18 +129,18 @@ export function startQuestion(
  * The dry run to compare a flight with: one with a corridor, of this vehicle, with the same start. Null if there is
  * none.
  */
-export function corridorFor(view: DryRunView | null, vehicle: string, here: Place | null): string | null {
+export function corridorFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
   if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
   return groundDistance_m(here, view.nominal.origin) < SAME_START_M ? view.id : null;
 }
 
 /** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */
-export function corridorWords(flown: Flown): string | null {
+export function corridorText(flown: Flown): string | null {
   const out_m = flown.outside_corridor_m ?? 0;
   return out_m > 0 ? `${fixed(out_m, 1)} m outside the corridor of the dry run` : null;
 }
 
 /** Text about the distance from the setpoint; null if it is not known. */
-export function deviationWords(flown: Flown): string | null {
+export function deviationText(flown: Flown): string | null {
   return flown.deviation_m === null ? null : `${fixed(flown.deviation_m, 1)} m from its setpoint`;
 }

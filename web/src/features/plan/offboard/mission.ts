@@ -11,7 +11,7 @@ export type Action = Schemas['Actions']['link_loss'];
 export type Vector = readonly [number, number, number];
 
 /** A position in one of several frames: from the local origin, from the start of the mission, or on the earth. */
-export interface MissionPlace {
+export interface MissionPosition {
   readonly position_ned_m?: Vector | null;
   readonly offset_ned_m?: Vector | null;
   readonly lat_deg?: number | null;
@@ -26,7 +26,7 @@ export interface MissionPlace {
 export interface Step {
   readonly step: StepKind;
   readonly name?: string | null;
-  readonly points?: readonly MissionPlace[];
+  readonly points?: readonly MissionPosition[];
   readonly steps?: readonly Step[];
   readonly then?: readonly Step[];
   readonly otherwise?: readonly Step[];
@@ -71,7 +71,7 @@ export interface StepNode {
 }
 
 /** Larger trees are cut off: calls multiply their steps. */
-const MOST_NODES = 3000;
+const MAX_NODES = 3000;
 const DEEPEST = 24;
 
 /** All steps in order, nested ones below their parent. */
@@ -79,7 +79,7 @@ export function nodesOf(mission: Mission): StepNode[] {
   const found: StepNode[] = [];
   const walk = (steps: readonly Step[], path: Path, prefix: string, depth: number, heading: string, called: readonly string[]): void => {
     steps.forEach((step, index) => {
-      if (found.length >= MOST_NODES || depth > DEEPEST) return;
+      if (found.length >= MAX_NODES || depth > DEEPEST) return;
       const place = `${prefix}${index + 1}`;
       const here = [...path, index];
       found.push({ place, path: here, step, depth, mark: String(index + 1), heading: index === 0 ? heading : '' });
@@ -102,7 +102,7 @@ export function nodesOf(mission: Mission): StepNode[] {
 export const roleNames = (mission: Mission): string[] => Object.keys(mission.roles ?? {});
 
 /** Why these vehicles cannot fly the roles; null: each role has its own vehicle. */
-export function notCast(roles: readonly string[], cast: Readonly<Record<string, string>>): string | null {
+export function assignmentProblem(roles: readonly string[], cast: Readonly<Record<string, string>>): string | null {
   const open = roles.find((role) => (cast[role] ?? '') === '');
   if (open !== undefined) return `Choose a vehicle for the role ${open}.`;
   const twice = roles.find((role, index) => roles.slice(0, index).some((other) => cast[other] === cast[role]));
@@ -136,10 +136,10 @@ export function pathOf(node: StepNode, ref: PointRef): Path {
 }
 
 /** All positions of a step with their ids. */
-export function placesOf(node: StepNode): { ref: PointRef; at: MissionPlace }[] {
+export function placesOf(node: StepNode): { ref: PointRef; at: MissionPosition }[] {
   const found = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
   for (const field of ['center', 'look_at', 'place'] as const) {
-    const at = node.step[field] as MissionPlace | null | undefined;
+    const at = node.step[field] as MissionPosition | null | undefined;
     if (at !== null && at !== undefined) found.push({ ref: { place: node.place, field, index: 0 }, at });
   }
   return found;

@@ -1,35 +1,35 @@
 import { describe, expect, it } from 'vitest';
-import { groundDistance_m, placeAt } from '../../../vehicle/geo';
+import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { PlanEditor } from '../editor.svelte';
 import type { Finding } from '../fixes';
-import { addCalled, addStep, addToBranch, insertPoint, nodeOf, put, remove, reorder } from './edit';
+import { addCalled, addStep, addToBranch, insertPoint, nodeOf, movePoint, remove, reorder } from './edit';
 import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';
 import type { Flight } from './flight';
-import { nodesOf, notCast, stepId, type Mission, type MissionPlace, type Step } from './mission';
+import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition, type Step } from './mission';
 import { picture, treeOf } from './picture';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';
-import { frameOf, movedTo, saidAs, geoPointOf, type Way } from './places';
-import { detailOf, freshMission, freshStep, KINDS, stepTitle } from './words';
+import { frameOf, movedTo, inFrame, geoPointOf, type PositionFrame } from './places';
+import { detailOf, newMission, newStep, KINDS, stepTitle } from './words';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
-const at = (north_m: number, east_m = 0) => placeAt(HOME, { north_m, east_m });
-const offset = (north_m: number, east_m: number, up_m: number): MissionPlace => ({ offset_ned_m: [north_m, east_m, -up_m] });
+const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
+const offset = (north_m: number, east_m: number, up_m: number): MissionPosition => ({ offset_ned_m: [north_m, east_m, -up_m] });
 const FLY: Step = { step: 'fly', points: [offset(10, 0, 10), offset(30, 0, 20)] };
-const missionOf = (...steps: Step[]): Mission => ({ ...freshMission(HOME), steps });
+const missionOf = (...steps: Step[]): Mission => ({ ...newMission(HOME), steps });
 const FRAME = frameOf(missionOf(), null, null);
 const NESTED: Mission = {
   ...missionOf(
-    freshStep('take_off'),
+    newStep('take_off'),
     { step: 'repeat', times: 2, steps: [FLY] },
-    { step: 'branch', condition: { value: 'battery_share', above: 0.5 }, then: [{ step: 'call', mission: 'round' }], otherwise: [freshStep('land')] },
+    { step: 'branch', condition: { value: 'battery_share', above: 0.5 }, then: [{ step: 'call', mission: 'round' }], otherwise: [newStep('land')] },
   ),
-  missions: { round: [freshStep('orbit'), { step: 'call', mission: 'round' }] },
+  missions: { round: [newStep('orbit'), { step: 'call', mission: 'round' }] },
 };
 const places = (mission: Mission): string[] => nodesOf(mission).map((node) => node.place);
 
 describe('the steps of a mission', () => {
-  it('are one tree, named as the server names them; a circle of calls ends', () => {
+  it('are one tree with the server’s names; recursive calls end', () => {
     expect(places(NESTED)).toEqual([
       'step 1',
       'step 2',
@@ -43,8 +43,8 @@ describe('the steps of a mission', () => {
     expect(nodesOf(NESTED).map((node) => node.depth)).toEqual([0, 0, 1, 0, 1, 2, 2, 1]);
   });
 
-  it('of several vehicles stand below their roles, and a new one goes to the first role', () => {
-    const role = { steps: [freshStep('take_off'), freshStep('land')] };
+  it('of several vehicles are below their roles, and a new one goes to the first role', () => {
+    const role = { steps: [newStep('take_off'), newStep('land')] };
     const show: Mission = { ...missionOf(), roles: { lead: role, left: role } };
     expect(places(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
     expect(nodesOf(show).map((node) => node.heading)).toEqual(['Role lead', '', 'Role left', '']);
@@ -53,13 +53,13 @@ describe('the steps of a mission', () => {
     expect(added.mission.roles?.['lead']?.steps.map((step) => step.step)).toEqual(['take_off', 'hold', 'land']);
     const met = addStep(show, 'meet', null, [stepId('left, step 1')], FRAME);
     expect(met.id).toBe(stepId('left, step 2'));
-    expect(notCast(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role left.');
-    expect(notCast(['lead', 'left'], { lead: '1', left: '1' })).toContain('two roles');
-    expect(notCast(['lead', 'left'], { lead: '1', left: '2' })).toBeNull();
+    expect(assignmentProblem(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role left.');
+    expect(assignmentProblem(['lead', 'left'], { lead: '1', left: '1' })).toContain('two roles');
+    expect(assignmentProblem(['lead', 'left'], { lead: '1', left: '2' })).toBeNull();
   });
 
-  it('become roles of several vehicles with the same meetings, and steps of one vehicle again', () => {
-    const alone = missionOf(freshStep('take_off'), FLY, freshStep('land'));
+  it('become roles with the same "meet" steps, and steps of one vehicle again', () => {
+    const alone = missionOf(newStep('take_off'), FLY, newStep('land'));
     const two = addRole(alone);
     expect(two.steps).toEqual([]);
     expect(two.roles?.['lead']).toEqual({ start_ned_m: [0, 0, 0], steps: alone.steps });
@@ -81,59 +81,59 @@ describe('the steps of a mission', () => {
     expect(again.steps).toEqual(alone.steps);
   });
 
-  it('say what they are, of every kind', () => {
-    for (const kind of KINDS) expect(stepTitle(freshStep(kind))).not.toBe('');
+  it('have a title for every kind', () => {
+    for (const kind of KINDS) expect(stepTitle(newStep(kind))).not.toBe('');
     expect(detailOf(FLY)).toBe('2 points');
     expect(detailOf(NESTED.steps[2] as Step)).toBe('if battery above 50 %');
-    expect(detailOf({ ...freshStep('orbit'), turns: 1 })).toBe('R 10 m · 1 turn');
-    expect(detailOf({ ...freshStep('helix'), speed_m_s: 3, photo_every_m: 2.5 })).toBe('R 10 m · 3 turns · climb 10 m · ≤ 3 m/s · photo every 2.5 m');
+    expect(detailOf({ ...newStep('orbit'), turns: 1 })).toBe('R 10 m · 1 turn');
+    expect(detailOf({ ...newStep('helix'), speed_m_s: 3, photo_every_m: 2.5 })).toBe('R 10 m · 3 turns · climb 10 m · ≤ 3 m/s · photo every 2.5 m');
   });
 
-  it('show what they take, those that hold others together with them', () => {
+  it('show their durations, parents with the sum of their nested steps', () => {
     const times = ['step 1', 'step 2.1', 'step 3 otherwise 1'].map((place, i) => ({ place, start_s: 0, duration_s: 60 * (i + 1), length_m: 0, photos: 0 }));
     const sides = Object.fromEntries(treeOf(NESTED, times).flatMap((entry) => (entry.step === undefined ? [] : [[entry.step, entry.side]])));
     expect([sides['step 1'], sides['step 2'], sides['step 3'], sides['step 3 then 1']]).toEqual(['01:00', '02:00', '03:00', '']);
   });
 });
 
-describe('places', () => {
-  it('are the same point in each of the four ways', () => {
-    const frame = { ...FRAME, origin: { ...placeAt(HOME, { north_m: 5, east_m: -3 }), alt_amsl_m: 478 } };
+describe('positions', () => {
+  it('are the same point in each of the four frames', () => {
+    const frame = { ...FRAME, origin: { ...positionAt(HOME, { north_m: 5, east_m: -3 }), alt_amsl_m: 478 } };
     const geoPoint = { ...at(40, 25), up_m: 12 };
-    for (const way of ['offset', 'home', 'amsl', 'local'] as Way[]) {
-      const back = geoPointOf(saidAs(way, geoPoint, frame), frame);
+    for (const way of ['offset', 'home', 'amsl', 'local'] as PositionFrame[]) {
+      const back = geoPointOf(inFrame(way, geoPoint, frame), frame);
       expect(groundDistance_m(back, geoPoint)).toBeLessThan(0.02);
       expect(back.up_m).toBeCloseTo(12, 2);
     }
-    expect(saidAs('local', geoPoint, frame)).toEqual({ position_ned_m: [35, 28, -14] });
+    expect(inFrame('local', geoPoint, frame)).toEqual({ position_ned_m: [35, 28, -14] });
   });
 
-  it('keep their way, their height and what else they have when they are moved', () => {
+  it('keep their frame, height and other fields when they are moved', () => {
     expect(movedTo({ ...offset(1, 2, 7.25), stop: true }, at(50, 60), FRAME)).toEqual({ offset_ned_m: [50, 60, -7.25], stop: true });
     expect(movedTo({ lat_deg: 47, lon_deg: 8, alt_home_m: 7 }, at(50), FRAME)).toMatchObject({ alt_home_m: 7, lat_deg: Number(at(50).lat_deg.toFixed(8)) });
   });
 });
 
 describe('editing', () => {
-  it('moves a point of a nested step, and changes nothing in place', () => {
+  it('moves a point of a nested step, and returns a new mission', () => {
     const text = JSON.stringify(NESTED);
-    const moved = put(NESTED, 'point:points:1:step 2.1', at(99), FRAME);
+    const moved = movePoint(NESTED, 'point:points:1:step 2.1', at(99), FRAME);
     expect(JSON.stringify(NESTED)).toBe(text);
     expect(nodeOf(moved, 'step:step 2.1')?.step.points?.[1]).toEqual(offset(99, 0, 20));
   });
 
-  it('changes a called step wherever it is called', () => {
-    const moved = put(NESTED, 'point:center:0:step 3 then 1, round 1', at(7), FRAME);
+  it('changes a called step at every call', () => {
+    const moved = movePoint(NESTED, 'point:center:0:step 3 then 1, round 1', at(7), FRAME);
     expect(moved.missions['round']?.[0]?.['center']).toEqual(offset(7, 0, 10));
   });
 
-  it('inserts between points, as high as the one before', () => {
+  it('inserts between points, with the height of the point before', () => {
     const found = insertPoint(missionOf(FLY), 'step 1', 1, at(20, 5), FRAME);
     expect(found?.mission.steps[0]?.points?.[1]).toEqual(offset(20, 5, 10));
     expect(found?.id).toBe('point:points:1:step 1');
   });
 
-  it('removes points, and the step with its last one; several steps at once', () => {
+  it('removes points, and a step with its last point; several steps at once', () => {
     expect(remove(missionOf(FLY), ['point:points:0:step 1']).steps[0]?.points).toEqual([offset(30, 0, 20)]);
     expect(remove(missionOf(FLY), ['point:points:0:step 1', 'point:points:1:step 1']).steps).toEqual([]);
     expect(places(remove(NESTED, ['step:step 1', 'step:step 2.1', 'step:step 3 otherwise 1']))).toEqual([
@@ -145,22 +145,22 @@ describe('editing', () => {
     ]);
   });
 
-  it('adds steps after what is selected, keeps a landing last, fills an empty branch', () => {
+  it('adds steps after the selection, keeps a landing last, fills an empty branch', () => {
     const kinds = (mission: Mission) => mission.steps.map((step) => step.step);
-    const fresh = freshMission(HOME);
+    const fresh = newMission(HOME);
     expect(kinds(addStep(fresh, 'hold', null, [], FRAME).mission)).toEqual(['take_off', 'hold', 'land']);
     expect(kinds(addStep(fresh, 'photo', null, ['step:step 1'], FRAME).mission)).toEqual(['take_off', 'photo', 'land']);
-    const branch = missionOf({ ...freshStep('branch') });
+    const branch = missionOf({ ...newStep('branch') });
     expect(addStep(branch, 'land', null, ['step:step 1'], FRAME).id).toBe('step:step 1 then 1');
     const [node] = nodesOf(branch);
     expect(node === undefined ? null : addToBranch(branch, node, 'otherwise').id).toBe('step:step 1 otherwise 1');
-    const call = missionOf(freshStep('call'));
+    const call = missionOf(newStep('call'));
     const [calling] = nodesOf(call);
     expect(calling === undefined ? [] : places(addCalled(call, calling))).toEqual(['step 1', 'step 1, part 1 1']);
   });
 
   it('moves steps of one list together', () => {
-    const mission = missionOf(freshStep('take_off'), freshStep('hold'), freshStep('photo'), freshStep('land'));
+    const mission = missionOf(newStep('take_off'), newStep('hold'), newStep('photo'), newStep('land'));
     const moved = reorder(mission, ['step:step 2', 'step:step 3'], 1);
     expect(moved?.mission.steps.map((step) => step.step)).toEqual(['take_off', 'land', 'hold', 'photo']);
     expect(moved?.ids).toEqual(['step:step 3', 'step:step 4']);
@@ -168,7 +168,7 @@ describe('editing', () => {
     expect(reorder(NESTED, ['step:step 1', 'step:step 2.1'], 1)).toBeNull();
   });
 
-  it('is undone and redone, whatever it was', () => {
+  it('undoes and redoes every change', () => {
     const editor = new PlanEditor();
     editor.beginMission(HOME);
     editor.frame = FRAME;
@@ -198,29 +198,29 @@ describe('the fields of steps', () => {
   const context = { mission: NESTED, frame: FRAME };
   const find = <T>(rows: readonly Field<T>[], name: string): Field<T> => rows.find((row) => row.name === name) as Field<T>;
 
-  it('exist for every kind, and set what they show', () => {
+  it('exist for every kind, and set the value they show', () => {
     for (const kind of KINDS)
-      for (const row of fieldsOf(freshStep(kind), context)) {
-        const again = fieldsOf(row.set(freshStep(kind), row.value), context).find((one) => one.name === row.name);
+      for (const row of fieldsOf(newStep(kind), context)) {
+        const again = fieldsOf(row.set(newStep(kind), row.value), context).find((one) => one.name === row.name);
         expect([kind, row.name, again?.value]).toEqual([kind, row.name, row.value]);
       }
   });
 
-  it('show angles in degrees and shares in per cent', () => {
-    const pitch = find(fieldsOf(freshStep('gimbal'), context), 'pitch_rad');
+  it('show angles in degrees and fractions in per cent', () => {
+    const pitch = find(fieldsOf(newStep('gimbal'), context), 'pitch_rad');
     expect([pitch.unit, pitch.value]).toEqual(['°', -45]);
-    expect(pitch.set(freshStep('gimbal'), -90)['pitch_rad']).toBeCloseTo(-Math.PI / 2);
-    const bound = find(fieldsOf(freshStep('branch'), context), 'condition-bound');
+    expect(pitch.set(newStep('gimbal'), -90)['pitch_rad']).toBeCloseTo(-Math.PI / 2);
+    const bound = find(fieldsOf(newStep('branch'), context), 'condition-bound');
     expect([bound.unit, bound.value]).toEqual(['%', 50]);
-    expect(bound.set(freshStep('branch'), 30)['condition']).toMatchObject({ above: 0.3 });
+    expect(bound.set(newStep('branch'), 30)['condition']).toMatchObject({ above: 0.3 });
   });
 
-  it('leave out what is emptied, and give a nose one direction', () => {
+  it('remove emptied values, and keep one heading', () => {
     const fast = { ...FLY, speed_m_s: 3 };
     expect('speed_m_s' in find(fieldsOf(fast, context), 'speed_m_s').set(fast, null)).toBe(false);
     const nose = find(fieldsOf(FLY, context), 'heading').set({ ...FLY, yaw_ned_rad: 1 }, 'look_at');
     expect([nose['yaw_ned_rad'], nose['look_at']]).toEqual([undefined, offset(30, 0, 20)]);
-    expect(find(fieldsOf(freshStep('repeat'), context), 'times').set(freshStep('repeat'), 2.6)['times']).toBe(3);
+    expect(find(fieldsOf(newStep('repeat'), context), 'times').set(newStep('repeat'), 2.6)['times']).toBe(3);
   });
 
   it('exist for a point and for the whole mission', () => {
@@ -242,8 +242,8 @@ describe('the map of a mission', () => {
     ],
   };
 
-  it('has points with letters, middles between them, and the path as it is flown', () => {
-    const shown = picture(missionOf(freshStep('take_off'), FLY), new Set(['point:points:1:step 2']), null, FRAME, flight as unknown as Flight, true);
+  it('has points with letters, midpoints, and the compiled path', () => {
+    const shown = picture(missionOf(newStep('take_off'), FLY), new Set(['point:points:1:step 2']), null, FRAME, flight as unknown as Flight, true);
     expect(shown.points.filter((point) => point.mark === 'disc').map((point) => [point.text, point.selected])).toEqual([
       ['2a', false],
       ['2b', true],
@@ -255,7 +255,7 @@ describe('the map of a mission', () => {
     ]);
   });
 
-  it('leads from point to point until the server has answered', () => {
+  it('connects the points by straight lines until the server has answered', () => {
     expect(picture(missionOf(FLY), new Set(), null, FRAME, null, false).lines).toMatchObject([{ style: 'dotted', places: { length: 3 } }]);
   });
 });
@@ -268,14 +268,14 @@ describe('fixes of a mission', () => {
     place: { row: null, zone: null, rally_point: null, step },
     fix: null,
   });
-  it('add what is missing and lower what is too high', () => {
+  it('add missing steps and lower points that are too high', () => {
     expect(fixOf(missionOf(FLY), finding('takeoff_missing', 'step 1'), FRAME)?.plan.steps[0]?.step).toBe('take_off');
     expect(fixOf(missionOf(FLY), finding('landing_missing', 'the end'), FRAME)?.plan.steps.at(-1)?.step).toBe('land');
     const high = missionOf({ step: 'fly', points: [offset(1, 2, 300), offset(1, 2, 30)] });
     expect(fixOf(high, finding('altitude_too_high', 'step 1'), FRAME)?.plan.steps[0]?.points).toEqual([offset(1, 2, 120), offset(1, 2, 30)]);
     expect(stepId('step 1')).toBe('step:step 1');
   });
-  it('leave to a person what only a person can decide', () => {
+  it('return null if a person has to decide', () => {
     expect(fixOf(missionOf(FLY), finding('fence_crossed', 'step 1'), FRAME)).toBeNull();
   });
 });

@@ -2,9 +2,9 @@
 
 import type { LayerLine, LayerPicture, LayerPoint } from '../../../app/map-layers.svelte';
 import { duration } from '../../../ui/format';
-import { placeAt, type Place } from '../../../vehicle/geo';
+import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { fencePicture, sketchLines, type Sketch } from '../layer';
-import { middle } from '../edit';
+import { midpoint } from '../edit';
 import { fenceEntries, homeEntry, type TreeEntry } from '../tree';
 import { nodesOf, placeOfId, placesOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
 import { geoPointOf, type Frame } from './places';
@@ -12,7 +12,7 @@ import type { Flight, StepTime } from './flight';
 import { detailOf, stepTitle } from './words';
 
 /** Above this number of points, midpoints are shown only beside the selection. */
-const MOST_MIDDLES = 60;
+const MAX_MIDPOINTS = 60;
 
 /** "2b": the step's number and the point's letter, from the 27th point on its number. */
 export function pointMark(node: StepNode, index: number, count: number): string {
@@ -29,10 +29,10 @@ export function picture(
   isCurrent: boolean,
 ): LayerPicture {
   const { points, areas, lines } = fencePicture(mission, selected, sketch);
-  const add = (id: string, at: Place, mark: LayerPoint['mark'], tone: LayerPoint['tone'], text = ''): void =>
+  const add = (id: string, at: GeoPosition, mark: LayerPoint['mark'], tone: LayerPoint['tone'], text = ''): void =>
     void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
   const nodes = nodesOf(mission);
-  const few = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MOST_MIDDLES;
+  const few = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
   const chosen = new Set([...selected].map(placeOfId));
   add('home', frame.start, 'home', 'text2');
   const drawn = new Set<string>();
@@ -46,7 +46,7 @@ export function picture(
     if (few || chosen.has(node.place))
       for (let i = 1; i < count; i += 1) {
         const [a, b] = [node.step.points?.[i - 1], node.step.points?.[i]];
-        if (a !== undefined && b !== undefined) add(`between:${i}:${node.place}`, middle(geoPointOf(a, frame), geoPointOf(b, frame)), 'middle', 'target');
+        if (a !== undefined && b !== undefined) add(`between:${i}:${node.place}`, midpoint(geoPointOf(a, frame), geoPointOf(b, frame)), 'middle', 'target');
       }
     for (const { ref, at } of places) {
       const flown = ref.field === 'points';
@@ -65,9 +65,9 @@ function straight(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
 
 /** The compiled path. Alternative branches and outdated paths are dotted. */
 function flightLines(flight: Flight, frame: Frame, isCurrent: boolean): LayerLine[] {
-  const found: { main: boolean; places: Place[] }[] = [];
+  const found: { main: boolean; places: GeoPosition[] }[] = [];
   for (const { main, points } of flight.legs) {
-    const places = points.map(([, north_m, east_m]) => placeAt(frame.origin, { north_m, east_m }));
+    const places = points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m }));
     const before = found.at(-1);
     if (before !== undefined && before.main === main && same(before.places.at(-1), places[0])) before.places.push(...places.slice(1));
     else found.push({ main, places });
@@ -75,7 +75,7 @@ function flightLines(flight: Flight, frame: Frame, isCurrent: boolean): LayerLin
   return found.filter(({ places }) => places.length > 1).map(({ main, places }) => ({ places, tone: 'target', style: main && isCurrent ? 'solid' : 'dotted' }));
 }
 
-function same(a: Place | undefined, b: Place | undefined): boolean {
+function same(a: GeoPosition | undefined, b: GeoPosition | undefined): boolean {
   return a !== undefined && b !== undefined && Math.abs(a.lat_deg - b.lat_deg) < 1e-7 && Math.abs(a.lon_deg - b.lon_deg) < 1e-7;
 }
 

@@ -1,34 +1,44 @@
 /** The editor's rows of a position: frame, height, coordinates. Pure. */
 
 import type { Field } from './fields';
-import type { MissionPlace } from './mission';
-import { saidAs, geoPointOf, wayOf, type Frame, type GeoPoint, type Way } from './places';
+import type { MissionPosition } from './mission';
+import { inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './places';
 
-const WAYS: Readonly<Record<Way, string>> = { offset: 'from the start', home: 'lat/lon, above home', amsl: 'lat/lon, AMSL', local: 'from local origin' };
-const HEIGHTS: Readonly<Record<Way, string>> = { offset: 'Height above start', home: 'Height above home', amsl: 'Altitude AMSL', local: 'Height above origin' };
+const WAYS: Readonly<Record<PositionFrame, string>> = {
+  offset: 'from the start',
+  home: 'lat/lon, above home',
+  amsl: 'lat/lon, AMSL',
+  local: 'from local origin',
+};
+const HEIGHTS: Readonly<Record<PositionFrame, string>> = {
+  offset: 'Height above start',
+  home: 'Height above home',
+  amsl: 'Altitude AMSL',
+  local: 'Height above origin',
+};
 
 /**
  * @param put returns the target with the changed position. @param label name of the position. @param key makes the
  * names of its rows unique.
  */
-export function placeFields<T>(place: MissionPlace, frame: Frame, put: (target: T, place: MissionPlace) => T, label: string, key: string): Field<T>[] {
-  const way = wayOf(place);
+export function placeFields<T>(place: MissionPosition, frame: Frame, put: (target: T, place: MissionPosition) => T, label: string, key: string): Field<T>[] {
+  const way = frameOfPosition(place);
   const geoPoint = geoPointOf(place, frame);
   const height = (): number => {
     if (way === 'home') return place.alt_home_m ?? 0;
     if (way === 'amsl') return place.alt_amsl_m ?? 0;
     return -((place.offset_ned_m ?? place.position_ned_m)?.[2] ?? 0) + 0;
   };
-  const setHeight = (next: number): MissionPlace => {
+  const setHeight = (next: number): MissionPosition => {
     if (way === 'home') return { ...place, alt_home_m: next };
     if (way === 'amsl') return { ...place, alt_amsl_m: next };
     return axis(2, -next);
   };
-  const axis = (index: number, value: number): MissionPlace => {
+  const axis = (index: number, value: number): MissionPosition => {
     const field = way === 'offset' ? 'offset_ned_m' : 'position_ned_m';
     return { ...place, [field]: (place[field] ?? [0, 0, 0]).map((one, i) => (i === index ? value : one)) };
   };
-  const row = (name: string, text: string, value: number, change: (value: number) => MissionPlace, more: Partial<Field<T>> = {}): Field<T> => ({
+  const row = (name: string, text: string, value: number, change: (value: number) => MissionPosition, more: Partial<Field<T>> = {}): Field<T> => ({
     name: `${key}-${name}`,
     label: text,
     of: 'number',
@@ -52,8 +62,8 @@ export function placeFields<T>(place: MissionPlace, frame: Frame, put: (target: 
       label,
       of: 'choice',
       value: way,
-      options: (Object.keys(WAYS) as Way[]).map((value) => ({ value, text: WAYS[value] })),
-      set: (target, next) => put(target, saidAs(next as Way, geoPoint as GeoPoint, frame, place)),
+      options: (Object.keys(WAYS) as PositionFrame[]).map((value) => ({ value, text: WAYS[value] })),
+      set: (target, next) => put(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, place)),
     },
     row('height', HEIGHTS[way], height(), setHeight),
     ...where,

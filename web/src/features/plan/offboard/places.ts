@@ -1,8 +1,8 @@
 /** Converts positions between the map and a mission; each position keeps its frame. Pure. */
 
-import { eastNorth, placeAt, type Place } from '../../../vehicle/geo';
+import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { Home } from '../document';
-import type { Mission, MissionPlace, Vector } from './mission';
+import type { Mission, MissionPosition, Vector } from './mission';
 
 /** The mission's position on the earth. */
 export interface Frame {
@@ -14,33 +14,33 @@ export interface Frame {
   readonly known: boolean;
 }
 
-const NOWHERE: Home = { lat_deg: 0, lon_deg: 0, alt_amsl_m: 0 };
+const UNKNOWN_START: Home = { lat_deg: 0, lon_deg: 0, alt_amsl_m: 0 };
 
 /** @param origin the local origin that the server's check used. */
 export function frameOf(mission: Mission | null, vehicleHome: Home | null, origin: Home | null): Frame {
   const start = vehicleHome ?? mission?.home ?? null;
-  return { start: start ?? NOWHERE, origin: origin ?? start ?? NOWHERE, known: start !== null };
+  return { start: start ?? UNKNOWN_START, origin: origin ?? start ?? UNKNOWN_START, known: start !== null };
 }
 
-export type Way = 'offset' | 'home' | 'amsl' | 'local';
+export type PositionFrame = 'offset' | 'home' | 'amsl' | 'local';
 
 /** The frame of a position. */
-export function wayOf(place: MissionPlace): Way {
+export function frameOfPosition(place: MissionPosition): PositionFrame {
   if (place.offset_ned_m != null) return 'offset';
   if (place.position_ned_m != null) return 'local';
   return place.alt_amsl_m != null ? 'amsl' : 'home';
 }
 
 /** A position on the earth with its height above the start [m]. */
-export interface GeoPoint extends Place {
+export interface GeoPoint extends GeoPosition {
   readonly up_m: number;
 }
 
-export function geoPointOf(place: MissionPlace, frame: Frame): GeoPoint {
+export function geoPointOf(place: MissionPosition, frame: Frame): GeoPoint {
   const local = place.offset_ned_m ?? place.position_ned_m;
   if (local != null) {
     const from = place.offset_ned_m != null ? frame.start : frame.origin;
-    return { ...placeAt(from, { north_m: local[0], east_m: local[1] }), up_m: from.alt_amsl_m - local[2] - frame.start.alt_amsl_m };
+    return { ...positionAt(from, { north_m: local[0], east_m: local[1] }), up_m: from.alt_amsl_m - local[2] - frame.start.alt_amsl_m };
   }
   const up_m = place.alt_amsl_m != null ? place.alt_amsl_m - frame.start.alt_amsl_m : (place.alt_home_m ?? 0);
   return { lat_deg: place.lat_deg ?? 0, lon_deg: place.lon_deg ?? 0, up_m };
@@ -50,8 +50,8 @@ const cm = (value_m: number): number => Number(value_m.toFixed(2));
 const NO_PLACE = { position_ned_m: undefined, offset_ned_m: undefined, lat_deg: undefined, lon_deg: undefined, alt_amsl_m: undefined, alt_home_m: undefined };
 
 /** The point in another frame; its other fields are kept. */
-export function saidAs(way: Way, geoPoint: GeoPoint, frame: Frame, rest: MissionPlace = {}): MissionPlace {
-  const kept: MissionPlace = Object.fromEntries(Object.entries({ ...rest, ...NO_PLACE }).filter(([, value]) => value !== undefined));
+export function inFrame(way: PositionFrame, geoPoint: GeoPoint, frame: Frame, rest: MissionPosition = {}): MissionPosition {
+  const kept: MissionPosition = Object.fromEntries(Object.entries({ ...rest, ...NO_PLACE }).filter(([, value]) => value !== undefined));
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
   if (way === 'home' || way === 'amsl') {
     const on_earth = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };
@@ -64,10 +64,10 @@ export function saidAs(way: Way, geoPoint: GeoPoint, frame: Frame, rest: Mission
 }
 
 /** Moves a point horizontally; height and frame are kept. */
-export function movedTo(place: MissionPlace, at: Place, frame: Frame): MissionPlace {
-  const way = wayOf(place);
+export function movedTo(place: MissionPosition, at: GeoPosition, frame: Frame): MissionPosition {
+  const way = frameOfPosition(place);
   const { up_m } = geoPointOf(place, frame);
-  const moved = saidAs(way, { ...at, up_m }, frame, place);
+  const moved = inFrame(way, { ...at, up_m }, frame, place);
   // Keeps the typed height exactly, without rounding.
   if (way === 'home') return { ...moved, alt_home_m: place.alt_home_m ?? 0 };
   if (way === 'amsl') return { ...moved, alt_amsl_m: place.alt_amsl_m ?? 0 };

@@ -1,13 +1,13 @@
 /** Adds, renames and removes roles of a mission. Pure: each function returns a new mission. */
 
 import { roleNames, type Mission, type Role, type Step } from './mission';
-import { freshStep } from './words';
+import { newStep } from './words';
 
 export const MAX_ROLES = 10;
 /** Distance of a new role's start from the last one [m]. */
-const BESIDE_M = 10;
+const ROLE_SPACING_M = 10;
 
-function freshName(mission: Mission, wanted: string): string {
+function newRoleName(mission: Mission, wanted: string): string {
   const taken = roleNames(mission);
   let number = taken.length + 1;
   if (!taken.includes(wanted)) return wanted;
@@ -16,9 +16,9 @@ function freshName(mission: Mission, wanted: string): string {
 }
 
 /** Steps of a new role: take-off, the "meet" steps of the other roles, landing. */
-function freshSteps(like: readonly Step[]): readonly Step[] {
+function newRoleSteps(like: readonly Step[]): readonly Step[] {
   const meetings = like.filter((step) => step.step === 'meet').map((step) => ({ ...step }));
-  return [freshStep('take_off'), ...meetings, freshStep('land')];
+  return [newStep('take_off'), ...meetings, newStep('land')];
 }
 
 /** Adds a role. A mission for one vehicle becomes the first of two roles. */
@@ -28,10 +28,10 @@ export function addRole(mission: Mission): Mission {
   const all = Object.values(roles);
   const starts = all.map((role) => role.start_ned_m ?? null);
   const [north = 0, , down = 0] = starts.at(-1) ?? [];
-  const east = Math.max(...starts.map((start) => start?.[1] ?? 0)) + BESIDE_M;
-  const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: freshSteps(all[0]?.steps ?? []) };
+  const east = Math.max(...starts.map((start) => start?.[1] ?? 0)) + ROLE_SPACING_M;
+  const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: newRoleSteps(all[0]?.steps ?? []) };
   const named = { ...mission, roles, steps: [] };
-  return { ...named, roles: { ...roles, [freshName(named, 'wing')]: role } };
+  return { ...named, roles: { ...roles, [newRoleName(named, 'wing')]: role } };
 }
 
 /** Why a role cannot have this name; null if it can. */

@@ -2,7 +2,7 @@
 
 import { fixed } from '../../../ui/format';
 import type { Home } from '../document';
-import type { Mission, MissionPlace, Step, StepKind } from './mission';
+import type { Mission, MissionPosition, Step, StepKind } from './mission';
 
 const TITLES: Readonly<Record<StepKind, string>> = {
   take_off: 'Take off',
@@ -131,10 +131,10 @@ export function detailOf(step: Step): string {
   return said.join(' · ');
 }
 
-const HERE: MissionPlace = { offset_ned_m: [0, 0, -10] };
+const HERE: MissionPosition = { offset_ned_m: [0, 0, -10] };
 
 /** Fields of a new step; `at` is the clicked position. */
-export function freshStep(kind: StepKind, at: MissionPlace = HERE): Step {
+export function newStep(kind: StepKind, at: MissionPosition = HERE): Step {
   const round = { center: at, radius_m: 10, turns: 1, clockwise: true };
   const condition = { value: 'battery_share', above: 0.5 };
   const fields: Readonly<Record<StepKind, object>> = {
@@ -164,7 +164,7 @@ export function freshStep(kind: StepKind, at: MissionPlace = HERE): Step {
 export const PLACED: ReadonlySet<StepKind> = new Set<StepKind>(['fly', 'orbit', 'helix', 'spiral', 'figure_eight']);
 
 /** A mission with take-off and landing; new steps are inserted between them. */
-export function freshMission(home: Home | null): Mission {
+export function newMission(home: Home | null): Mission {
   return {
     format: 'offboard-gcs-mission',
     version: 1,
@@ -175,7 +175,7 @@ export function freshMission(home: Home | null): Mission {
     avoidance: false,
     actions: { failure: 'hold', low_battery: 'return', link_loss: 'hold' } as Mission['actions'],
     fence: [],
-    steps: [freshStep('take_off'), freshStep('land')],
+    steps: [newStep('take_off'), newStep('land')],
     missions: {},
     tables: {},
   };
