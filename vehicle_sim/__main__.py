@@ -5,17 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from vehicle_sim.crew import fly_together, processes_for, shares
 from vehicle_sim.options import parse
-from vehicle_sim.run import fly_share
+from vehicle_sim.run import run_shard
+from vehicle_sim.worker_pool import processes_for, run_workers, split_fleet
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs until the process is asked to end; returns 1 if no port could be opened."""
     argv = sys.argv[1:] if argv is None else argv
     arguments = parse(argv)
-    parts = shares(arguments.instances, arguments.processes or processes_for(arguments.instances))
-    return fly_share(argv, parts[0]) if len(parts) == 1 else fly_together(fly_share, argv, parts)
+    parts = split_fleet(arguments.instances, arguments.processes or processes_for(arguments.instances))
+    return run_shard(argv, parts[0]) if len(parts) == 1 else run_workers(run_shard, argv, parts)
 
 
 if __name__ == "__main__":

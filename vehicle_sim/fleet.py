@@ -44,10 +44,10 @@ class VehicleSim:
         links: (name, profile) of the links each vehicle has from the start.
         seed: seed of sensor noise and gusts.
         first_noise: number of the first vehicle's noise and gusts (`Simulation.first_vehicle`); default: its
-            instance, so that a vehicle flies the same in any share of a fleet.
+            instance, so that a vehicle flies the same in any shard of a fleet.
         home: global position of the first vehicle.
         boot_time_unix_s: UTC at boot.
-        sensor_noise: False: perfect sensors.
+        sensor_noise: False: no sensor noise.
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
         start_yaw_ned_rad: (N,) their headings; default: north.
         world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
@@ -114,11 +114,11 @@ class VehicleSim:
         for row in range(count):
             for name, profile in links:
                 self.add_link(row, name, profile)
-        self._down: set[tuple[int, str]] = set()
+        self._interrupted: set[tuple[int, str]] = set()
         """(row, link) of the links that are interrupted."""
         self._script = ScriptRunner(script, self) if script is not None else None
-        self._debt_s = 0.0
-        self._deciding, self._speaking = list(self.autopilots), list(self.nodes)
+        self._remainder_s = 0.0
+        self._active_autopilots, self._active_nodes = list(self.autopilots), list(self.nodes)
 
     @property
     def time_s(self) -> float:
@@ -154,7 +154,7 @@ class VehicleSim:
 
     def feed(self, instance: int, link: str, data: bytes) -> None:
         """Passes received bytes to vehicle `instance` (row, from 0) on one of its links."""
-        if (instance, link) not in self._down:
+        if (instance, link) not in self._interrupted:
             self.nodes[instance].receive(self._links[instance][link], data)
 
     def drain(self, instance: int, link: str) -> bytes:
@@ -164,16 +164,16 @@ class VehicleSim:
     def frames(self, instance: int, link: str) -> list[bytes]:
         """The same as `drain`, as separate frames."""
         frames = self._links[instance][link].drain()
-        return [] if (instance, link) in self._down else frames
+        return [] if (instance, link) in self._interrupted else frames
 
     def set_link_up(self, instance: int, link: str, up: bool) -> None:
         """Interrupts a link (or "all") in both directions, or restores it."""
         names = ("gcs", "api", "tcp", *self._links[instance]) if link == "all" else (link,)
         for name in names:
             if up:
-                self._down.discard((instance, name))
+                self._interrupted.discard((instance, name))
             else:
-                self._down.add((instance, name))
+                self._interrupted.add((instance, name))
 
     def set_parameter(self, instance: int, name: str, value: ParameterValue) -> None:
         """Changes a parameter from outside, without MAVLink."""
@@ -190,10 +190,10 @@ class VehicleSim:
 
     def step(self, dt_s: float) -> None:
         """Advances the simulation by `dt_s`; the remainder of a simulation step is kept for the next call."""
-        self._debt_s += dt_s
+        self._remainder_s += dt_s
         step_s = self.simulation.dt_s
-        while self._debt_s >= step_s * 0.999:
-            self._debt_s -= step_s
+        while self._remainder_s >= step_s * 0.999:
+            self._remainder_s -= step_s
             self._step_once()
 
     def _step_once(self) -> None:
@@ -202,11 +202,11 @@ class VehicleSim:
             self._end_flight(collision)
         ticks = self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0
         if ticks:
-            for autopilot in self._deciding:
+            for autopilot in self._active_autopilots:
                 autopilot.update()
             if self._script is not None:
                 self._script.step()
-        for node in self._speaking:
+        for node in self._active_nodes:
             if ticks or node.needs_every_step:
                 node.step()
         for bridge in self._bridges.values():
@@ -216,15 +216,18 @@ class VehicleSim:
 
     def retire(self, instance: int) -> None:
         """Permanently stops simulating a vehicle whose flight has ended."""
-        self._deciding = [each for each in self._deciding if each is not self.autopilots[instance]]
-        self._speaking = [each for each in self._speaking if each is not self.nodes[instance]]
+        self._active_autopilots = [
+            each for each in self._active_autopilots if each is not self.autopilots[instance]
+        ]
+        self._active_nodes = [each for each in self._active_nodes if each is not self.nodes[instance]]
         self._bridges.pop(instance, None)
         setpoints = self.simulation.setpoints
         setpoints.clear(instance)
         setpoints.level[instance], setpoints.armed[instance] = ControlLevel.DISARMED, False
 
     def _end_flight(self, collision: Collision) -> None:
-        """Stops the motors of a vehicle that hit an obstacle, and reports it; PX4 has no message for this."""
+        """Stops the motors of a vehicle that hit an obstacle, and reports the collision; PX4 has no message
+        for it."""
         autopilot = self.autopilots[collision.row]
         autopilot.announcer.text(2, f"Collision with {collision.what}: motors stopped")
         autopilot.commander.disarm(force=True)

@@ -1,22 +1,23 @@
 """Compiled loops over all vehicles, written as formulas of one vehicle.
 
-A NumPy call costs a microsecond even for few vehicles, and a step would need hundreds of calls. The rules:
+A NumPy call takes a microsecond even for few vehicles, and a step would need hundreds of calls. The rules:
 
-- A `@kernel` takes arrays of all vehicles and fills arrays that it is given: it loops over the rows and
-  allocates nothing for each. The vehicles share nothing, so the bits of one do not depend on the others.
-- A `@formula` takes and returns plain numbers, or rows, of one vehicle; kernels and formulas call it.
+- A `@kernel` takes arrays of all vehicles and writes into arrays that its caller allocated. It loops over the
+  rows and allocates nothing per row. The rows are independent, so the result of one vehicle does not depend
+  on the others.
+- A `@formula` takes and returns plain numbers, or rows, of one vehicle. Kernels and formulas call it.
 - The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`, `float`,
-  `int`, `bool`. It is compiled when its module is imported, never in flight; formulas stand above it. Arrays
-  are whole (C order).
-- The compiler must not rearrange sums (`fastmath` is off), and uses what every processor of a kind has: the
-  same seed gives the same flight everywhere. Division by zero gives infinity or NaN, as in NumPy. Comparisons
-  are written so that NaN takes the branch it takes in NumPy.
-- Nothing random is drawn in here: NumPy draws it before (`noise.py`), in the same order for every fleet.
-- A module's constants are compiled in; what changes is an argument.
+  `int`, `bool`. It is compiled when its module is imported, never in flight. Formulas must be defined above
+  it. Arrays are contiguous (C order).
+- The compiler must not reorder sums (`fastmath` is off), and uses only instructions that all processors of an
+  architecture have: the same seed gives the same flight everywhere. Division by zero gives infinity or NaN,
+  as in NumPy. Comparisons are written so that NaN takes the same branch as in NumPy.
+- Kernels draw no random numbers: NumPy draws them before (`noise.py`), in the same order for every fleet.
+- Module constants are compiled in; values that change are arguments.
 
-Compiled code is kept in a folder named after the sources of all kernels: a change in one file makes all of
-them new, because the compiler does not notice when a formula of another file changed. Processes that start
-at once compile each kernel once. Where no folder can be written every process compiles for itself.
+Compiled code is cached in a folder named after a hash of the sources of all kernels. A change in one file
+recompiles all of them, because the compiler does not detect changed formulas of other files. Of processes
+that start together, one compiles each kernel. Without a writable folder each process compiles for itself.
 """
 
 from __future__ import annotations
@@ -112,7 +113,8 @@ if not _config.CPU_NAME:
 
 @contextlib.contextmanager
 def _one_at_a_time() -> Generator[None]:
-    """Lock: of processes that start at the same time, one compiles a kernel, the others wait and load it."""
+    """Lock: of processes that start at the same time, one compiles a kernel and the others wait and
+    load it."""
     if _folder is None:
         yield
         return
@@ -127,12 +129,12 @@ def _compiler(types: tuple[Any, ...] | None) -> Callable[[F], F]:
 
 
 def kernel(function: F) -> F:
-    """Compiles a loop over vehicles for the types of its annotations."""
+    """Compiles a loop over vehicles with the types of its annotations."""
     parameters = inspect.signature(function).parameters.values()
     with _one_at_a_time():
         return _compiler(tuple(_TYPES[each.annotation] for each in parameters))(function)
 
 
 def formula(function: F) -> F:
-    """Compiles the formulas of one vehicle, for whatever types its callers have."""
+    """Compiles the formulas of one vehicle for the types of its callers."""
     return _compiler(None)(function)

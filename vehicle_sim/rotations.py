@@ -1,7 +1,7 @@
-"""The frame maths of the compiled loops, for one vehicle (`frames.py` has that of whole fleets).
+"""Frame maths of the compiled loops, for one vehicle (`frames.py` is for whole fleets).
 
-Quaternions are (w, x, y, z) and rotate FRD vectors to NED; rows of (N, 4) and (N, 3, 3) arrays
-are read and written in place.
+Quaternions are (w, x, y, z) and rotate FRD vectors to NED. Rows of (N, 4) and (N, 3, 3) arrays are read and
+written in place.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Three = tuple[float, float, float]
 
 @formula
 def product(aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float) -> Four:
-    """a ⊗ b: first b, then a."""
+    """a ⊗ b: rotation b followed by a."""
     return (
         aw * bw - ax * bx - ay * by - az * bz,
         aw * bx + ax * bw + ay * bz - az * by,
@@ -31,7 +31,7 @@ def product(aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by
 
 @formula
 def turn(q: FloatArray, x: float, y: float, z: float) -> None:
-    """Turns the attitude `q` (4,) by a small angle (x, y, z) [rad] about the body's axes."""
+    """Rotates the attitude `q` (4,) by a small angle (x, y, z) [rad] about the body's axes."""
     w0, x0, y0, z0 = q[0], q[1], q[2], q[3]
     w1 = w0 + 0.5 * (-x0 * x - y0 * y - z0 * z)
     x1 = x0 + 0.5 * (w0 * x + y0 * z - z0 * y)
@@ -91,7 +91,7 @@ def length(x: float, y: float, z: float) -> float:
 
 @formula
 def within(value: float, lowest: float, highest: float) -> float:
-    """The value within limits; NaN stays NaN."""
+    """The value clipped to the limits; NaN stays NaN."""
     if value < lowest:
         return lowest
     if value > highest:

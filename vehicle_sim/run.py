@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from vehicle_sim.crew import Share
 from vehicle_sim.fleet import DEFAULT_BOOT_TIME_UNIX_S, VehicleSim
 from vehicle_sim.mavlink.transports import TcpServer
 from vehicle_sim.options import WindOption, parse
@@ -22,31 +21,32 @@ from vehicle_sim.server import Ports, SimServer
 from vehicle_sim.simulation import row_east
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
+from vehicle_sim.worker_pool import Shard
 
 
-def _stores(arguments: argparse.Namespace, share: Share) -> list[Parameters]:
+def _stores(arguments: argparse.Namespace, shard: Shard) -> list[Parameters]:
     overrides = dict(arguments.param)
     directory: Path | None = arguments.data_dir
     if directory is not None:
         directory.mkdir(parents=True, exist_ok=True)
-    first = arguments.first_instance + share.first
+    first = arguments.first_instance + shard.first
     return [
         Parameters(
             overrides, storage=None if directory is None else directory / f"parameters-{first + n}.json"
         )
-        for n in range(share.count)
+        for n in range(shard.count)
     ]
 
 
-def _files(arguments: argparse.Namespace, share: Share) -> list[VehicleFiles]:
+def _files(arguments: argparse.Namespace, shard: Shard) -> list[VehicleFiles]:
     directory: Path | None = arguments.data_dir
     if directory is None:
-        return [VehicleFiles(None, BUILT_IN) for _ in range(share.count)]
-    first = arguments.first_instance + share.first
-    return [VehicleFiles(directory / f"files-{first + n}", BUILT_IN) for n in range(share.count)]
+        return [VehicleFiles(None, BUILT_IN) for _ in range(shard.count)]
+    first = arguments.first_instance + shard.first
+    return [VehicleFiles(directory / f"files-{first + n}", BUILT_IN) for n in range(shard.count)]
 
 
-def _weather(fleet: VehicleSim, wind: WindOption | None, battery_percent: float | None) -> None:
+def _set_wind_and_battery(fleet: VehicleSim, wind: WindOption | None, battery_percent: float | None) -> None:
     if wind is not None:
         fleet.simulation.set_wind(np.array([wind.north_m_s, wind.east_m_s, 0.0]))
         fleet.simulation.set_gusts(wind.gusts_m_s)
@@ -56,7 +56,7 @@ def _weather(fleet: VehicleSim, wind: WindOption | None, battery_percent: float 
 
 
 def _open_ros2(fleet: VehicleSim, first_instance: int, arguments: argparse.Namespace) -> bool:
-    """Connects each vehicle to DDS; False if that fails, after printing the reason."""
+    """Connects each vehicle to DDS; returns False, after printing the reason, if that fails."""
     try:
         from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable
     except ImportError:
@@ -81,7 +81,7 @@ def _reporter(instance: int) -> Callable[[str], None]:
     return lambda text: print(f"vehicle {instance + 1}: {text}", file=sys.stderr, flush=True)
 
 
-def _announce(server: SimServer, first_instance: int) -> bool:
+def _print_ports(server: SimServer, first_instance: int) -> bool:
     any_port = False
     for row, vehicle in enumerate(server.vehicles):
         instance = first_instance + row
@@ -97,34 +97,34 @@ def _announce(server: SimServer, first_instance: int) -> bool:
     return any_port
 
 
-def fly_share(argv: Sequence[str], share: Share) -> int:
-    """Runs the vehicles of one share until the process is asked to end.
+def run_shard(argv: Sequence[str], shard: Shard) -> int:
+    """Runs the vehicles of one shard until the process is terminated.
 
     Args:
         argv: the command line of the whole fleet.
-        share: the vehicles of this process.
+        shard: the vehicles of this process.
 
     Returns:
         The exit code; 1 if no port could be opened.
     """
     arguments = parse(argv)
     try:
-        stores = _stores(arguments, share)
+        stores = _stores(arguments, shard)
     except (ValueError, OSError) as error:
         print(f"--data-dir: {error}", file=sys.stderr, flush=True)
         return 2
-    first_instance = arguments.first_instance + share.first
+    first_instance = arguments.first_instance + shard.first
     # In lockstep, runs must not depend on the time of day.
     unix_s = DEFAULT_BOOT_TIME_UNIX_S if arguments.lockstep else time.clock_gettime(time.CLOCK_REALTIME)
     fleet = VehicleSim(
-        share.count, first_instance=first_instance, stores=stores, files=_files(arguments, share),
+        shard.count, first_instance=first_instance, stores=stores, files=_files(arguments, shard),
         links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=unix_s,
         log=not arguments.no_log, world=arguments.world, script=arguments.script,
-        camera=arguments.camera, start_ned_m=row_east(share.count, share.first),
+        camera=arguments.camera, start_ned_m=row_east(shard.count, shard.first),
     )  # fmt: skip
     if arguments.ros2 is not None and not _open_ros2(fleet, first_instance, arguments):
         return 2
-    _weather(fleet, arguments.wind, arguments.battery)
+    _set_wind_and_battery(fleet, arguments.wind, arguments.battery)
     ports = Ports(
         gcs_local=arguments.gcs_local_port,
         gcs_remote=arguments.gcs_remote_port,
@@ -144,7 +144,7 @@ def fly_share(argv: Sequence[str], share: Share) -> int:
     gc.collect()
     gc.freeze()
     try:
-        if not _announce(server, first_instance):
+        if not _print_ports(server, first_instance):
             print("no port could be opened; is another simulator running?", file=sys.stderr, flush=True)
             return 1
         if arguments.lockstep:

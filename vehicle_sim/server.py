@@ -1,4 +1,5 @@
-"""The loop around a fleet: sockets in, simulated time forward at the wished speed, sockets out."""
+"""Main loop of a fleet: reads the sockets, advances simulated time at the requested speed, writes the
+sockets."""
 
 from __future__ import annotations
 
@@ -14,19 +15,19 @@ from vehicle_sim.lockstep import Lockstep
 from vehicle_sim.mavlink.context import GCS_SILENT_S
 from vehicle_sim.mavlink.transports import PortTaken, TcpServer, UdpTransport
 
-TURN_S = 0.008
-"""How often the sockets are looked at: in real time every second simulation step."""
-FLAT_OUT_TURN_S = 0.02
-"""Simulated time between two looks, at most: the beat of the fastest streams."""
+CYCLE_S = 0.008
+"""Real-time period of the loop: two simulation steps at speed 1."""
+MAX_CYCLE_S = 0.02
+"""Most simulated time in one cycle at any speed: the period of the fastest streams."""
 LOCKSTEP_WAIT_S = 0.05
-MAX_TURN_S = 0.1
-"""Most simulated time that one turn catches up; a machine that is too slow falls behind instead of
+MAX_CATCH_UP_S = 0.1
+"""Most simulated time that one cycle catches up; a machine that is too slow falls behind instead of
 freezing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Ports of instance 0; instance N uses the ones N higher, but for the GCS's own port. 0: none."""
+    """Ports of instance 0; instance N adds N to each, except to the GCS's own port. 0: none."""
 
     gcs_local: int = 18570
     gcs_remote: int = 14550
@@ -37,22 +38,22 @@ class Ports:
 
 @dataclass(slots=True)
 class VehiclePorts:
-    """The ports of one vehicle."""
+    """The transports of one vehicle, and the ports that could not be opened."""
 
     transports: dict[str, UdpTransport | TcpServer] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
 
 
 class SimServer:
-    """Vehicles with their sockets. `fleet` must have been made without links."""
+    """Vehicles with their sockets. `fleet` must have been created without links."""
 
     def __init__(
         self, fleet: VehicleSim, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
     ) -> None:
         self.fleet = fleet
         self._selector = selectors.DefaultSelector()
-        """Only sockets at which something has arrived are read: of a hundred vehicles few are spoken to."""
-        self._watched: dict[UdpTransport | TcpServer, socket.socket] = {}
+        """Only readable sockets are read, because few vehicles of a large fleet receive messages."""
+        self._registered: dict[UdpTransport | TcpServer, socket.socket] = {}
         self.vehicles = [
             self._open(row, first_instance + row, ports, bind, gcs_host) for row in range(len(fleet.nodes))
         ]
@@ -70,7 +71,7 @@ class SimServer:
             except PortTaken as problem:
                 vehicle.problems.append(str(problem))
                 return
-            self._watch(row, name, vehicle.transports[name])
+            self._register(row, name, vehicle.transports[name])
             if name != "tcp":
                 remote = ports.gcs_remote if name == "gcs" else ports.api_remote + n
                 self.fleet.add_link(row, name, name).ports = (vehicle.transports[name].port, remote)
@@ -93,100 +94,102 @@ class SimServer:
             )
         return vehicle
 
-    def _watch(self, row: int, name: str, transport: UdpTransport | TcpServer) -> None:
-        before = self._watched.get(transport)
+    def _register(self, row: int, name: str, transport: UdpTransport | TcpServer) -> None:
+        before = self._registered.get(transport)
         if before is not None:
             self._selector.unregister(before)
-        self._watched[transport] = transport.readable
+        self._registered[transport] = transport.readable
         self._selector.register(transport.readable, selectors.EVENT_READ, (row, name, transport))
 
     def _connected(self, row: int, vehicle: VehiclePorts) -> None:
         tcp = vehicle.transports["tcp"]
         self.fleet.add_link(row, "tcp", "gcs").ports = (tcp.port, None)
-        self._watch(row, "tcp", tcp)
+        self._register(row, "tcp", tcp)
 
     def _disconnected(self, row: int, vehicle: VehiclePorts) -> None:
         self.fleet.remove_link(row, "tcp")
-        self._watch(row, "tcp", vehicle.transports["tcp"])
+        self._register(row, "tcp", vehicle.transports["tcp"])
 
     def end_with(self, descriptor: int) -> None:
-        """Let `run` return once this descriptor is readable: the parent process has ended."""
+        """Makes `run` return when this descriptor becomes readable, which means that the parent process has
+        ended."""
         self._selector.register(descriptor, selectors.EVENT_READ, None)
 
     def stop(self) -> None:
-        """Let `run` return."""
+        """Makes `run` return."""
         self._stopping = True
 
     def run(self, speed: float, duration_s: float = math.inf) -> None:
-        """Simulate until stopped, or for so many simulated seconds; `speed` 1 is real time, inf flat out."""
+        """Simulates until stopped, or for `duration_s` of simulated time; `speed` 1 is real time, inf is full
+        speed."""
         self._end_s = self.fleet.time_s + duration_s
-        for node in self.fleet.nodes:  # a ground station's second is so many of the vehicle's
+        for node in self.fleet.nodes:  # timeouts of the ground station are in real time
             node.context.gcs_silent_s = GCS_SILENT_S * max(1.0, speed)
         if math.isinf(speed):
-            self._run_flat_out()
+            self._run_full_speed()
         else:
             self._run_at(speed)
 
     def run_in_lockstep(self, duration_s: float = math.inf) -> None:
-        """Time stands still until a client requests more; the client is told when that time is reached."""
+        """Advances time only on a client's request, and notifies the client when that time is reached."""
         self._end_s = self.fleet.time_s + duration_s
-        asker: Lockstep = Lockstep()
+        lockstep: Lockstep = Lockstep()
         wait_s = 0.0
-        while not self._over:
-            self._receive(wait_s, asker)
-            wanted = asker.take()
-            if wanted is not None:
+        while not self._finished:
+            self._receive(wait_s, lockstep)
+            request = lockstep.take()
+            if request is not None:
                 steps = math.ceil(
-                    max(0.0, wanted.time_s - self.fleet.time_s) / self.fleet.simulation.dt_s - 1e-6
+                    max(0.0, request.time_s - self.fleet.time_s) / self.fleet.simulation.dt_s - 1e-6
                 )
                 for _ in range(steps):
-                    if self._over:
+                    if self._finished:
                         break
                     self.fleet.step(self.fleet.simulation.dt_s)
-                self.fleet.send_time(wanted.row, wanted.link)
+                self.fleet.send_time(request.row, request.link)
             self._send()
-            wait_s = LOCKSTEP_WAIT_S if wanted is None else 0.0
+            wait_s = LOCKSTEP_WAIT_S if request is None else 0.0
 
     @property
-    def _over(self) -> bool:
+    def _finished(self) -> bool:
         return self._stopping or self.fleet.time_s >= self._end_s - 1e-9
 
-    def _run_flat_out(self) -> None:
-        while not self._over:
+    def _run_full_speed(self) -> None:
+        while not self._finished:
             self._receive(0.0)
-            self.fleet.step(FLAT_OUT_TURN_S)
+            self.fleet.step(MAX_CYCLE_S)
             self._send()
 
     def _run_at(self, speed: float) -> None:
         started = time.monotonic()
         begun_s = self.fleet.time_s
         wait_s = 0.0
-        while not self._over:
+        while not self._finished:
             self._receive(wait_s)
-            wanted_s = begun_s + (time.monotonic() - started) * speed
-            owed_s = wanted_s - self.fleet.time_s
-            if owed_s > MAX_TURN_S * max(1.0, speed):
-                lost_s = owed_s - MAX_TURN_S * max(1.0, speed)
+            target_s = begun_s + (time.monotonic() - started) * speed
+            backlog_s = target_s - self.fleet.time_s
+            if backlog_s > MAX_CATCH_UP_S * max(1.0, speed):
+                lost_s = backlog_s - MAX_CATCH_UP_S * max(1.0, speed)
                 self.behind_s += lost_s / speed
                 begun_s -= lost_s
-                owed_s -= lost_s
-            steps = int(owed_s / self.fleet.simulation.dt_s)
+                backlog_s -= lost_s
+            steps = int(backlog_s / self.fleet.simulation.dt_s)
             if steps > 0:
                 self.fleet.step(steps * self.fleet.simulation.dt_s)
             self._send()
             used_s = time.monotonic() - started
-            due_s = (self.fleet.time_s + min(TURN_S * speed, FLAT_OUT_TURN_S) - begun_s) / speed - used_s
-            wait_s = max(0.0, min(TURN_S, due_s))
+            due_s = (self.fleet.time_s + min(CYCLE_S * speed, MAX_CYCLE_S) - begun_s) / speed - used_s
+            wait_s = max(0.0, min(CYCLE_S, due_s))
 
     def close(self) -> None:
-        """Give all ports back."""
+        """Closes all sockets."""
         for vehicle in self.vehicles:
             for transport in vehicle.transports.values():
                 transport.close()
         self._selector.close()
 
-    def _receive(self, wait_s: float, asker: Lockstep | None = None) -> None:
-        """Hand on what has arrived; with nothing there, wait this long for it."""
+    def _receive(self, wait_s: float, lockstep: Lockstep | None = None) -> None:
+        """Passes received data to the fleet; without data it waits up to `wait_s`."""
         for key, _ in self._selector.select(wait_s):
             if key.data is None:
                 self._stopping = True
@@ -195,8 +198,8 @@ class SimServer:
             data = transport.receive()
             if data and (isinstance(transport, UdpTransport) or transport.connected):
                 self.fleet.feed(row, name, data)
-                if asker is not None:
-                    asker.hear(row, name, data)
+                if lockstep is not None:
+                    lockstep.hear(row, name, data)
 
     def _send(self) -> None:
         for row, vehicle in enumerate(self.vehicles):

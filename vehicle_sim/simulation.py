@@ -1,8 +1,8 @@
-"""The simulated vehicles without their autopilot's decisions: bodies, sensors, estimates and control.
+"""The simulated vehicles without their autopilots: bodies, sensors, estimators and controllers.
 
-One `step()` moves all N vehicles by 4 ms, part by part in a fixed order. There is no clock in here: time
-is the step count. Between two steps the autopilot reads `estimate`, `sensors`, `battery` and writes
-`setpoints`; it never reads `truth`.
+One `step()` advances all N vehicles by 4 ms, part by part in a fixed order. There is no clock: time is the
+step count. Between two steps the autopilot reads `estimate`, `sensors` and `battery`, and writes `setpoints`;
+it never reads `truth`.
 """
 
 from __future__ import annotations
@@ -64,20 +64,20 @@ class Simulation:
     """N simulated quadrotors with estimators and controllers.
 
     Args:
-        count: how many vehicles.
-        parameters: one store a vehicle; default: PX4's boot values for each.
+        count: number of vehicles.
+        parameters: one store for each vehicle; default: PX4's boot values.
         seed: of sensor noise and gusts.
-        first_vehicle: number of the first vehicle: noise and gusts follow from the seed and a vehicle's
-            number, however many vehicles there are.
-        home: where local NED (0, 0, 0) lies.
-        start_ned_m: (N, 3) where each vehicle stands; default: a row to the east, 3 m apart.
+        first_vehicle: number of the first vehicle; noise and gusts of a vehicle depend only on the seed and
+            its number.
+        home: global position of local NED (0, 0, 0).
+        start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
         yaw_ned_rad: (N,) headings at start; default: north.
-        wind_ned_m_s: (3,) or (N, 3) steady wind, felt by the drag.
-        sensor_noise: False switches all noise off (tests of exact equality).
+        wind_ned_m_s: (3,) or (N, 3) steady wind; it acts through the drag.
+        sensor_noise: False: no noise (for tests of exact equality).
         world: ground and obstacles; default: flat and empty, as PX4's own simulation.
 
     Raises:
-        ValueError: counts or shapes that do not fit, or parameters that describe no airframe.
+        ValueError: counts or shapes that do not match, or parameters of no valid airframe.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Simulation:
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
         self.motor_health = np.ones((count, 4))
-        """(N, 4) part of its signal that each motor turns into thrust: 1 works, 0 stands still."""
+        """(N, 4) part of its signal that each motor turns into thrust: 1 works, 0 has stopped."""
         self.world = world or World()
         self._lidar = Lidar(self.world, self._bodies.state)
         self._contact = None if self.world.empty else Contact(self.world, count)
@@ -132,7 +132,7 @@ class Simulation:
         if self._contact is not None:
             self._bodies.ground_ned_m[:] = self._contact.support_ned_m(self._start_ned_m)
         for i in range(count):
-            self._take_parameters(i)
+            self._apply_parameters(i)
             self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
 
     @property
@@ -142,39 +142,39 @@ class Simulation:
 
     @property
     def sensors(self) -> SensorState:
-        """Each sensor's newest sample."""
+        """The newest sample of each sensor."""
         return self._sensors.state
 
     @property
     def sensor_faults(self) -> SensorFaults:
-        """Which sensors are stuck or wrong."""
+        """Injected faults of the sensors."""
         return self._sensors.faults
 
     @property
     def estimate(self) -> EstimateState:
-        """The estimated state, as the autopilots use it."""
+        """The estimated state, which the autopilots use."""
         return self._estimator.state
 
     @property
     def fusion(self) -> Fusion:
-        """What the estimators fuse and refuse."""
+        """Flags and counters of the estimators."""
         return self._estimator.fusion
 
     @property
     def estimates(self) -> list[VehicleEstimate]:
-        """The same as plain numbers, a row for each vehicle."""
+        """`estimate` as plain numbers, one row for each vehicle."""
         if self._estimates is None:
             self._estimates = estimates_of(self._estimator.state)
         return self._estimates
 
     @property
     def battery(self) -> BatteryState:
-        """Each vehicle's battery."""
+        """Batteries of all vehicles."""
         return self._batteries.state
 
     @property
     def target(self) -> TargetState:
-        """What the controllers follow."""
+        """Setpoints that the controllers follow."""
         return self._cascade.target
 
     @property
@@ -184,11 +184,11 @@ class Simulation:
 
     @property
     def torque_frd(self) -> FloatArray:
-        """(N, 3) normalised torques asked of the mixer."""
+        """(N, 3) normalised torque setpoints of the mixer."""
         return self._cascade.torque_frd
 
     def step(self) -> None:
-        """Move all vehicles by `dt_s`."""
+        """Advances all vehicles by `dt_s`."""
         self._sensors.sample(self._bodies.state, self._bodies.matrix, self.setpoints.armed)
         self._estimator.update(self._sensors.state)
         if self.steps % RANGE_EVERY_STEPS == 0:
@@ -202,13 +202,13 @@ class Simulation:
         if self.steps % BATTERY_EVERY_STEPS == 0:
             self._batteries.step(self.setpoints.armed)
         if self._contact is not None:
-            self._touch(self._contact)
+            self._update_contact(self._contact)
         self.steps += 1
         self.time_s = self.steps * STEP_S
         self._estimates = None
 
-    def _touch(self, contact: Contact) -> None:
-        """Finds the surface under each body, and collisions: the rotors of a collided vehicle are broken."""
+    def _update_contact(self, contact: Contact) -> None:
+        """Updates the surface below each body, and detects collisions, which stop the vehicle's rotors."""
         state = self._bodies.state
         collisions = contact.collide(state.position_ned_m, state.velocity_ned_m_s)
         for collision in collisions:
@@ -222,22 +222,22 @@ class Simulation:
         return taken
 
     def distance_down_m(self, i: int) -> float:
-        """What the range finder of vehicle `i` says of straight down its body; NaN out of its range."""
+        """Range of vehicle `i`'s range finder along the body's down axis; NaN out of range."""
         return float(self._distances_down_m()[i])
 
     def _distances_down_m(self) -> FloatArray:
         return self._range_finder.measured_m(self._lidar.down_m(self.steps, self._bodies.matrix))
 
     def distance_forward_m(self, i: int) -> float:
-        """What its forward lidar measures (`World.lidars`)."""
+        """Range of vehicle `i`'s forward lidar (`World.lidars`)."""
         return float(self._lidar.forward_m(self.steps, self._bodies.matrix)[i])
 
     def distances_around_m(self, i: int) -> FloatArray:
-        """(72,) what its lidar all around measures, clockwise from the nose (`World.lidars`)."""
+        """(72,) ranges of vehicle `i`'s 360° lidar, clockwise from the nose (`World.lidars`)."""
         return self._lidar.around_m(self.steps, self._bodies.matrix)[i]
 
     def reset_vehicle(self, i: int) -> None:
-        """Put vehicle `i` back where it started, as after a reboot: nothing moves, nothing is remembered."""
+        """Resets vehicle `i` to its start position, at rest, as after a reboot."""
         if self._contact is not None:
             self._contact.reset(i)
             self._bodies.ground_ned_m[i] = self._contact.support_ned_m(self._start_ned_m)[i]
@@ -252,88 +252,89 @@ class Simulation:
         self.setpoints.level[i] = ControlLevel.DISARMED
 
     def set_battery_empty(self, i: int, empty: bool) -> None:
-        """Let the battery of vehicle `i` give the voltage of an empty one, or its own again."""
+        """Makes the battery of vehicle `i` show the voltage of an empty one, or its own again."""
         self._batteries.set_empty(i, empty)
 
     def set_battery_remaining(self, i: int, remaining: float) -> None:
-        """Set the charge (0..1) of vehicle `i`, so that a low battery can be tried."""
+        """Sets the charge (0..1) of vehicle `i`, to test a low battery."""
         self._batteries.set_remaining(i, remaining)
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
-        """Cover or uncover the GPS antenna of vehicle `i`."""
+        """Covers or uncovers the GPS antenna of vehicle `i`."""
         self._sensors.set_gps_enabled(i, enabled)
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Let the GPS receiver of vehicle `i` repeat its last fix, or measure again."""
+        """Makes the GPS receiver of vehicle `i` repeat its last fix, or measure again."""
         self._sensors.set_gps_stuck(i, stuck)
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
-        """Let the GPS of vehicle `i` report a place this far (3,) from the true one: a glitch."""
+        """Adds an offset (3,) to the GPS position of vehicle `i`: a glitch."""
         self._sensors.set_gps_offset(i, offset_ned_m)
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
-        """Stop or start a simulated sensor's driver of vehicle `i`."""
+        """Stops or starts the driver of a simulated sensor of vehicle `i`."""
         self._sensors.set_driver(i, driver, running)
 
     def driver_runs(self, i: int, driver: Driver) -> bool:
-        """Whether a simulated sensor's driver of vehicle `i` runs."""
+        """Whether the driver of a simulated sensor of vehicle `i` runs."""
         return self._sensors.driver_runs(i, driver)
 
     def turn_by_hand(self, i: int, q_ned_frd: FloatArray) -> None:
-        """Lay vehicle `i` on another side, where it stands and unless it is armed."""
+        """Sets the attitude of vehicle `i` at its position; ignored while armed."""
         if not self.setpoints.armed[i]:
             self._bodies.turn(i, q_ned_frd)
 
     def take_vision(self, i: int, sample: VisionSample) -> None:
-        """Feeds an external measurement of vehicle `i` to its estimator (EKF2_EV_CTRL)."""
+        """Passes an external measurement of vehicle `i` to its estimator (EKF2_EV_CTRL)."""
         self._estimator.take_vision(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
-        """Sets the global origin of vehicle `i`'s local frame, on command."""
+        """Sets the global origin of vehicle `i`'s local frame."""
         self._estimator.set_origin(i, lat_deg, lon_deg, alt_amsl_m)
         self._estimates = None
 
     def set_wind(self, wind_ned_m_s: FloatArray, i: int | None = None) -> None:
-        """Steady wind: (3,) for vehicle `i`, or (3,) or (N, 3) for all."""
+        """Sets the steady wind: (3,) for vehicle `i`, or (3,) or (N, 3) for all."""
         rows = slice(None) if i is None else i
         self._wind.steady_ned_m_s[rows] = np.asarray(wind_ned_m_s, dtype=float)
         self._bodies.wind_ned_m_s[rows] = self._wind.steady_ned_m_s[rows]
 
     def set_gusts(self, sigma_m_s: float, i: int | None = None) -> None:
-        """Gusts of this strength (one sigma, an axis) on top of the steady wind; 0 ends them.
+        """Sets gusts on top of the steady wind; 0 ends them.
 
         Args:
-            sigma_m_s: how strong.
+            sigma_m_s: standard deviation of each horizontal axis.
             i: for this vehicle only.
 
         Raises:
-            ValueError: negative or no number.
+            ValueError: negative or not a number.
         """
         rows = slice(None) if i is None else i
         self._wind.set_gusts(sigma_m_s, i)
         self._bodies.wind_ned_m_s[rows] = self._wind.steady_ned_m_s[rows]
 
     def set_sensor_noise(self, i: int, strength: float) -> None:
-        """Let the sensors of vehicle `i` be so many times as noisy as usual; 0: perfect.
+        """Multiplies the usual sensor noise of vehicle `i` by `strength`; 0: no noise.
 
         Raises:
-            ValueError: negative or no number.
+            ValueError: negative or not a number.
         """
         self._sensors.set_noise(i, strength)
 
     def reload_parameters(self, i: int) -> str | None:
-        """Take over the parameters of vehicle `i` after a change (gains, limits, airframe, battery).
+        """Applies changed parameters of vehicle `i` (gains, limits, airframe, battery).
 
         Returns:
-            None, or why they describe no airframe (SIH_MASS 0, rotors in a line): the old ones stay in use.
+            None, or why the parameters are not a valid airframe (SIH_MASS 0, rotors in a line); the old ones
+                then stay in use.
         """
         try:
-            self._take_parameters(i)
+            self._apply_parameters(i)
         except ValueError as error:
             return str(error)
         return None
 
-    def _take_parameters(self, i: int) -> None:
+    def _apply_parameters(self, i: int) -> None:
         parameters = self.parameters[i]
         airframe = Airframe.from_parameters(parameters)
         mixer_of(parameters)
@@ -346,7 +347,7 @@ class Simulation:
 
 
 def row_east(count: int, first: int = 0) -> FloatArray:
-    """(N, 3) where the vehicles of a fleet stand that nobody places: 3 m apart, from place `first` on."""
+    """(N, 3) default start positions of a fleet: a row to the east, 3 m apart, from index `first` on."""
     start = np.zeros((count, 3))
     start[:, 1] = 3.0 * (first + np.arange(count))
     return start

@@ -1,8 +1,8 @@
 """The state of N vehicles as plain arrays, one dataclass for each part of the simulator that may read it.
 
-`TruthState` belongs to the physics, `SensorState` is all the estimator sees of it, `EstimateState` is
-all the autopilot may use. NED and FRD, SI units; quaternions are (w, x, y, z) and take FRD to NED.
-Arrays are written in place every step: read them, do not keep them.
+`TruthState` belongs to the physics. The estimator reads only `SensorState`, and the autopilot reads only
+`EstimateState`. Frames are NED and FRD, units SI; quaternions are (w, x, y, z) and rotate FRD to NED. Arrays
+are overwritten in place every step: read them, do not keep references.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROTOR_COUNT = 4
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Where local NED (0, 0, 0) of the physics lies."""
+    """Global position of local NED (0, 0, 0) of the physics."""
 
     lat_deg: float = 47.3977432
     lon_deg: float = 8.54559422
@@ -43,20 +43,20 @@ class TruthState:
     velocity_ned_m_s: FloatArray
     """(N, 3)."""
     acceleration_ned_m_s2: FloatArray
-    """(N, 3) of the body against the ground, gravity included (zero at rest)."""
+    """(N, 3) of the body relative to the ground, including gravity (zero at rest)."""
     q_ned_frd: FloatArray
     """(N, 4)."""
     rates_frd_rad_s: FloatArray
     """(N, 3)."""
     rotor_thrust: FloatArray
-    """(N, 4) each rotor's thrust as a part of SIH_T_MAX, 0..1, motor lag included."""
+    """(N, 4) each rotor's thrust as a part of SIH_T_MAX, 0..1, including motor lag."""
     on_ground: BoolArray
     """(N,)."""
 
 
 @dataclass(slots=True)
 class SensorState:
-    """The newest sample of each sensor; `*_count` rises by one with each new sample (all vehicles)."""
+    """The newest sample of each sensor; `*_count` increases by one with each new sample (of all vehicles)."""
 
     gyro_frd_rad_s: FloatArray
     """(N, 3) each step, with noise."""
@@ -65,7 +65,7 @@ class SensorState:
     mag_frd_gauss: FloatArray
     """(N, 3)."""
     mag_fresh: BoolArray
-    """(N,) whose magnetometer took part in the newest sample: a silent one did not."""
+    """(N,) vehicles whose magnetometer is part of the newest sample; a silent one is not."""
     mag_count: int
     baro_pressure_hpa: FloatArray
     """(N,)."""
@@ -76,9 +76,9 @@ class SensorState:
     baro_fresh: BoolArray
     """(N,)."""
     baro_stale: BoolArray
-    """(N,) whose barometer has repeated one value for so long that its samples are not used any more."""
+    """(N,) vehicles whose barometer has repeated one value for so long that its samples are rejected."""
     mag_stale: BoolArray
-    """(N,) whose magnetometer has."""
+    """(N,) the same for the magnetometer."""
     baro_count: int
     gps_lat_deg: FloatArray
     """(N,)."""
@@ -109,7 +109,7 @@ class SensorState:
 
 @dataclass(slots=True)
 class EstimateState:
-    """The estimated state. Local NED's origin is where each estimator started (`origin_*`)."""
+    """The estimated state. The origin of local NED is where each estimator started (`origin_*`)."""
 
     position_ned_m: FloatArray
     """(N, 3)."""
@@ -132,7 +132,7 @@ class EstimateState:
     alt_amsl_m: FloatArray
     """(N,)."""
     origin_lat_deg: FloatArray
-    """(N,) NaN until GPS set it."""
+    """(N,) NaN before the first good GPS fix."""
     origin_lon_deg: FloatArray
     """(N,)."""
     origin_alt_amsl_m: FloatArray
@@ -152,9 +152,9 @@ class EstimateState:
     innovation_ratio_mag: FloatArray
     """(N,)."""
     gps_rejected: BoolArray
-    """(N,) the newest GPS sample lay outside its gate and was not fused."""
+    """(N,) the newest GPS sample was outside its gate and was not fused."""
     height_above_ground_m: FloatArray
-    """(N,) by the range finder (dist_bottom); NaN: not known."""
+    """(N,) by the range finder (dist_bottom); NaN: unknown."""
     valid_attitude: BoolArray
     """(N,)."""
     valid_velocity: BoolArray
@@ -180,7 +180,7 @@ class VehicleEstimate(NamedTuple):
     lon_deg: float
     alt_amsl_m: float
     height_above_ground_m: float
-    """By the range finder; NaN: not known."""
+    """By the range finder; NaN: unknown."""
     valid_position: bool
     valid_velocity: bool
     valid_attitude: bool
@@ -188,9 +188,9 @@ class VehicleEstimate(NamedTuple):
 
 
 def estimates_of(state: EstimateState) -> list[VehicleEstimate]:
-    """Of each vehicle, made for all of them at once.
+    """The estimates of all vehicles as plain numbers, converted at once.
 
-    Single elements of arrays cost an autopilot more than whole arrays cost a fleet.
+    Access to single array elements by the autopilots would take longer than this conversion.
     """
     angles_rad = np.empty((3, len(state.lat_deg)))
     _write_angles(state.q_ned_frd, angles_rad)
@@ -209,12 +209,12 @@ def estimates_of(state: EstimateState) -> list[VehicleEstimate]:
 
 @dataclass(slots=True)
 class BatteryState:
-    """Each vehicle's battery as SIM_BAT_* makes it."""
+    """Each vehicle's battery as SIM_BAT_* defines it."""
 
     voltage_v: FloatArray
     """(N,)."""
     current_a: FloatArray
-    """(N,) -1: not measured, as PX4's simulated battery says."""
+    """(N,) -1: not measured, as in PX4's simulated battery."""
     remaining: FloatArray
     """(N,) 0..1."""
     consumed_mah: FloatArray
@@ -225,16 +225,16 @@ class BatteryState:
 
 @dataclass(slots=True)
 class TargetState:
-    """What the controllers followed last, for ATTITUDE_TARGET and POSITION_TARGET_LOCAL_NED."""
+    """Last setpoints of the controllers, for ATTITUDE_TARGET and POSITION_TARGET_LOCAL_NED."""
 
     q_ned_frd: FloatArray
-    """(N, 4) attitude setpoint; stale at level RATES, as PX4's."""
+    """(N, 4) attitude setpoint; not updated at level RATES, as in PX4."""
     rates_frd_rad_s: FloatArray
     """(N, 3) body rate setpoint."""
     thrust: FloatArray
     """(N,) collective 0..1."""
     position_ned_m: FloatArray
-    """(N, 3) the trajectory setpoint as followed; NaN: not controlled."""
+    """(N, 3) the position setpoint that is followed; NaN: not controlled."""
     velocity_ned_m_s: FloatArray
     """(N, 3) after position control and limits."""
     acceleration_ned_m_s2: FloatArray
@@ -249,7 +249,7 @@ class TargetState:
 
 @kernel
 def _write_angles(q_ned_frd: Rows, angles_rad: Rows) -> None:
-    """Roll, pitch and yaw, a row each."""
+    """Writes roll, pitch and yaw, a row each."""
     for i in range(q_ned_frd.shape[0]):
         w, x, y, z = q_ned_frd[i, 0], q_ned_frd[i, 1], q_ned_frd[i, 2], q_ned_frd[i, 3]
         angles_rad[0, i] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))

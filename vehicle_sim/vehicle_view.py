@@ -1,6 +1,6 @@
-"""One vehicle's row of the simulation as plain floats, read once a step however many ask.
+"""One vehicle's row of the simulation as plain floats, converted once per step.
 
-Reading single elements of NumPy arrays is the main cost of a Python autopilot, so it is done only here.
+Access to single elements of NumPy arrays is the main cost of a Python autopilot, so it is done only here.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ __all__ = ["Vector", "VehicleEstimate", "VehicleView"]
 Number = TypeVar("Number", float, int)
 
 
-class _Known(dict[str, Number], Generic[Number]):
-    """Parameters as one type, each converted once: a dictionary answers an autopilot's 70 questions a tick
-    four times as fast as a method does."""
+class _ParameterCache(dict[str, Number], Generic[Number]):
+    """Parameters converted to one type, each once. An autopilot reads 70 parameters per tick, and a
+    dictionary returns them four times as fast as a method."""
 
     def __init__(self, read: Callable[[str], Number]) -> None:
         super().__init__()
@@ -38,15 +38,15 @@ class VehicleView:
         self.row = row
         self.parameters: Parameters = simulation.parameters[row]
         self.boot_time_unix_s = boot_time_unix_s
-        self._floats = _Known[float](lambda name: float(self.parameters.get(name)))
-        self._choices = _Known[int](lambda name: int(self.parameters.get(name)))
+        self._floats = _ParameterCache[float](lambda name: float(self.parameters.get(name)))
+        self._choices = _ParameterCache[int](lambda name: int(self.parameters.get(name)))
         self.parameter: Callable[[str], float] = self._floats.__getitem__
         """A parameter's value as a float."""
         self.choice: Callable[[str], int] = self._choices.__getitem__
         """An integer parameter's value."""
         self.parameter_changes = 0
-        """Rises with each parameter change, so that values derived from parameters are computed again."""
-        self.parameters.add_listener(self._forget)
+        """Increases with each parameter change, so that values derived from parameters are computed again."""
+        self.parameters.add_listener(self._clear_caches)
 
     @property
     def time_s(self) -> float:
@@ -54,7 +54,7 @@ class VehicleView:
         return self.simulation.time_s
 
     def time_boot_ms(self) -> int:
-        """Since boot, whole milliseconds as PX4's messages carry it."""
+        """Since boot, in whole milliseconds as in PX4's messages."""
         return int(self.simulation.time_s * 1000.0 + 1e-6)
 
     def time_boot_us(self) -> int:
@@ -62,16 +62,16 @@ class VehicleView:
         return int(self.simulation.time_s * 1e6 + 0.5)
 
     def time_unix_us(self) -> int:
-        """UTC as the vehicle believes it."""
+        """UTC of the vehicle's clock."""
         return int((self.boot_time_unix_s + self.simulation.time_s) * 1e6)
 
-    def _forget(self, _name: str, _value: ParameterValue) -> None:
+    def _clear_caches(self, _name: str, _value: ParameterValue) -> None:
         self.parameter_changes += 1
         self._floats.clear()
         self._choices.clear()
 
     def optional_choice(self, name: str, default: int) -> int:
-        """An integer parameter that not every build has among its live ones."""
+        """An integer parameter, or `default` if this build has no such parameter."""
         try:
             return self.choice(name)
         except UnknownParameterError:
@@ -84,7 +84,7 @@ class VehicleView:
 
     @property
     def origin(self) -> tuple[float, float, float]:
-        """Latitude, longitude, altitude of the local origin; NaN until GPS set it."""
+        """Latitude, longitude, altitude of the local origin; NaN before the first good GPS fix."""
         estimate, i = self.simulation.estimate, self.row
         return (
             float(estimate.origin_lat_deg[i]),

@@ -1,4 +1,4 @@
-"""Reading YAML that people write by hand: every complaint names the file, the line, the field and the fix."""
+"""Reads YAML written by hand; every error names the file, the line, the field and the fix."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ LARGEST_BYTES = 2_000_000
 
 
 class FileProblem(ValueError):
-    """A file that cannot be used; the text says where, why and what to write instead."""
+    """A file that cannot be used; the text contains where, why and what to write instead."""
 
 
 def read_yaml(path: Path) -> Fields:
-    """The mapping that a file holds.
+    """The mapping in a file.
 
     Raises:
         FileProblem: no such file, no YAML, or no mapping.
@@ -34,7 +34,7 @@ def read_yaml(path: Path) -> Fields:
 
 
 def parse_yaml(text: str, source: str) -> Fields:
-    """The same of a text; `source` names it in complaints.
+    """The mapping in a text; `source` names it in errors.
 
     Raises:
         FileProblem: no YAML, or no mapping.
@@ -52,13 +52,14 @@ def parse_yaml(text: str, source: str) -> Fields:
 
 
 class Fields:
-    """One mapping of a file. What is asked for is checked; `finish` complains about what nobody asked for."""
+    """One mapping of a file. Its methods check the fields that they read; `finish` reports fields that were
+    not read."""
 
     def __init__(self, source: str, path: str, node: yaml.Node) -> None:
         self._source = source
         self._path = path
         self._node = node
-        self._asked: set[str] = set()
+        self._read: set[str] = set()
         self._nodes: dict[str, yaml.Node] = {}
         if not isinstance(node, yaml.MappingNode):
             raise self._problem(node, path, "must hold `name: value` lines")
@@ -74,43 +75,43 @@ class Fields:
         return tuple(self._nodes)
 
     def problem(self, key: str | None, text: str) -> FileProblem:
-        """A complaint about one field (None: about the whole mapping)."""
+        """An error about one field (None: about the whole mapping)."""
         node = self._node if key is None else self._nodes.get(key, self._node)
         return self._problem(node, self._path if key is None else self._at(key), text)
 
     def has(self, key: str) -> bool:
-        """Whether the field is there."""
+        """Whether the field exists."""
         return key in self._nodes
 
     def number(
         self, key: str, default: float | None = None, *, low: float = -1e6, high: float = 1e6
     ) -> float:
-        """A number within bounds; required where there is no default."""
+        """A number within bounds; required if there is no default."""
         value = self._scalar(key)
         if value is None:
             return self._default(key, default, "a number")
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise self.problem(key, f"is {_said(value)}; give a number from {_plain(low)} to {_plain(high)}")
+            raise self.problem(key, f"is {_shown(value)}; give a number from {_short(low)} to {_short(high)}")
         return float(value)
 
     def integer(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
-        """A whole number within bounds."""
+        """An integer within bounds."""
         value = self.number(key, default, low=low, high=high)
         if not value.is_integer():
-            raise self.problem(key, f"is {_plain(value)}; give a whole number")
+            raise self.problem(key, f"is {_short(value)}; give a whole number")
         return int(value)
 
     def numbers(self, key: str, count: int | None, what: str) -> tuple[float, ...]:
-        """A list such as [1, 2, 3] (count None: of any length but none); `what` names its parts."""
+        """A list such as [1, 2, 3] (count None: any length except zero); `what` describes its elements."""
         values = self._value(self._required(key, what))
         good = isinstance(values, list) and values and (count is None or len(values) == count)
         good = good and all(_is_number(v) for v in values)
         if not good:
-            raise self.problem(key, f"is {_said(values)}; give {what}")
+            raise self.problem(key, f"is {_shown(values)}; give {what}")
         return tuple(float(v) for v in values)
 
     def rows(self, key: str) -> list[list[float]]:
-        """A table of numbers whose lines are equally long, two by two at least."""
+        """A table of numbers with rows of equal length, at least two by two."""
         what = "at least two lists of at least two numbers, all equally long"
         rows = self._value(self._required(key, what))
         good = isinstance(rows, list) and len(rows) > 1 and all(isinstance(row, list) for row in rows)
@@ -125,11 +126,11 @@ class Fields:
         if value is None:
             return default
         if not isinstance(value, bool):
-            raise self.problem(key, f"is {_said(value)}; give true or false")
+            raise self.problem(key, f"is {_shown(value)}; give true or false")
         return value
 
     def text(self, key: str, default: str | None = None, *, choices: Sequence[str] = ()) -> str:
-        """A word or a line, one of `choices` where there are any."""
+        """A text, one of `choices` if any are given."""
         wanted = f"one of {', '.join(choices)}" if choices else "a text"
         value = self._scalar(key)
         if value is None:
@@ -139,17 +140,17 @@ class Fields:
         if isinstance(value, bool) and choices:
             value = {True: "on", False: "off"}[value]
         if not isinstance(value, str) or (choices and value not in choices):
-            raise self.problem(key, f"is {_said(value)}; give {wanted}")
+            raise self.problem(key, f"is {_shown(value)}; give {wanted}")
         return value
 
     def mapping(self, key: str) -> Fields | None:
-        """A mapping inside, or None."""
-        self._asked.add(key)
+        """A nested mapping, or None."""
+        self._read.add(key)
         return Fields(self._source, self._at(key), self._nodes[key]) if key in self._nodes else None
 
     def items(self, key: str) -> list[Fields]:
-        """A list of mappings; empty where the field is missing."""
-        self._asked.add(key)
+        """A list of mappings; empty if the field is missing."""
+        self._read.add(key)
         node = self._nodes.get(key)
         if node is None:
             return []
@@ -158,17 +159,15 @@ class Fields:
         return [Fields(self._source, f"{self._at(key)}[{n}]", item) for n, item in enumerate(node.value)]
 
     def finish(self) -> None:
-        """Complain about the first field that means nothing.
+        """Reports the first unknown field.
 
         Raises:
             FileProblem: there is one.
         """
         for name in self._nodes:
-            if name not in self._asked:
-                near = difflib.get_close_matches(name, self._asked, 1)
-                known = (
-                    f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(self._asked))}"
-                )
+            if name not in self._read:
+                near = difflib.get_close_matches(name, self._read, 1)
+                known = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(self._read))}"
                 raise self.problem(name, f"is not known; {known}")
 
     # --- inside ----------------------------------------------------------------------------------------
@@ -180,7 +179,7 @@ class Fields:
         return FileProblem(f"{self._source} line {node.start_mark.line + 1}: {field or 'the file'} {text}")
 
     def _required(self, key: str, what: str) -> yaml.Node:
-        self._asked.add(key)
+        self._read.add(key)
         if key not in self._nodes:
             raise self.problem(None, f"lacks {key}; give {what}")
         return self._nodes[key]
@@ -191,7 +190,7 @@ class Fields:
         return default
 
     def _scalar(self, key: str) -> Any:
-        self._asked.add(key)
+        self._read.add(key)
         return self._value(self._nodes[key]) if key in self._nodes else None
 
     def _value(self, node: yaml.Node) -> Any:
@@ -208,10 +207,10 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _said(value: Any) -> str:
+def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}…"
 
 
-def _plain(value: float) -> str:
+def _short(value: float) -> str:
     return f"{value:g}"

@@ -1,5 +1,5 @@
-"""Computations with the operator's elevation files; only processes of plan work import this, since GDAL reads
-the files."""
+"""Computations with the operator's elevation files. GDAL reads the files, so only the worker processes of
+plans import this module."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from missions.terrain.ground import Ground
 from missions.terrain.profile import PlanGround
 
 MARGIN_M = 100.0
-"""Around the places of a plan."""
+"""Margin around the positions of a plan."""
 LONGEST_SIDE_M = 100_000.0
-"""Of a plan's area: farther than any of these vehicles fly."""
+"""Largest side of a plan's area: farther than any of these vehicles fly."""
 
 
 def of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
@@ -42,9 +42,9 @@ def of_mission(
     """Findings about a compiled offboard mission, and the ground below it.
 
     Args:
-        legs: of one vehicle or, one after the other, of all roles, in the frame of `origin`.
-        origin: None: not known, so nothing is.
-        start_down_m: where the flight starts.
+        legs: of one vehicle, or of all roles in sequence, in the frame of `origin`.
+        origin: None: unknown, so there are no findings and no ground.
+        start_down_m: down coordinate of the start.
         paths: of elevation files.
     """
     if origin is None:
@@ -58,7 +58,8 @@ def of_mission(
 
 
 def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """`plan` (JSON text), `elevation` (paths), `tolerance_m` (null: no waypoints are added)."""
+    """Resolves a plan: `plan` (JSON text), `elevation` (paths), `tolerance_m` (null: no waypoints are
+    added)."""
     plan = plan_document.read(arguments["plan"])
     ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), _places(plan))
     found = follow_ground(plan, ground, arguments["tolerance_m"])
@@ -72,7 +73,7 @@ def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def files(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """`elevation` (paths): what each covers."""
+    """The area that each file covers: `elevation` (paths)."""
     elevation = Elevation.of(map(Path, arguments["elevation"]))
     found: list[ElevationFile] = [file for _, file in elevation.files]
     return {"files": [dataclasses.asdict(each) for each in found], "unreadable": list(elevation.problems)}
@@ -87,7 +88,7 @@ def _places(plan: Plan) -> list[tuple[float, float]]:
 def _ground(
     elevation: Elevation, places: Sequence[tuple[float, float]]
 ) -> tuple[Ground | None, tuple[str, ...]]:
-    """The ground around places, and sentences about what is not known of it."""
+    """The ground around positions, and messages about missing elevation data."""
     area = Area.around(places, MARGIN_M)
     if area is None or not elevation.files:
         return None, elevation.problems

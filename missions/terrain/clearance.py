@@ -1,4 +1,4 @@
-"""How near a flight comes to the ground: findings about a waypoint plan and about an offboard mission."""
+"""Height of a flight above the ground: findings about a waypoint plan and about an offboard mission."""
 
 from __future__ import annotations
 
@@ -17,24 +17,27 @@ from missions.route import Step, follow, is_flown_to
 from missions.terrain.ground import Floats, Ground, between
 
 CLEARANCE_M = 10.0
-"""Nearer than this is a finding: elevation models are wrong by some metres, and most know no trees."""
+"""A smaller clearance is a finding: elevation models have errors of some metres, and most do not include
+trees."""
 OUTDATED_M = 1.0
 HOME_OFF_M = 10.0
-STANDING_M = 1.0
-"""A leg that moves less than this over the ground climbs, descends or holds; the leg before it is judged."""
+MIN_LEG_M = 1.0
+"""A leg with a shorter horizontal distance climbs, descends or holds, and is not checked; the leg before it
+is."""
 
 Position = tuple[float, float, float]
 """Latitude, longitude [deg], altitude AMSL [m]."""
 
 
 def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[Finding]:
-    """What the ground says about a waypoint plan, each item at most once.
+    """Findings of the elevation data about a waypoint plan, at most one for each item.
 
-    The first leg is flown at the altitude of its end (the vehicle climbs first), a landing is approached at
-    the altitude of the item before it, and a return is flown at RTL_RETURN_ALT above home or higher.
+    The first leg is flown at the altitude of its end, because the vehicle climbs first. A landing is
+    approached at the altitude of the item before it. A return is flown at RTL_RETURN_ALT above home or
+    higher.
 
     Args:
-        plan: with its altitudes above the ground resolved; legs with an unknown altitude are left out.
+        plan: with resolved altitudes above the ground; legs with an unknown altitude are skipped.
         ground: of the plan's area.
         return_alt_m: the vehicle's RTL_RETURN_ALT, above home.
     """
@@ -54,7 +57,9 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
         item = step.item
         if isinstance(item, ReturnHome) and home is not None and here is not None:
             height_m = max(here[2], home.alt_amsl_m + return_alt_m)
-            yield from _near(step, (*here[:2], height_m), (home.lat_deg, home.lon_deg, height_m), ground)
+            yield from _low_clearance(
+                step, (*here[:2], height_m), (home.lat_deg, home.lon_deg, height_m), ground
+            )
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
         amsl_m = item.altitude.amsl_m(home_amsl_m)
@@ -69,7 +74,7 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
         if step.seq not in seen:
             seen.add(step.seq)
             yield from _outdated(step, item, ground)
-            yield from _near(step, start or here, here, ground)
+            yield from _low_clearance(step, start or here, here, ground)
 
 
 def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]:
@@ -88,7 +93,7 @@ def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]
         yield Finding("terrain_outdated", message, step.row, fix="Resolve the altitudes again.")
 
 
-def _near(step: Step, start: Position, end: Position, ground: Ground) -> Iterator[Finding]:
+def _low_clearance(step: Step, start: Position, end: Position, ground: Ground) -> Iterator[Finding]:
     line = between(start[:2], end[:2], ground.spacing_m)
     flown_m = start[2] + (end[2] - start[2]) * line[:, 2]
     above_m = flown_m - ground.at(line[:, 0], line[:, 1])
@@ -98,13 +103,13 @@ def _near(step: Step, start: Position, end: Position, ground: Ground) -> Iterato
     what = f"The straight path to {name(step.row, step.item).lower()}"
     if isinstance(step.item, ReturnHome):
         what = f"The straight path home of {name(step.row, step.item).lower()}"
-    found = _code(least_m, what)
+    found = _code_and_message(least_m, what)
     if found is not None:
         yield Finding(*found, step.row, fix="Raise it, or let it follow the ground.")
 
 
 def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -> Iterator[MissionFinding]:
-    """What the ground says about an offboard mission, each step at most once.
+    """Findings of the elevation data about an offboard mission, at most one for each step.
 
     Args:
         legs: of the compiled mission.
@@ -114,14 +119,14 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
     least_m: dict[str, float] = {}
     for leg in legs:
         places = np.array(leg.points)[:, 1:]
-        if np.hypot(*np.ptp(places[:, :2], axis=0)) < STANDING_M:
+        if np.hypot(*np.ptp(places[:, :2], axis=0)) < MIN_LEG_M:
             continue
         lat_deg, lon_deg, amsl_m = geodetic(places, origin)
         above_m = amsl_m - ground.at(lat_deg, lon_deg)
         if not np.isnan(above_m).all():
             least_m[leg.place] = min(least_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
     for place, metres in least_m.items():
-        found = _code(metres, "The path")
+        found = _code_and_message(metres, "The path")
         if found is not None:
             yield MissionFinding(*found, place, fix="Raise its points.")
 
@@ -132,8 +137,8 @@ def geodetic(places_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats,
     return found[:, 0], found[:, 1], found[:, 2]
 
 
-def _code(least_m: float, what: str) -> tuple[str, str] | None:
-    """Code and sentence."""
+def _code_and_message(least_m: float, what: str) -> tuple[str, str] | None:
+    """Code and message of a finding, or None."""
     if least_m <= 0.0:
         return "terrain_hit", f"{what} goes {-least_m:.0f} m below the ground."
     if least_m < CLEARANCE_M:

@@ -1,7 +1,7 @@
-"""Elevation files of the operator (GeoTIFF, HGT): what each covers, and the ground of an area.
+"""The operator's elevation files (GeoTIFF, HGT): the area that each covers, and the ground of an area.
 
 Altitudes are metres above mean sea level, as in SRTM, Copernicus DEM and national models. GDAL (rasterio)
-reads the files and resamples those in other coordinate systems to latitude and longitude.
+reads the files. It resamples files in other coordinate systems to latitude and longitude.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from missions.geodesy import EARTH_RADIUS_M
 from missions.terrain.ground import Ground
 
 MAX_CELLS = 4_000_000
-"""Of one ground; a larger area is read with a wider grid."""
+"""Limit of one `Ground`; a larger area is read with a coarser grid."""
 MARGIN_CELLS = 2
 LOWEST_M, HIGHEST_M = -1_000.0, 9_000.0
-"""Of the earth's land; outside these a value means that nothing is known."""
+"""Range of land altitudes on earth; a value outside means no data."""
 WGS84 = CRS.from_epsg(4326)
 DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT"}
-"""By suffix; GDAL tries no others, some of which follow links to other files."""
+"""GDAL driver by suffix; GDAL tries no other drivers, because some of them follow links to other files."""
 FIX = "Use a GeoTIFF or HGT file with one band of altitudes in metres."
 
 
 @dataclass(frozen=True, slots=True)
 class ElevationFile:
-    """One file, as the operator sees it."""
+    """One elevation file, as listed for the operator."""
 
     name: str
     west_deg: float
@@ -47,7 +47,7 @@ class ElevationFile:
     east_deg: float
     north_deg: float
     spacing_m: float
-    """Between two rows."""
+    """Distance between two rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +61,14 @@ class Area:
 
     @property
     def side_m(self) -> float:
-        """The longer side, over the ground."""
+        """The longer side, in metres on the ground."""
         middle = math.radians((self.south_deg + self.north_deg) / 2)
         wide = math.radians(self.east_deg - self.west_deg) * math.cos(middle)
         return max(wide, math.radians(self.north_deg - self.south_deg)) * EARTH_RADIUS_M
 
     @classmethod
     def around(cls, places: Iterable[tuple[float, float]], margin_m: float) -> Area | None:
-        """Around places (latitude, longitude); None without any."""
+        """The box around positions (latitude, longitude) plus a margin; None without positions."""
         found = list(places)
         if not found:
             return None
@@ -81,7 +81,7 @@ class Area:
 
 
 def inspect(path: Path) -> ElevationFile:
-    """What a file covers.
+    """Reads the area that a file covers.
 
     Raises:
         PlanError: it cannot be read, has no coordinate system, or more than one band.
@@ -94,12 +94,12 @@ def inspect(path: Path) -> ElevationFile:
 
 @dataclass(frozen=True, slots=True)
 class Elevation:
-    """The operator's elevation files, as far as they can be read."""
+    """The operator's readable elevation files."""
 
     files: tuple[tuple[Path, ElevationFile], ...]
     """Finest first."""
     problems: tuple[str, ...]
-    """Of files that cannot be used; sentences."""
+    """Messages about files that cannot be used."""
 
     @classmethod
     def of(cls, paths: Iterable[Path]) -> Elevation:
@@ -117,7 +117,8 @@ class Elevation:
         return cls(tuple(files), tuple(problems))
 
     def ground(self, area: Area) -> Ground | None:
-        """The ground of an area, at each place from the finest file that has it; None: no file covers it.
+        """The ground of an area, each cell from the finest file that covers it; None: no file covers the
+        area.
 
         Raises:
             PlanError: a file cannot be read.
@@ -145,7 +146,7 @@ class Elevation:
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """Cells of one size; edges, not centres."""
+    """A grid of square cells; coordinates are those of its edges, not of cell centres."""
 
     west_deg: float
     north_deg: float
@@ -155,7 +156,7 @@ class _Grid:
 
 
 def _overlap(file: ElevationFile, area: Area) -> bool:
-    """Also where one of the two lies a turn of the earth farther east."""
+    """Whether a file and an area overlap, also if their longitudes differ by 360 degrees."""
     if file.north_deg < area.south_deg or file.south_deg > area.north_deg:
         return False
     return any(
@@ -165,7 +166,7 @@ def _overlap(file: ElevationFile, area: Area) -> bool:
 
 
 def _read(path: Path, file: ElevationFile, grid: _Grid) -> NDArray[np.float32]:
-    """A grid from one file, NaN where it knows nothing."""
+    """Reads a grid from one file; NaN where the file has no data."""
     middle_deg = grid.west_deg + grid.columns * grid.step_deg / 2
     turn_deg = 360.0 * round((middle_deg - (file.west_deg + file.east_deg) / 2) / 360.0)
     options: dict[str, Any] = {
@@ -193,7 +194,7 @@ def _read(path: Path, file: ElevationFile, grid: _Grid) -> NDArray[np.float32]:
 
 
 def _opened(path: Path) -> Any:
-    """An open dataset, which closes itself as a context.
+    """An open dataset; it is a context manager that closes itself.
 
     Raises:
         PlanError: it cannot be used.

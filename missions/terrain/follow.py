@@ -1,7 +1,7 @@
 """Resolves altitudes above the ground to altitudes above mean sea level, and adds waypoints so that a plan
 follows the ground.
 
-PX4 refuses terrain frames: it flies to each item at one altitude, and straight lines between items.
+PX4 rejects terrain frames: it flies to each item at one altitude, and in straight lines between items.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ DEFAULT_TOLERANCE_M = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """A plan whose altitudes above the ground are resolved."""
+    """A plan with resolved altitudes above the ground."""
 
     plan: Plan
     resolved: int
-    """Items and rally points whose altitude was resolved."""
+    """Number of items and rally points whose altitude was resolved."""
     unknown: int
-    """Items and rally points that stay unresolved, because no elevation data covers them."""
+    """Number of items and rally points that stay unresolved, because no elevation data cover them."""
     added: int
-    """Waypoints added between others."""
+    """Number of waypoints added between others."""
 
 
 def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None = None) -> Followed:
-    """The plan with all its altitudes above the ground resolved.
+    """Resolves all altitudes above the ground in a plan.
 
     Args:
         plan: any waypoint plan.
         ground: elevation data of the plan's area; None: no data.
-        tolerance_m: between two items above the ground, waypoints are added until the straight lines are
-            within this of their height above the ground (interpolated between both ends). None: none are
-            added.
+        tolerance_m: waypoints are added between two items above the ground until the straight lines keep
+            their height above the ground within this tolerance. That height is interpolated between both
+            ends. None: no waypoints are added.
 
     Raises:
-        PlanError: it would have more items than PX4 has room for.
+        PlanError: it would have more items than PX4 can store.
     """
     resolved = unknown = added = 0
 
@@ -73,33 +73,33 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     first_of: list[int] = []
     """New upload index of each item."""
     count = 0
-    before: PlacedItem | None = None
+    previous: PlacedItem | None = None
     for row in plan.items:
         if isinstance(row, ComplexItem):
             inner = tuple(at_height(each) for each in row.items)
             first_of += range(count, count + len(inner))
             count += len(inner)
             items.append(row.model_copy(update={"items": inner}))
-            before = None
+            previous = None
             continue
         item = at_height(row)
-        flown = item if isinstance(item, PlacedItem) and is_flown_to(item) else None
-        if flown is not None and before is not None and ground is not None and tolerance_m is not None:
-            between_them = _between(before, flown, ground, tolerance_m)
+        current = item if isinstance(item, PlacedItem) and is_flown_to(item) else None
+        if current is not None and previous is not None and ground is not None and tolerance_m is not None:
+            between_them = _between(previous, current, ground, tolerance_m)
             items += between_them
             added, count = added + len(between_them), count + len(between_them)
         first_of.append(count)
         items.append(item)
         count += 1
-        if flown is not None:
-            before = flown
+        if current is not None:
+            previous = current
     if count > MAX_ITEMS:
         reason = f"following the ground needs {count} items, the maximum is {MAX_ITEMS}"
         raise PlanError("the plan", reason, "Raise the tolerance, or split the plan.")
     return Followed(
         plan.model_copy(
             update={
-                "items": tuple(_jumping_to(item, first_of) for item in items) if added else tuple(items),
+                "items": tuple(_with_new_target(item, first_of) for item in items) if added else tuple(items),
                 "rally_points": tuple(rally_at_height(each) for each in plan.rally_points),
             }
         ),
@@ -109,18 +109,18 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     )  # fmt: skip
 
 
-def _jumping_to(item: PlanItem, first_of: Sequence[int]) -> PlanItem:
-    """The item; a jump gets the new index of its target."""
+def _with_new_target(item: PlanItem, first_of: Sequence[int]) -> PlanItem:
+    """The item; if it is a jump, with the new index of its target."""
     if isinstance(item, Jump) and item.target_index < len(first_of):
         return item.model_copy(update={"target_index": first_of[item.target_index]})
     return item
 
 
 def _between(start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: float) -> list[Waypoint]:
-    """Waypoints so that the straight lines from start to end stay near their height above the ground.
+    """Waypoints that keep the straight lines from start to end near their height above the ground.
 
-    A line is divided where it is farthest from that height (Ramer, Douglas, Peucker). None are added where an
-    end's altitude is not above the ground, or the ground is not known on all of the line.
+    A line is divided where its error is largest (Ramer, Douglas, Peucker). No waypoint is added if the
+    altitude of an end is not above the ground, or if the ground is unknown anywhere on the line.
     """
     low, high = start.altitude, end.altitude
     if low.reference != "terrain" or high.reference != "terrain":
@@ -149,7 +149,7 @@ def _between(start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: fl
 
 
 def _divided(share: np.ndarray, wanted_m: np.ndarray, tolerance_m: float) -> list[int]:
-    """Indices between the ends that a line needs, in order."""
+    """Indices between the ends at which the line is divided, in order."""
     keep: list[int] = []
     parts = [(0, len(share) - 1)]
     while parts:
@@ -158,10 +158,10 @@ def _divided(share: np.ndarray, wanted_m: np.ndarray, tolerance_m: float) -> lis
             continue
         inner = slice(first + 1, last)
         straight_m = np.interp(share[inner], share[[first, last]], wanted_m[[first, last]])
-        off_m = np.abs(wanted_m[inner] - straight_m)
-        worst = int(np.argmax(off_m))
-        if off_m[worst] <= tolerance_m:
+        error_m = np.abs(wanted_m[inner] - straight_m)
+        largest = int(np.argmax(error_m))
+        if error_m[largest] <= tolerance_m:
             continue
-        keep.append(first + 1 + worst)
+        keep.append(first + 1 + largest)
         parts += [(first, keep[-1]), (keep[-1], last)]
     return sorted(keep)

@@ -1,4 +1,4 @@
-"""The ground as a grid of altitudes, and the profile of a line over it."""
+"""The ground as a grid of altitudes, and positions along a line over it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from missions.geodesy import EARTH_RADIUS_M, distance_m
 
 Floats = NDArray[np.float64]
 MAX_SAMPLES = 2_000
-"""Of one line."""
+"""Limit for one line."""
 LEAST_SPACING_M = 1.0
 
 
@@ -30,16 +30,16 @@ class Ground:
     step_lon_deg: float
     """Between two columns, positive."""
     amsl_m: NDArray[np.float32]
-    """(rows, columns), at least 2 x 2; NaN: not known."""
+    """(rows, columns), at least 2 x 2; NaN: unknown."""
 
     @property
     def spacing_m(self) -> float:
-        """Between two rows, over the ground."""
+        """Distance between two rows in metres on the ground."""
         return math.radians(self.step_lat_deg) * EARTH_RADIUS_M
 
     def at(self, lat_deg: Floats, lon_deg: Floats) -> Floats:
         """Altitudes AMSL [m], interpolated between four grid points; NaN outside the grid, and where one of
-        the four is not known.
+        the four is unknown.
 
         Args:
             lat_deg: (N,).
@@ -58,23 +58,23 @@ class Ground:
         return np.where(inside, upper * (1.0 - down) + lower * down, np.nan)
 
     def one(self, lat_deg: float, lon_deg: float) -> float | None:
-        """Altitude AMSL at one place [m]; None where it is not known."""
+        """Altitude AMSL at one position [m]; None if unknown."""
         found = float(self.at(np.array([lat_deg]), np.array([lon_deg]))[0])
         return None if math.isnan(found) else found
 
     def unknown_at(self, lat_deg: Sequence[float], lon_deg: Sequence[float]) -> bool:
-        """Whether the ground is not known at one of these places."""
+        """Whether the ground is unknown at one of these positions."""
         return bool(np.isnan(self.at(np.array(lat_deg), np.array(lon_deg))).any())
 
 
 def between(start: tuple[float, float], end: tuple[float, float], spacing_m: float) -> Floats:
-    """Places on the straight line between two places, both included: (N, 3) latitude, longitude [deg] and
-    share of the line (0 to 1).
+    """Positions on the straight line between two positions, both included: (N, 3) latitude, longitude [deg]
+    and fraction of the line (0 to 1).
 
     Args:
         start: latitude, longitude [deg].
         end: latitude, longitude [deg].
-        spacing_m: greatest distance between two places, unless the line would need more than 2,000.
+        spacing_m: greatest distance between two positions, unless the line would need more than 2,000.
     """
     length_m = distance_m(*start, *end)
     count = min(MAX_SAMPLES, 2 + math.ceil(length_m / max(spacing_m, LEAST_SPACING_M)))

@@ -1,4 +1,4 @@
-"""The ground below a flight, to be drawn below its altitudes."""
+"""The ground below a flight, for the altitude chart."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from missions.terrain.ground import Floats, Ground, between
 MAX_POINTS = 600
 
 Profile = tuple[tuple[float, float | None], ...]
-"""Distance along the flight [m], and height of the ground above home or the start [m]; None: not known."""
+"""Distance along the flight [m], and height of the ground above home or the start [m]; None: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +28,11 @@ class PlanGround:
 
     profile: Profile = ()
     not_known: tuple[str, ...] = ()
-    """Sentences."""
+    """Messages about missing elevation data."""
 
 
 def plan_profile(plan: Plan, ground: Ground) -> Profile:
-    """From home through all that is flown to, in the order of the items; empty without a planned home."""
+    """Ground from home through all items that are flown to, in their order; empty without a planned home."""
     home = plan.planned_home
     if home is None:
         return ()
@@ -46,7 +46,7 @@ def plan_profile(plan: Plan, ground: Ground) -> Profile:
 
 
 def mission_profile(legs: Sequence[Leg], origin: LocalOrigin, start_down_m: float, ground: Ground) -> Profile:
-    """Along the way that takes longest; heights above the start."""
+    """Ground along the branch with the longest duration; heights are above the start."""
     rows = [point[1:] for leg in legs if leg.main for point in leg.points]
     if not rows:
         return ()
@@ -67,16 +67,16 @@ def _lines(places: Sequence[tuple[float, float]], ground: Ground) -> Iterable[tu
 
 
 def _thinned(lines: Iterable[tuple[Floats, Floats]], zero_amsl_m: float) -> Profile:
-    """At most `MAX_POINTS`; of points left out between two, the highest counts."""
+    """At most `MAX_POINTS` points; each is the highest of those that it replaces."""
     parts = list(lines)
     if not parts:
         return ()
     along_m = np.concatenate([along for along, _ in parts])
     height_m = np.concatenate([amsl for _, amsl in parts]) - zero_amsl_m
-    each = max(1, -(-len(along_m) // MAX_POINTS))
+    group = max(1, -(-len(along_m) // MAX_POINTS))
     found: list[tuple[float, float | None]] = []
-    for first in range(0, len(along_m), each):
-        part = height_m[first : first + each]
+    for first in range(0, len(along_m), group):
+        part = height_m[first : first + group]
         top = None if np.isnan(part).all() else int(np.nanargmax(part))
         at_m = float(along_m[first + (top or 0)])
         found.append((round(at_m, 1), None if top is None else round(float(part[top]), 1)))

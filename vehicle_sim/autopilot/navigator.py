@@ -98,7 +98,7 @@ class Navigator:
             target_n, target_e = north, east
         target_d = -(alt_amsl_m - origin_alt) if math.isfinite(alt_amsl_m) else down
         self.path.target_ned_m = (target_n, target_e, target_d)
-        self.path.faces_target = not math.isfinite(yaw_ned_rad)
+        self.path.face_target = not math.isfinite(yaw_ned_rad)
         if math.isfinite(yaw_ned_rad):
             self.path.yaw_target_rad = yaw_ned_rad
         else:
@@ -109,7 +109,7 @@ class Navigator:
         north, east, down = self._stopping_place()
         if math.isfinite(alt_amsl_m):
             down = -(alt_amsl_m - self._view.origin[2])
-        self.path.target_ned_m, self.path.faces_target = (north, east, down), True
+        self.path.target_ned_m, self.path.face_target = (north, east, down), True
 
     def change_speed(self, kind: float, speed_m_s: float) -> None:
         """DO_CHANGE_SPEED; an invalid speed restores the speed of the parameters."""
@@ -130,9 +130,9 @@ class Navigator:
             self.mission.leave()
         stays = previous is NavState.TAKEOFF or (previous is NavState.MISSION and self.mission.finished)
         if not stays or mode is not NavState.HOLD:
-            self.path.restart(in_air=in_air, goes_on=previous not in WITHOUT_TASK)
+            self.path.restart(in_air=in_air, continue_setpoint=previous not in WITHOUT_TASK)
             if mode in HOLDING_MODES and in_air:
-                self.path.target_ned_m, self.path.faces_target = self._stopping_place(), True
+                self.path.target_ned_m, self.path.face_target = self._stopping_place(), True
         if mode in LANDING_MODES:
             self._lands_at = self._view.estimate.position_ned_m
         if mode is NavState.TAKEOFF:
@@ -155,12 +155,12 @@ class Navigator:
         if mode is NavState.MISSION:
             self.mission.update(landed=landed)
         elif mode is NavState.RTL and landed:
-            self._return.notice_landing()
+            self._return.check_landing()
 
     def watch(self) -> None:
         """Updates what applies in every mode: geofence and rally points."""
         self.fence.update()
-        self._return.notice_rally()
+        self._return.check_rally_points()
 
     def _stopping_place(self) -> Vector:
         """Position at which Hold stops: the braking distance ahead, at the current height."""
@@ -208,11 +208,11 @@ class Navigator:
         if mode is NavState.MISSION:
             return self.mission.taking_off
         if mode is NavState.FOLLOW:
-            return self.follow.tracks  # on the ground it is too near to the ground
+            return self.follow.has_target  # on the ground it is too near to the ground
         if mode is NavState.RTL and self.landing:
             return False
         if mode is NavState.HOLD:
-            return self.path.lifts
+            return self.path.starts_takeoff
         if mode is NavState.RTL and down is not None:
             return down < self._view.estimate.position_ned_m[2] - 0.5
         return False

@@ -1,6 +1,6 @@
-"""The trajectory that all automatic modes share: a target, smooth axes towards it, and the setpoints.
+"""The trajectory that all automatic modes share: a target, smoothed axes towards it, and the setpoints.
 
-Lengths in metres, NED; `run` methods of the flight tasks call it once a tick of 50 Hz.
+Lengths in metres, NED. The `run` methods of the flight tasks call it once per tick (50 Hz).
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
-TAKEN_OVER_M_S2 = 10.0
-"""More is no motion but a push against the ground."""
-LIFTING_M_S = 0.3
+MAX_CONTINUED_M_S2 = 10.0
+"""A larger acceleration setpoint comes from ground contact and is not continued."""
+TAKEOFF_CLIMB_M_S = 0.3
 """A vehicle on the ground takes off for a trajectory that climbs faster than this."""
 GROUND_VELOCITY_DOWN_M_S = 0.7
-"""On the ground PX4 starts each trajectory downwards at this speed, so that a climb begins only after it is
-braked: 1.4 s into the ramp of a take-off."""
+"""On the ground PX4 starts each trajectory with this descent speed. The climb begins after this speed is
+braked to zero: 1.4 s into the take-off ramp."""
 
 
 class Path:
-    """Where the trajectory is, how it moves and where it leads."""
+    """Position, motion and target of the trajectory."""
 
     def __init__(self, view: VehicleView, row: SetpointRow) -> None:
         self._view = view
@@ -35,62 +35,63 @@ class Path:
         self.x, self.y, self.z = self._smoothing.x, self._smoothing.y, self._smoothing.z
         self.yaw = YawRamp()
         self._way: Way | None = None
-        """The way to `target_ned_m`, from where the vehicle was when that was chosen."""
+        """The waypoints of the way to `target_ned_m`; it starts where the vehicle was when the target was
+        set."""
         self.target_ned_m: tuple[float | None, float | None, float | None] = (None, None, None)
-        """None: not chosen yet, the vehicle comes to rest first."""
+        """None: not set yet; the vehicle stops first."""
         self.yaw_target_rad = 0.0
-        self.faces_target = False
-        """The nose follows the target while that is farther away than NAV_ACC_RAD."""
+        self.face_target = False
+        """The nose points to the target while the target is farther away than NAV_ACC_RAD."""
         self.cruise_m_s = math.nan
-        """NaN, here and below: as the parameters say."""
+        """NaN, here and below: the parameter's value."""
         self.climb_m_s = math.nan
         self.descent_m_s = math.nan
         self._locked_yaw_rad = 0.0
-        """Heading found when the flight task began."""
+        """Heading at the start of the flight task."""
         self._resets = EstimateResets(view)
 
     def follow_resets(self) -> None:
-        """Where the estimate was reset the trajectory goes on from there, instead of chasing the step."""
+        """Moves the trajectory with a reset of the estimate, so that the vehicle does not fly the step."""
         reset = self._resets.take()
         if reset is None:
             return
         position, velocity = self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s
-        moved = (reset.level_position, reset.level_position, reset.height)
-        pushed = (reset.level_velocity, reset.level_velocity, reset.vertical_velocity)
+        position_reset = (reset.level_position, reset.level_position, reset.height)
+        velocity_reset = (reset.level_velocity, reset.level_velocity, reset.vertical_velocity)
         for k, axis in enumerate((self.x, self.y, self.z)):
-            if moved[k]:
+            if position_reset[k]:
                 axis.position_m = position[k]
-            if pushed[k]:
+            if velocity_reset[k]:
                 axis.velocity_m_s = velocity[k]
         self.yaw.yaw_ned_rad = wrap_angle(self.yaw.yaw_ned_rad + reset.heading_rad)
 
-    def restart(self, *, in_air: bool, goes_on: bool = False) -> None:
-        """Begin where the vehicle is, as fast as it moves.
+    def restart(self, *, in_air: bool, continue_setpoint: bool = False) -> None:
+        """Starts the trajectory at the vehicle's position and velocity.
 
         Args:
-            in_air: on the ground the trajectory begins at rest.
-            goes_on: take over what the flight task before asked for last, where it controlled it.
+            in_air: False: the trajectory starts at rest.
+            continue_setpoint: start from the last setpoint of the previous flight task, where it was set.
         """
         estimate = self._view.estimate
         self._smoothing.begin()
         self._resets.forget()
         self._way = None
-        asked = self._row.asked() if goes_on and in_air else ((math.nan,) * 3,) * 3
+        asked = self._row.asked() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
             at, speed, acceleration = (row[k] for row in asked)
             axis.reset(
                 at if math.isfinite(at) else estimate.position_ned_m[k],
                 speed if math.isfinite(speed) else estimate.velocity_ned_m_s[k] if in_air else 0.0,
             )
-            if abs(acceleration) <= TAKEN_OVER_M_S2:
+            if abs(acceleration) <= MAX_CONTINUED_M_S2:
                 axis.acceleration_m_s2 = acceleration
         self.yaw.reset(estimate.yaw_ned_rad)
         self.yaw_target_rad = self._locked_yaw_rad = estimate.yaw_ned_rad
-        self.faces_target = False
+        self.face_target = False
         self.target_ned_m = (None, None, None)
 
     def idle(self) -> None:
-        """The vehicle is on the ground: the trajectory waits at its position."""
+        """Keeps the trajectory at the vehicle's position while the vehicle is on the ground."""
         x, y, z = self._view.estimate.position_ned_m
         self._resets.forget()
         self.x.reset(x)
@@ -98,21 +99,21 @@ class Path:
         self.z.reset(z, GROUND_VELOCITY_DOWN_M_S)
 
     @property
-    def lifts(self) -> bool:
-        """Whether the way to the target would take off a vehicle on the ground: not one that is too flat."""
+    def starts_takeoff(self) -> bool:
+        """Whether the way to the target climbs fast enough to take off a vehicle on the ground."""
         north, east, down = self.target_ned_m
         if north is None or east is None or down is None:
             return False
-        climb = self._smoothing.wanted(self._way_to((north, east, down)), self._limits)[2]
-        return climb < -LIFTING_M_S
+        climb = self._smoothing.velocity_towards(self._way_to((north, east, down)), self._limits)[2]
+        return climb < -TAKEOFF_CLIMB_M_S
 
     @property
     def position_ned_m(self) -> Vector:
-        """Where the trajectory is."""
+        """Current position of the trajectory."""
         return (self.x.position_m, self.y.position_m, self.z.position_m)
 
     def face(self, north_m: float, east_m: float) -> None:
-        """Turn the nose towards a place, where MPC_YAW_MODE wants that and it is not right here."""
+        """Turns the nose towards a position more than 1 m away, if MPC_YAW_MODE selects that."""
         dn, de = north_m - self.x.position_m, east_m - self.y.position_m
         if math.hypot(dn, de) > 1.0 and self._view.choice("MPC_YAW_MODE") in (0, 3, 4):
             self.yaw_target_rad = math.atan2(de, dn)
@@ -123,14 +124,14 @@ class Path:
 
     def _face_target(self) -> None:
         north, east, _ = self.target_ned_m
-        if not self.faces_target or north is None or east is None:
+        if not self.face_target or north is None or east is None:
             return
         x, y, _ = self._view.estimate.position_ned_m
         if math.hypot(north - x, east - y) > self._view.parameter("NAV_ACC_RAD"):
             self.face(north, east)
 
     def fly_to_target(self) -> None:
-        """One tick towards the target in all axes; what is not chosen yet comes to rest first."""
+        """Advances all axes by one tick towards the target; an axis without a target stops first."""
         self._face_target()
         north, east, down = self.target_ned_m
         if north is not None and east is not None and down is not None:
@@ -140,10 +141,11 @@ class Path:
         self.write()
 
     def fly_way(self, way: Way) -> None:
-        """One tick along a way.
+        """Advances by one tick along a way.
 
-        Also on the take-off ramp, with the height: a go-to given on the ground waits, far ahead of a vehicle
-        that still stands, until that follows, and what lifts it is how high the trajectory is by then.
+        This also applies on the take-off ramp, including height. A go-to command given on the ground lets the
+        trajectory wait far ahead of the vehicle, which is still on the ground. The height of the trajectory
+        by then lifts the vehicle off.
         """
         self._smoothing.fly(TICK_S, way, self._limits)
         self.write()
@@ -155,7 +157,8 @@ class Path:
         return self._way
 
     def advance_horizontal(self) -> float:
-        """One tick north and east; how long it is for the trajectory [s], in height too."""
+        """Advances north and east by one tick. Returns the tick length of the trajectory [s], which also
+        applies to height."""
         north, east, down = self.target_ned_m
         way = None
         if north is not None and east is not None:
@@ -165,7 +168,7 @@ class Path:
         return self._smoothing.fly_level(TICK_S, way, self._limits)
 
     def advance_vertical(self, tick_s: float = TICK_S) -> None:
-        """One tick up or down."""
+        """Advances the vertical axis by one tick."""
         north, east, down = self.target_ned_m
         wanted = 0.0
         if down is not None:
@@ -173,20 +176,20 @@ class Path:
             wanted = math.copysign(self._smoothing.vertical_speed(way_m, self._limits), way_m)
         elif abs(self.z.velocity_m_s) < 0.05:
             self.target_ned_m = (north, east, self.z.position_m)
-        self.z_towards(wanted, tick_s)
+        self.advance_vertical_speed(wanted, tick_s)
 
-    def z_towards(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
-        """One tick towards a vertical speed (down is positive)."""
+    def advance_vertical_speed(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
+        """Advances the vertical axis by one tick towards a vertical speed (down is positive)."""
         fly(self.z.row, tick_s)
         self._smoothing.plan_vertical(velocity_m_s)
 
     def turn(self) -> None:
-        """One tick of the heading towards its target; while the heading is not good for control it is free.
+        """Turns the heading by one tick towards its target; it is free while it is not good for control.
 
-        PX4 then locks the heading that it finds: a climb goes on with that to which the magnetometer's
-        alignment in flight has turned the estimate.
+        PX4 then locks the current heading: after the magnetometer's alignment in flight, a climb continues
+        with the corrected heading.
         """
-        if not self._steers_heading:
+        if not self._controls_heading:
             yaw_rad = self._view.estimate.yaw_ned_rad
             self.yaw.reset(yaw_rad)
             if self.yaw_target_rad == self._locked_yaw_rad:
@@ -196,14 +199,14 @@ class Path:
         self.yaw.advance(self.yaw_target_rad, TICK_S, fastest_rad_s)
 
     @property
-    def _steers_heading(self) -> bool:
+    def _controls_heading(self) -> bool:
         return bool(self._view.simulation.fusion.heading_good_for_control[self._view.row])
 
     def write(self) -> None:
-        """Turn, and hand the trajectory to the controllers."""
+        """Turns by one tick and writes the trajectory setpoint for the controllers."""
         self.turn()
         x, y, z = self.x.values, self.y.values, self.z.values
-        yaw_rad = self.yaw.yaw_ned_rad if self._steers_heading else math.nan
+        yaw_rad = self.yaw.yaw_ned_rad if self._controls_heading else math.nan
         self._row.trajectory(
             (x[POSITION], y[POSITION], z[POSITION]),
             (x[VELOCITY], y[VELOCITY], z[VELOCITY]),

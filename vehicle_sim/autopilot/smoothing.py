@@ -1,8 +1,9 @@
-"""From waypoint to waypoint: how fast at each moment, and along which line (PX4's position smoothing).
+"""Speed and direction of the trajectory from waypoint to waypoint (PX4's position smoothing).
 
-The speed wanted falls with the distance left so that the stop, or the speed a corner allows, fits into jerk
-and acceleration. While the trajectory turns it is no faster than before, and it aims at the line rather than
-at the target. Height and place are reached together; a vehicle that lags stretches the trajectory's time.
+The speed falls with the remaining distance, so that jerk and acceleration limits allow the stop or the corner
+speed. While the trajectory turns it does not accelerate, and it aims at the line to the target instead of at
+the target. Height and horizontal position are reached together. If the vehicle lags, the trajectory's time
+runs more slowly.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from vehicle_sim.kernels import Column, Rows, formula, kernel
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ALIGNED = 0.98
-"""Cosine of the angle between velocity and target beyond which the trajectory no longer counts as turning."""
+"""Cosine of the angle between velocity and target above which the trajectory does not count as turning."""
 TURNING_SPEED_M_S = 0.2
 L1_LEAST_M = 5.0
 SLOW_M_S = 0.5
@@ -39,14 +40,14 @@ SETTINGS = (
     _CRUISE, _SPEED_MAX, _UP_SPEED, _DOWN_SPEED, _LEVEL_ACCELERATION, _UP_ACCELERATION, _DOWN_ACCELERATION,
     _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
 ) = range(11)  # fmt: skip
-"""Columns of these."""
+"""Columns of the settings."""
 _FROM, _TO, _ONWARD, _ACCEPTANCE = 0, 3, 6, 9
-"""Where a way's numbers begin: three places, then how near is near enough."""
+"""Offsets in the numbers of a way: three positions and the acceptance radius."""
 _X, _Y, _Z = 0, 1, 2
 
 
 class Limits(NamedTuple):
-    """How fast; what is not finite is as the parameters say."""
+    """Speed limits; a value that is not finite means the parameter's value."""
 
     cruise_m_s: float
     climb_m_s: float
@@ -55,7 +56,7 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """Where from, where to, and what comes then; NED metres."""
+    """Previous, target and next waypoint; NED metres."""
 
     previous_ned_m: Vector
     target_ned_m: Vector
@@ -74,57 +75,59 @@ class Smoothing:
         self.x, self.y, self.z = (Axis(row) for row in self._axes)
         self._before_turn_m_s = np.zeros(1)
         self._settings = np.zeros(len(SETTINGS))
-        self._settings_of = -1
-        """Of which change of parameters these are."""
+        self._settings_version = -1
+        """Value of `parameter_changes` at which the settings were read."""
         self._way: Way | None = None
         self._way_numbers = np.zeros(10)
-        """Of that way; a next place that there is none of is NaN."""
+        """Numbers of that way; NaN for a missing next waypoint."""
 
     def begin(self) -> None:
-        """A new flight task knows no speed before a turn: one that begins across its way brakes first."""
+        """Clears the speed before a turn: a flight task that starts across its way brakes first."""
         self._before_turn_m_s[0] = 0.0
 
     def fly(self, dt_s: float, way: Way, limits: Limits) -> None:
-        """One tick along the way in all axes."""
+        """Advances all axes by one tick along the way."""
         x, y, _ = self._view.estimate.position_ned_m
-        self._take(way)
-        _fly(self._axes, self._known(), self._way_numbers, self._before_turn_m_s, dt_s, x, y, *limits)
+        self._set_way(way)
+        _fly(self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, dt_s, x, y, *limits)
 
-    def wanted(self, way: Way, limits: Limits) -> Vector:
-        """Velocity that the trajectory turns to: along the way, NED."""
-        self._take(way)
-        return _wanted(self._axes, self._known(), self._way_numbers, self._before_turn_m_s, *limits)
+    def velocity_towards(self, way: Way, limits: Limits) -> Vector:
+        """Velocity along the way that the trajectory approaches, NED."""
+        self._set_way(way)
+        return _velocity_towards(
+            self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, *limits
+        )
 
     def fly_level(self, dt_s: float, way: Way | None, limits: Limits) -> float:
-        """One tick north and east only; without a way to rest.
+        """Advances north and east by one tick; without a way towards a stop.
 
         Returns:
-            How long the tick is for the trajectory, which waits for a vehicle that lags [s].
+            Tick length of the trajectory [s]; it is shorter while the vehicle lags.
         """
         x, y, _ = self._view.estimate.position_ned_m
         if way is not None:
-            self._take(way)
+            self._set_way(way)
         return _fly_level(
-            self._axes, self._level_axes, self._known(), self._way_numbers, self._before_turn_m_s, dt_s, x, y,
-            way is not None, limits.cruise_m_s,
+            self._axes, self._level_axes, self._read_settings(), self._way_numbers, self._before_turn_m_s,
+            dt_s, x, y, way is not None, limits.cruise_m_s,
         )  # fmt: skip
 
     def plan_vertical(self, velocity_m_s: float) -> None:
-        """Towards a vertical speed (down is positive) by the limits of that direction."""
-        _plan_vertical(self.z.row, self._known(), velocity_m_s)
+        """Plans a vertical speed (down is positive) with the limits of its direction."""
+        _plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
 
     def vertical_speed(self, way_m: float, limits: Limits) -> float:
-        """How fast to climb or sink this far, never negative."""
-        return _vertical_speed(self._known(), way_m, limits.climb_m_s, limits.descent_m_s)
+        """Speed for a climb or descent of this length, never negative."""
+        return _vertical_speed(self._read_settings(), way_m, limits.climb_m_s, limits.descent_m_s)
 
-    def _known(self) -> Column:
-        """The parameters as they are now."""
-        if self._settings_of != self._view.parameter_changes:
-            self._settings_of = self._view.parameter_changes
+    def _read_settings(self) -> Column:
+        """Current parameter values."""
+        if self._settings_version != self._view.parameter_changes:
+            self._settings_version = self._view.parameter_changes
             self._settings[:] = [self._view.parameter(name) for name in SETTINGS]
         return self._settings
 
-    def _take(self, way: Way) -> None:
+    def _set_way(self, way: Way) -> None:
         if way is not self._way:
             self._way = way
             onward = way.next_ned_m or (math.nan, math.nan, math.nan)
@@ -133,7 +136,8 @@ class Smoothing:
 
 @formula
 def _stretch(axes: Rows, settings: Column, x: float, y: float) -> float:
-    """How much the trajectory waits: not for a vehicle that is ahead, it would never arrive."""
+    """Time factor of the trajectory for a vehicle that lags; 1 for a vehicle ahead, or it would never
+    arrive."""
     behind_n, behind_e = axes[_X, POSITION] - x, axes[_Y, POSITION] - y
     if behind_n * axes[_X, VELOCITY] + behind_e * axes[_Y, VELOCITY] < 0.0:
         return 1.0
@@ -142,9 +146,10 @@ def _stretch(axes: Rows, settings: Column, x: float, y: float) -> float:
 
 @formula
 def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
-    """A part of the velocity within its limit, and by how much the other part must slow down with it.
+    """A component of the velocity within its limit, and the factor by which the other component must slow
+    down.
 
-    Slow parts are only cut: who is a hand's breadth off his height need not crawl along the leg.
+    Slow components are only clipped, so that a small height error does not slow the horizontal flight.
     """
     if speed_m_s <= limit_m_s:
         return speed_m_s, 1.0
@@ -191,10 +196,10 @@ def _turning(axes: Rows, way: Column) -> bool:
 
 
 @formula
-def _crossing(axes: Rows, way: Column) -> tuple[float, float]:
-    """Where to aim while turning: on the line to the target, a radius ahead of the trajectory.
+def _aim_point(axes: Rows, way: Column) -> tuple[float, float]:
+    """Point to aim at while turning: on the line to the target, one radius ahead of the trajectory.
 
-    Who has passed the target aims back at it.
+    Past the target, the point is the target itself.
     """
     pn, pe, tn, te = way[_FROM], way[_FROM + 1], way[_TO], way[_TO + 1]
     length = math.hypot(tn - pn, te - pe)
@@ -216,12 +221,12 @@ def _crossing(axes: Rows, way: Column) -> tuple[float, float]:
 def _level(
     axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, cruise_m_s: float
 ) -> tuple[float, float, float]:
-    """The horizontal speed, and how far north and east the place to aim at lies."""
+    """The horizontal speed, and the distances north and east to the point to aim at."""
     speed = _level_speed(axes, settings, way, cruise_m_s)
     aim_n, aim_e = way[_TO], way[_TO + 1]
     if _turning(axes, way):
         speed = min(speed, before_turn_m_s[0])
-        aim_n, aim_e = _crossing(axes, way)
+        aim_n, aim_e = _aim_point(axes, way)
     else:
         before_turn_m_s[0] = speed
     return speed, aim_n - axes[_X, POSITION], aim_e - axes[_Y, POSITION]
@@ -245,11 +250,11 @@ def _vertical_speed(settings: Column, way_m: float, climb_m_s: float, descent_m_
 
 @kernel
 def _plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
-    rises = velocity_m_s < axis[VELOCITY]
+    climbing = velocity_m_s < axis[VELOCITY]
     plan(
         axis,
         velocity_m_s,
-        settings[_UP_ACCELERATION] if rises else settings[_DOWN_ACCELERATION],
+        settings[_UP_ACCELERATION] if climbing else settings[_DOWN_ACCELERATION],
         settings[_JERK],
     )
 
@@ -274,11 +279,11 @@ def _fly_level(
 
 
 @kernel
-def _wanted(
+def _velocity_towards(
     axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, cruise_m_s: float, climb_m_s: float,
     descent_m_s: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Velocity that the trajectory turns to: along the way, NED."""
+    """Velocity along the way that the trajectory approaches, NED."""
     horizontal, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
     dd = way[_TO + 2] - axes[_Z, POSITION]
     vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
@@ -300,7 +305,9 @@ def _fly(
     stretched_s = dt_s * _stretch(axes, settings, x, y)
     for k in range(3):
         fly(axes[k], stretched_s)
-    north, east, down = _wanted(axes, settings, way, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s)
+    north, east, down = _velocity_towards(
+        axes, settings, way, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s
+    )
     _plan_level(axes, settings, north, east)
     _plan_vertical(axes[_Z], settings, down)
     synchronise(axes)

@@ -1,8 +1,8 @@
-"""Smooth motion of one direction: a velocity reached as fast as acceleration and jerk allow.
+"""Smooth motion of one axis: a velocity is reached as fast as acceleration and jerk limits allow.
 
-The change of velocity has three parts (jerk, constant acceleration, jerk back), as in PX4's smoothing. Axes
-that move together are given the time of the slowest, so that they bend along one curve. An axis is a row of
-numbers, which the compiled functions below move; `Axis` is such a row by its names.
+The change of velocity has three parts (jerk, constant acceleration, opposite jerk), as in PX4's smoothing.
+Axes that move together use the duration of the slowest, so that they follow one curve. An axis is a row of
+numbers for the compiled functions below; `Axis` gives names to the row's numbers.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from vehicle_sim.kernels import Column, Rows, formula, kernel
 POSITION, VELOCITY, ACCELERATION, JERK, ACCELERATION_LIMIT, CHANGE, FIRST, MIDDLE, LAST, PLANNED, SIZE = (
     range(11)
 )
-"""The numbers of an axis: where it is [m], how fast [m/s, m/s²], the signed jerk of the first part [m/s³]
-(that of the last part is the opposite), the limit of the acceleration, the change of velocity planned [m/s],
-how long its three parts last [s], and whether one was planned since the reset: before that, the acceleration
-goes on."""
+"""The numbers of an axis: position [m], velocity [m/s], acceleration [m/s²], signed jerk of the first part
+[m/s³] (the last part has the opposite jerk), limit of the acceleration, planned change of velocity [m/s],
+durations of the three parts [s], and whether a plan exists since the reset. Without a plan the acceleration
+is kept."""
 
 _NEGLIGIBLE = 1e-6
 """Accelerations [m/s²] and changes [m/s] below this count as zero."""
@@ -72,7 +72,7 @@ def _middle_s(axis: Column, first_s: float, last_s: float) -> float:
 
 @kernel
 def plan(axis: Column, velocity_m_s: float, acceleration_limit_m_s2: float, jerk_limit_m_s3: float) -> None:
-    """Chooses the fastest change to a velocity."""
+    """Plans the fastest change to a velocity."""
     a, limit = axis[ACCELERATION], max(jerk_limit_m_s3, 0.1)
     gap = velocity_m_s - (axis[VELOCITY] + 0.5 * a * abs(a) / limit)
     jerk = math.copysign(limit, gap if abs(gap) > _NEGLIGIBLE else a)
@@ -87,7 +87,7 @@ def plan(axis: Column, velocity_m_s: float, acceleration_limit_m_s2: float, jerk
 
 
 @formula
-def _take(axis: Column, total_s: float) -> None:
+def _stretch(axis: Column, total_s: float) -> None:
     """Stretches the planned change to a longer duration."""
     a, jerk, change = axis[ACCELERATION], axis[JERK], axis[CHANGE]
     b = jerk * total_s - a
@@ -110,12 +110,12 @@ def fly(axis: Column, dt_s: float) -> None:
     """Advances along the plan; after its end the velocity is constant."""
     left_s = dt_s
     for part in range(3):
-        lasts_s = axis[FIRST + part]
-        if lasts_s > 0.0 and left_s > 0.0:
-            step_s = min(left_s, lasts_s)
+        part_s = axis[FIRST + part]
+        if part_s > 0.0 and left_s > 0.0:
+            step_s = min(left_s, part_s)
             _move(axis, step_s, (1 - part) * axis[JERK])
             left_s -= step_s
-            axis[FIRST + part] = lasts_s - step_s
+            axis[FIRST + part] = part_s - step_s
     if left_s > 0.0:
         if axis[PLANNED] != 0.0:
             axis[ACCELERATION] = 0.0
@@ -130,11 +130,11 @@ def synchronise(axes: Rows) -> None:
         longest_s = max(longest_s, axes[k, FIRST] + axes[k, MIDDLE] + axes[k, LAST])
     for k in range(axes.shape[0]):
         if axes[k, FIRST] + axes[k, MIDDLE] + axes[k, LAST] < longest_s:
-            _take(axes[k], longest_s)
+            _stretch(axes[k], longest_s)
 
 
-def _number(index: int) -> property:
-    """A number of an axis, to read and to write."""
+def _number_property(index: int) -> property:
+    """Property for one number of an axis."""
 
     def read(axis: Axis) -> float:
         return axis.values[index]
@@ -146,40 +146,40 @@ def _number(index: int) -> property:
 
 
 class Axis:
-    """One direction.
+    """One axis.
 
     Args:
-        row: its numbers; default: of its own, at rest at zero.
+        row: its numbers; default: a new row, at rest at zero.
     """
 
-    position_m = _number(POSITION)
-    velocity_m_s = _number(VELOCITY)
-    acceleration_m_s2 = _number(ACCELERATION)
+    position_m = _number_property(POSITION)
+    velocity_m_s = _number_property(VELOCITY)
+    acceleration_m_s2 = _number_property(ACCELERATION)
 
     def __init__(self, row: NDArray[np.float64] | None = None) -> None:
         self.row = np.zeros(SIZE) if row is None else row
         self.values: memoryview[float] = self.row.data.cast("B").cast("d")
-        """The same numbers, read and written several times as fast."""
+        """The same numbers; access is several times as fast."""
 
     def reset(self, position_m: float, velocity_m_s: float = 0.0) -> None:
-        """Starts again at a position and velocity, without acceleration."""
+        """Sets position and velocity, without acceleration."""
         self.row[:] = 0.0
         self.values[POSITION], self.values[VELOCITY] = position_m, velocity_m_s
 
 
 YAW_RATE_TIME_CONSTANT_S = 0.2
-"""Of the low-pass on the fed-forward yaw rate (from recorded turns: 63 % after 0.2 s)."""
+"""Time constant of the low-pass on the fed-forward yaw rate (from recorded turns: 63 % after 0.2 s)."""
 
 
 @dataclass(slots=True)
 class YawRamp:
-    """A heading that turns no faster than MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass."""
+    """A heading with the rate limit MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass."""
 
     yaw_ned_rad: float = 0.0
     rate_rad_s: float = 0.0
 
     def reset(self, yaw_ned_rad: float) -> None:
-        """Starts again at the vehicle's heading."""
+        """Sets the heading, with zero rate."""
         self.yaw_ned_rad = yaw_ned_rad
         self.rate_rad_s = 0.0
 

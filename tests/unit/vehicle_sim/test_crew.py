@@ -3,14 +3,14 @@
 import pytest
 
 from vehicle_sim import options
-from vehicle_sim.crew import VEHICLES_PER_PROCESS, Share, processes_for, shares
 from vehicle_sim.simulation import row_east
+from vehicle_sim.worker_pool import VEHICLES_PER_PROCESS, Shard, processes_for, split_fleet
 
 
 @pytest.mark.parametrize("vehicles", [1, 2, 7, 100, 250])
 @pytest.mark.parametrize("processes", [1, 2, 3, 8])
 def test_every_vehicle_is_in_one_share(vehicles: int, processes: int) -> None:
-    parts = shares(vehicles, processes)
+    parts = split_fleet(vehicles, processes)
     assert [row for part in parts for row in range(part.first, part.first + part.count)] == list(
         range(vehicles)
     )
@@ -20,13 +20,13 @@ def test_every_vehicle_is_in_one_share(vehicles: int, processes: int) -> None:
 
 def test_they_stand_where_one_process_would_put_them() -> None:
     whole = row_east(5)
-    for part in shares(5, 2):
+    for part in split_fleet(5, 2):
         assert (row_east(part.count, part.first) == whole[part.first : part.first + part.count]).all()
 
 
 def test_few_vehicles_stay_in_one_process() -> None:
     assert processes_for(1) == processes_for(VEHICLES_PER_PROCESS) == 1
-    assert shares(3, 1) == [Share(0, 3)]
+    assert split_fleet(3, 1) == [Shard(0, 3)]
 
 
 @pytest.mark.parametrize("together", [["--lockstep"], ["--speed", "max"]])

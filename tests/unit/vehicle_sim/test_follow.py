@@ -39,7 +39,7 @@ def test_it_follows_a_walking_target_faces_it_and_holds_when_it_is_lost() -> Non
     assert math.degrees(s.sim.autopilots[0].view.estimate.yaw_ned_rad) == pytest.approx(0.0, abs=6)
     s.run(6)
     assert abs(float(estimate.velocity_ned_m_s[0, 0])) < 0.4, "lost after 3 s, it stays"
-    assert not s.sim.autopilots[0].navigator.follow.tracks
+    assert not s.sim.autopilots[0].navigator.follow.has_target
 
 
 class Beacon(Station):

@@ -1,4 +1,4 @@
-"""Take-off: straight up to the height that was asked for."""
+"""Take-off: climbs vertically to the commanded altitude."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 LEAST_CLIMB_M = 0.2
-"""Less above the vehicle does not lift it off."""
+"""A smaller height above the vehicle does not start a take-off."""
 
 
 class Climb:
@@ -23,15 +23,16 @@ class Climb:
         self._path = path
         self._home = home
         self.alt_amsl_m = math.nan
-        """What the command asked for, kept until the climb begins; NaN: MIS_TAKEOFF_ALT."""
+        """Altitude of the command, kept until the climb begins; NaN: MIS_TAKEOFF_ALT."""
 
     def enter(self) -> None:
-        """Choose the height: the one asked for, else MIS_TAKEOFF_ALT from here, and never below here."""
+        """Sets the altitude: the commanded one, else MIS_TAKEOFF_ALT above the vehicle, but not below the
+        vehicle."""
         default_m = self._view.parameter("MIS_TAKEOFF_ALT")
-        here = self._view.estimate.alt_amsl_m
+        current_amsl_m = self._view.estimate.alt_amsl_m
         wanted, self.alt_amsl_m = self.alt_amsl_m, math.nan
         if not math.isfinite(wanted):
-            wanted = here + default_m
+            wanted = current_amsl_m + default_m
             self._announcer.both(
                 6,
                 f"Using default takeoff altitude: {default_m:.1f} m",
@@ -39,8 +40,8 @@ class Climb:
                 "f",
                 default_m,
             )
-        elif wanted < here:
-            wanted = here
+        elif wanted < current_amsl_m:
+            wanted = current_amsl_m
             self._announcer.both(
                 2, "Already higher than takeoff altitude", "navigator_takeoff_already_higher"
             )
@@ -48,26 +49,26 @@ class Climb:
 
     @property
     def wants_to_climb(self) -> bool:
-        """Whether the height that was chosen is above the vehicle; if not it stays on the ground."""
+        """Whether the target altitude is above the vehicle; otherwise the vehicle stays on the ground."""
         down = self._path.target_ned_m[2]
         return down is not None and down < self._view.estimate.position_ned_m[2] - LEAST_CLIMB_M
 
     def begin(self, alt_amsl_m: float) -> None:
-        """Straight up to an altitude, as a mission also asks for before its first item."""
+        """Sets a vertical climb to an altitude; a mission uses it before its first item."""
         north, east, _ = self._view.estimate.position_ned_m
         self._path.target_ned_m = (north, east, self._view.origin[2] - alt_amsl_m)
 
     @property
     def goal_alt_amsl_m(self) -> float:
-        """The altitude of the climb that was begun."""
+        """The target altitude of the climb."""
         down = self._path.target_ned_m[2]
         return math.nan if down is None else self._view.origin[2] - down
 
     def run(self) -> None:
-        """One tick of the climb.
+        """Runs one tick of the climb.
 
-        Below MPC_LAND_ALT1 it gains speed as slowly as the ramp of the take-off gains thrust, and its height
-        is the vehicle's own, so that it does not lead down at first.
+        Below MPC_LAND_ALT1 the acceleration is limited to that of the take-off ramp. The trajectory's height
+        is then the vehicle's height, so that it does not descend at first.
         """
         path, parameter = self._path, self._view.parameter
         _, _, down = path.target_ned_m

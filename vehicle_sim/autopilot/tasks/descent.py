@@ -1,6 +1,7 @@
-"""Landing: down where the vehicle is, slower near the ground.
+"""Landing: descends at the current position, slower near the ground.
 
-Near is what the range finder says; without it, height above the local origin, and no crawling.
+Height is measured by the range finder. Without it, height above the local origin is used, and the lowest
+speed MPC_LAND_CRWL is not applied.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ class Descent:
         self._path = path
 
     def run(self) -> None:
-        """One tick of the descent."""
+        """Runs one tick of the descent."""
         tick_s = self._path.advance_horizontal()
-        self._path.z_towards(self._land_speed(), tick_s)
+        self._path.advance_vertical_speed(self._land_speed(), tick_s)
         self._path.write()
 
     def _land_speed(self) -> float:

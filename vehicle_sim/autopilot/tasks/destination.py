@@ -1,4 +1,4 @@
-"""Where a return ends and by which way: home, a rally point or the mission's landing, as RTL_TYPE says."""
+"""End and route of a return: home, a rally point or the mission's landing, by RTL_TYPE."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 CLOSEST_SAFE, NOT_HOME, MISSION_PATH, CLOSEST_OF_ALL, FEWEST_WAYPOINTS = range(5)
-"""RTL_TYPE."""
+"""Values of RTL_TYPE."""
 RALLY_FRAMES = (0, 3)
-"""What PX4's return understands; others are told of and not used."""
+"""Frames of rally points that PX4's return supports; points in other frames are reported and not used."""
 
 
-class Kind(Enum):
-    """What kind of place it is."""
+class DestinationKind(Enum):
+    """Kind of destination."""
 
     HOME = "home"
     RALLY = "rally"
@@ -29,28 +29,28 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Destination:
-    """A place to land at, and what lies on the way."""
+    """A position to land at, and the route to it."""
 
-    kind: Kind
-    place_ned_m: Vector
-    """On the ground, or of the landing's entrance as high as that is."""
+    kind: DestinationKind
+    position_ned_m: Vector
+    """On the ground; for a mission landing, a waypoint of its route."""
     yaw_ned_rad: float
     route_ned_m: tuple[Vector, ...] = ()
-    """Waypoints to fly through; the vehicle lands at the last."""
+    """Waypoints to fly through; the vehicle lands at the last one."""
     climbs: bool = True
-    """First to the return altitude."""
+    """Whether the vehicle first climbs to the return altitude."""
 
 
-class Chooser:
-    """Picks the destination of one vehicle's return."""
+class DestinationChooser:
+    """Chooses the destination of one vehicle's return."""
 
     def __init__(self, view: VehicleView, announcer: Announcer, home: Home, plans: Plans) -> None:
         self._view, self._announcer, self._home, self._plans = view, announcer, home, plans
 
     def choose(self, mission_seq: int) -> Destination:
-        """By RTL_TYPE; `mission_seq` is the mission item that was current."""
+        """Chooses by RTL_TYPE; `mission_seq` is the mission item that was current."""
         kind = self._view.choice("RTL_TYPE")
-        home = Destination(Kind.HOME, self._home.position_ned_m, self._home.yaw_ned_rad)
+        home = Destination(DestinationKind.HOME, self._home.position_ned_m, self._home.yaw_ned_rad)
         landing = self._landing()
         if kind in (MISSION_PATH, FEWEST_WAYPOINTS):
             return self._along_mission(kind, mission_seq, landing, home)
@@ -63,7 +63,7 @@ class Chooser:
 
     def _distance_m(self, destination: Destination) -> float:
         north, east, _ = self._view.estimate.position_ned_m
-        return math.hypot(destination.place_ned_m[0] - north, destination.place_ned_m[1] - east)
+        return math.hypot(destination.position_ned_m[0] - north, destination.position_ned_m[1] - east)
 
     def _rally_points(self) -> list[Destination]:
         points: list[Destination] = []
@@ -72,7 +72,9 @@ class Chooser:
             if item.command != RALLY_POINT:
                 continue
             if item.frame in RALLY_FRAMES:
-                points.append(Destination(Kind.RALLY, self._place(item), self._home.yaw_ned_rad))
+                points.append(
+                    Destination(DestinationKind.RALLY, self._local_position(item), self._home.yaw_ned_rad)
+                )
             elif unknown is None:
                 unknown = item.frame
         if unknown is not None:
@@ -80,45 +82,49 @@ class Chooser:
         return points
 
     def _landing(self) -> Destination | None:
-        """The mission's landing: from DO_LAND_START where there is one, else its LAND item."""
+        """The mission's landing: from DO_LAND_START if present, else its LAND item."""
         items = self._plans.mission
         land = next((seq for seq, item in enumerate(items) if item.command == LAND), None)
         if land is None:
             return None
         start = next((seq for seq, item in enumerate(items[:land]) if item.command == LAND_START), land)
-        route = tuple(self._place(item) for item in items[start : land + 1] if item.is_position)
+        route = tuple(self._local_position(item) for item in items[start : land + 1] if item.is_position)
         yaw = items[land].yaw_rad()
         return Destination(
-            Kind.LANDING, route[0], yaw if math.isfinite(yaw) else self._home.yaw_ned_rad, route
+            DestinationKind.LANDING, route[0], yaw if math.isfinite(yaw) else self._home.yaw_ned_rad, route
         )
 
     def _along_mission(
         self, kind: int, seq: int, landing: Destination | None, home: Destination
     ) -> Destination:
         items = self._plans.mission
-        back = [self._place(item) for item in reversed(items[:seq]) if _is_passed(item)]
+        back = [self._local_position(item) for item in reversed(items[:seq]) if _is_flown_through(item)]
         reverse = Destination(
-            Kind.HOME, home.place_ned_m, home.yaw_ned_rad, (*back, home.place_ned_m), climbs=not back
+            DestinationKind.HOME,
+            home.position_ned_m,
+            home.yaw_ned_rad,
+            (*back, home.position_ned_m),
+            climbs=not back,
         )
         if landing is None:
             return reverse
         land = next(n for n, item in enumerate(items) if item.command == LAND)
-        onward = tuple(self._place(item) for item in items[seq : land + 1] if item.is_position)
+        onward = tuple(self._local_position(item) for item in items[seq : land + 1] if item.is_position)
         if not onward:
             return landing
         if kind == FEWEST_WAYPOINTS and len(back) < len(onward) - 1:
             return reverse
-        return Destination(Kind.LANDING, onward[-1], landing.yaw_ned_rad, onward, climbs=False)
+        return Destination(DestinationKind.LANDING, onward[-1], landing.yaw_ned_rad, onward, climbs=False)
 
-    def _place(self, item: Item) -> Vector:
+    def _local_position(self, item: Item) -> Vector:
         origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 
-    def complain(self) -> None:
-        """Say which rally points cannot be used, as PX4 does soon after they were uploaded."""
+    def report_unusable(self) -> None:
+        """Reports rally points that cannot be used, as PX4 does shortly after their upload."""
         self._rally_points()
 
 
-def _is_passed(item: Item) -> bool:
+def _is_flown_through(item: Item) -> bool:
     return item.is_position and item.command not in (LAND, RETURN)

@@ -1,9 +1,9 @@
-"""Follow Target: flies beside the sender of FOLLOW_TARGET, at the distance, angle and height of FLW_TGT_*.
+"""Follow Target: follows the sender of FOLLOW_TARGET at the distance, angle and height of FLW_TGT_*.
 
-Where the target is comes through a filter of second order (FLW_TGT_RS is its time); the vehicle keeps its
-angle to the target's course and goes around it no faster than FLW_TGT_MAX_VEL. With no target it holds.
-Height comes first: as long as it is far from its height the vehicle moves only up or down, and within a metre
-of the ground it climbs whatever height was asked for.
+The target's position passes a second-order filter (time constant FLW_TGT_RS). The vehicle keeps its angle to
+the target's course, and moves around the target no faster than FLW_TGT_MAX_VEL. Without a target it holds its
+position. Height has priority: with a large height error the vehicle moves only vertically. Within a metre of
+the ground it climbs, whatever its target height.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from vehicle_sim.vehicle_view import VehicleView
 
 LOST_AFTER_S = 3.0
 """The target is lost after this time without a message."""
-COURSE_FROM_M_S = 1.0
+MIN_COURSE_SPEED_M_S = 1.0
 """Below this speed the target's last course is kept."""
 MIN_HEIGHT_M = 1.0
 """Below this height the vehicle stops and climbs."""
-AWAY_FROM_GROUND_M_S = 0.5
+CLIMB_FROM_GROUND_M_S = 0.5
 """Climb speed below the minimum height."""
 HEIGHT_FIRST_M = 3.0
 """With a larger height error than this, the vehicle does not move horizontally."""
 ABOVE_HOME, ABOVE_TERRAIN, ABOVE_TARGET = range(3)
-"""FLW_TGT_ALT_M."""
+"""Values of FLW_TGT_ALT_M."""
 _NONE = (math.nan, math.nan, math.nan)
 YAW_FROM_M = 1.0
 
@@ -46,7 +46,7 @@ class TargetMessage:
 
 
 class _Filtered:
-    """One direction of the target: follows position and speed without a jump."""
+    """One axis of the target's filtered position and speed."""
 
     def __init__(self, position_m: float, velocity_m_s: float) -> None:
         self.position_m = position_m
@@ -54,9 +54,9 @@ class _Filtered:
 
     def update(self, position_m: float, velocity_m_s: float, time_constant_s: float) -> None:
         frequency = 1.0 / max(time_constant_s, 2.0 * TICK_S)
-        pull = frequency * frequency * (position_m - self.position_m)
+        stiffness = frequency * frequency * (position_m - self.position_m)
         damping = 2.0 * frequency * (velocity_m_s - self.velocity_m_s)
-        self.velocity_m_s += (pull + damping) * TICK_S
+        self.velocity_m_s += (stiffness + damping) * TICK_S
         self.position_m += self.velocity_m_s * TICK_S
 
 
@@ -65,63 +65,67 @@ class Follow:
 
     def __init__(self, view: VehicleView, path: Path, row: SetpointRow, home: Home) -> None:
         self._view, self._path, self._row, self._home = view, path, row, home
-        self._heard: TargetMessage | None = None
+        self._message: TargetMessage | None = None
         self._target: tuple[_Filtered, _Filtered, _Filtered] | None = None
         self._course_rad = math.nan
         self._angle_rad = 0.0
-        """Current angle from the target to the vehicle; it changes to the wanted angle at a limited speed."""
+        """Current angle from the target to the vehicle; it changes to the desired angle at a limited
+        speed."""
 
-    def hear(
+    def receive(
         self, lat_deg: float, lon_deg: float, alt_amsl_m: float, velocity_ned_m_s: tuple[float, float, float]
     ) -> None:
         """Stores a message; a message without a position is ignored."""
         if is_position(lat_deg, lon_deg) and math.isfinite(alt_amsl_m):
             vn, ve, vd = (each if math.isfinite(each) else 0.0 for each in velocity_ned_m_s)
-            self._heard = TargetMessage(self._view.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
+            self._message = TargetMessage(self._view.time_s, lat_deg, lon_deg, alt_amsl_m, (vn, ve, vd))
 
     def enter(self) -> None:
-        """Starts with the next message."""
+        """Clears the target; the task starts with the next message."""
         self._target, self._course_rad = None, math.nan
 
     @property
-    def tracks(self) -> bool:
+    def has_target(self) -> bool:
         """Whether there is a target."""
-        return self._heard is not None and self._view.time_s - self._heard.at_s < LOST_AFTER_S
+        return self._message is not None and self._view.time_s - self._message.at_s < LOST_AFTER_S
 
     def run(self) -> None:
-        """One tick: follows the target, or waits for one."""
-        if self._heard is None or not self.tracks:
+        """Runs one tick: follows the target, or holds position without one."""
+        if self._message is None or not self.has_target:
             if self._target is not None:
                 self._target = None
-                self._path.restart(in_air=True, goes_on=True)
+                self._path.restart(in_air=True, continue_setpoint=True)
             self._path.fly_to_target()
             return
-        north, east, down = self._where(self._heard)
-        self._turn(north, east)
+        north, east, down = self._target_position(self._message)
+        self._update_course(north, east)
         parameter = self._view.parameter
         distance_m = parameter("FLW_TGT_DST")
         to_vehicle = (math.cos(self._angle_rad), math.sin(self._angle_rad))
-        around_rad_s = self._step_around(distance_m) / TICK_S
-        place = (north.position_m + distance_m * to_vehicle[0], east.position_m + distance_m * to_vehicle[1])
+        angle_rate_rad_s = self._step_angle(distance_m) / TICK_S
+        goal_ne_m = (
+            north.position_m + distance_m * to_vehicle[0],
+            east.position_m + distance_m * to_vehicle[1],
+        )
         velocity = (
-            north.velocity_m_s - around_rad_s * distance_m * to_vehicle[1],
-            east.velocity_m_s + around_rad_s * distance_m * to_vehicle[0],
+            north.velocity_m_s - angle_rate_rad_s * distance_m * to_vehicle[1],
+            east.velocity_m_s + angle_rate_rad_s * distance_m * to_vehicle[0],
         )
         self._face(north.position_m, east.position_m)
         yaw = self._path.yaw
         here_n, here_e, here_d = self._view.estimate.position_ned_m
         goal = self._goal_down_m(down.position_m)
         if self._above_ground_m < MIN_HEIGHT_M:
-            position, speed = (math.nan, math.nan, here_d), (0.0, 0.0, -AWAY_FROM_GROUND_M_S)
+            position, speed = (math.nan, math.nan, here_d), (0.0, 0.0, -CLIMB_FROM_GROUND_M_S)
         elif abs(goal - here_d) >= HEIGHT_FIRST_M:
             position, speed = (here_n, here_e, goal), (0.0, 0.0, math.nan)
         else:
-            position, speed = (*place, goal), (*velocity, math.nan)
+            position, speed = (*goal_ne_m, goal), (*velocity, math.nan)
         self._row.trajectory(position, speed, _NONE, yaw.yaw_ned_rad, yaw.rate_rad_s)
 
     @property
     def _above_ground_m(self) -> float:
-        """Height by the range finder, or above home if that has no measurement."""
+        """Height by the range finder, or above home without a range measurement."""
         estimate = self._view.estimate
         if math.isfinite(estimate.height_above_ground_m):
             return estimate.height_above_ground_m
@@ -136,40 +140,40 @@ class Follow:
             return self._view.estimate.position_ned_m[2] + self._above_ground_m - height_m
         return self._home.position_ned_m[2] - height_m
 
-    def _where(self, heard: TargetMessage) -> tuple[_Filtered, _Filtered, _Filtered]:
+    def _target_position(self, message: TargetMessage) -> tuple[_Filtered, _Filtered, _Filtered]:
         """Current target position, extrapolated from its last message."""
         lat, lon, alt = self._view.origin
-        n, e = to_local(heard.lat_deg, heard.lon_deg, lat, lon)  # type: ignore[arg-type]
-        age_s = self._view.time_s - heard.at_s
+        n, e = to_local(message.lat_deg, message.lon_deg, lat, lon)  # type: ignore[arg-type]
+        age_s = self._view.time_s - message.at_s
         now = [
             at + age_s * speed
             for at, speed in zip(
-                (float(n), float(e), alt - heard.alt_amsl_m), heard.velocity_ned_m_s, strict=True
+                (float(n), float(e), alt - message.alt_amsl_m), message.velocity_ned_m_s, strict=True
             )
         ]
         if self._target is None:
-            vn, ve, vd = heard.velocity_ned_m_s
+            vn, ve, vd = message.velocity_ned_m_s
             self._target = (_Filtered(now[0], vn), _Filtered(now[1], ve), _Filtered(now[2], vd))
             x, y, _ = self._view.estimate.position_ned_m
             self._angle_rad = math.atan2(y - now[1], x - now[0])
             self._path.yaw.reset(self._view.estimate.yaw_ned_rad)
         slow_s = self._view.parameter("FLW_TGT_RS")
-        for axis, at, speed in zip(self._target, now, heard.velocity_ned_m_s, strict=True):
+        for axis, at, speed in zip(self._target, now, message.velocity_ned_m_s, strict=True):
             axis.update(at, speed, slow_s)
         return self._target
 
-    def _turn(self, north: _Filtered, east: _Filtered) -> None:
+    def _update_course(self, north: _Filtered, east: _Filtered) -> None:
         speed = math.hypot(north.velocity_m_s, east.velocity_m_s)
-        if speed > COURSE_FROM_M_S:
+        if speed > MIN_COURSE_SPEED_M_S:
             self._course_rad = math.atan2(east.velocity_m_s, north.velocity_m_s)
 
-    def _step_around(self, distance_m: float) -> float:
-        """Turns the angle towards the wanted one; for a target that never moved the angle is kept."""
+    def _step_angle(self, distance_m: float) -> float:
+        """Turns the angle towards the desired angle; for a target that never moved the angle is kept."""
         if math.isnan(self._course_rad):
             return 0.0
         wanted = self._course_rad + math.radians(self._view.parameter("FLW_TGT_FA"))
-        most = self._view.parameter("FLW_TGT_MAX_VEL") / max(distance_m, 1.0) * TICK_S
-        step = max(-most, min(most, wrap_angle(wanted - self._angle_rad)))
+        max_step = self._view.parameter("FLW_TGT_MAX_VEL") / max(distance_m, 1.0) * TICK_S
+        step = max(-max_step, min(max_step, wrap_angle(wanted - self._angle_rad)))
         self._angle_rad = wrap_angle(self._angle_rad + step)
         return step
 

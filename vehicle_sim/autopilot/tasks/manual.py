@@ -1,4 +1,5 @@
-"""Flying with sticks: Position, Altitude, Stabilized and Acro as PX4 turns deflections into setpoints."""
+"""Stick modes: conversion of stick deflections to setpoints in Position, Altitude, Stabilized and Acro, as in
+PX4."""
 
 from __future__ import annotations
 
@@ -15,16 +16,16 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 DIRECT_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
-"""Flown by attitude or rates, on the ground too; PX4's Manual of a multicopter is Stabilized."""
+"""Modes that control attitude or rates, also on the ground; PX4's Manual of a multicopter is Stabilized."""
 STICK_MODES = DIRECT_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
 
 TAKEOFF_THROTTLE = 0.3
-"""So far above the middle the throttle lifts a standing vehicle."""
+"""A throttle this far above the middle takes off a vehicle on the ground."""
 BRAKE_BOOST = 2.0
 BRAKE_BOOST_TIME_CONSTANT_S = 0.8
 DRAG_ACCELERATION_FACTOR = 2.0
-"""Twice MPC_ACC_HOR is asked for at first, since drag takes half of it on the way to full speed."""
-STANDS_M_S = 0.01
+"""The acceleration starts at twice MPC_ACC_HOR, because drag takes half of it on average up to full speed."""
+STANDSTILL_M_S = 0.01
 
 
 class Manual:
@@ -38,8 +39,8 @@ class Manual:
         self._mode: NavState | None = None
         self._velocity_m_s = (0.0, 0.0)
         self._acceleration_m_s2 = (0.0, 0.0)
-        self._lock_m: tuple[float, float] | None = None
-        self._height_lock_m: float | None = None
+        self._held_position_m: tuple[float, float] | None = None
+        self._held_down_m: float | None = None
         self._z = Axis()
         self._brake_boost = 1.0
         self._yaw_rad: float | None = None
@@ -50,13 +51,13 @@ class Manual:
     # --- asked by the take-off state and the land detector -------------------------------------------------
 
     def wants_to_climb(self) -> bool:
-        """Whether the throttle would lift a standing vehicle."""
+        """Whether the throttle would take off a vehicle on the ground."""
         return self._sticks.raw.throttle > TAKEOFF_THROTTLE
 
     # --- each tick -----------------------------------------------------------------------------------------
 
     def run(self, mode: NavState) -> None:
-        """One tick of a stick mode."""
+        """Runs one tick of a stick mode."""
         self._begin(mode)
         if mode is NavState.ACRO:
             thrust = 0.5 * (self._sticks.raw.throttle + 1.0)
@@ -67,12 +68,12 @@ class Manual:
             self._fly(mode)
 
     def wait(self, mode: NavState) -> bool:
-        """One tick of a stick mode that was flown until its sticks fell silent: stop until they return.
+        """Runs one tick of a stick mode whose sticks are lost: the vehicle stops until they return.
 
-        PX4 keeps the flight task, with the speeds it had asked for, and stands still meanwhile.
+        PX4 keeps the flight task and its speed setpoints while the vehicle stops.
 
         Returns:
-            False where nobody has flown it by stick, or a mode below the trajectory was flown.
+            False if this mode was not flown by stick, or if it is a mode below trajectory control.
         """
         now_s = self._view.time_s
         if mode in DIRECT_MODES or mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
@@ -82,12 +83,12 @@ class Manual:
         return True
 
     def _begin(self, mode: NavState) -> None:
-        """Start from how the vehicle moves when the mode, or flying by it, begins."""
+        """Initializes the task from the vehicle's motion when the mode or stick control starts."""
         now_s, estimate = self._view.time_s, self._view.estimate
         if mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
             vn, ve, vd = estimate.velocity_ned_m_s
             self._mode, self._velocity_m_s, self._acceleration_m_s2 = mode, (vn, ve), (0.0, 0.0)
-            self._lock_m = self._height_lock_m = self._yaw_rad = None
+            self._held_position_m = self._held_down_m = self._yaw_rad = None
             self._z.reset(estimate.position_ned_m[2], vd)
             self._brake_boost, self._yaw_rate_rad_s = 1.0, 0.0
             self._resets.forget()
@@ -95,27 +96,27 @@ class Manual:
         self._follow_resets()
 
     def _follow_resets(self) -> None:
-        """Where the estimate was reset the flight goes on from there, instead of chasing the step."""
+        """Moves the setpoints with a reset of the estimate, so that the vehicle does not fly the step."""
         reset = self._resets.take()
         if reset is None:
             return
         (north, east, down), (vn, ve, vd) = (
             self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip
-        if reset.level_position and self._lock_m is not None:
-            self._lock_m = north, east
-        if reset.level_velocity and self._lock_m is None:
+        if reset.level_position and self._held_position_m is not None:
+            self._held_position_m = north, east
+        if reset.level_velocity and self._held_position_m is None:
             self._velocity_m_s = vn, ve
         if reset.height:
             self._z.position_m = down
-            self._height_lock_m = None if self._height_lock_m is None else down
-        if reset.vertical_velocity and self._height_lock_m is None:
+            self._held_down_m = None if self._held_down_m is None else down
+        if reset.vertical_velocity and self._held_down_m is None:
             self._z.velocity_m_s = vd
         if self._yaw_rad is not None:
             self._yaw_rad = wrap_angle(self._yaw_rad + reset.heading_rad)
 
     def _stabilize(self) -> None:
-        """Attitude by right stick, heading by rate, thrust by throttle."""
+        """Attitude from the right stick, heading from a yaw rate, thrust from the throttle."""
         parameter, raw = self._view.parameter, self._sticks.raw
         limit = math.radians(parameter("MPC_MAN_TILT_MAX"))
         roll, pitch = raw.right * limit, -raw.forward * limit
@@ -138,21 +139,23 @@ class Manual:
         z, vz = self._vertical(mode)
         if mode is NavState.ALTITUDE:
             north, east = self._heading_frame(*self._unit_stick())
-            lean = GRAVITY_M_S2 * math.tan(math.radians(self._view.parameter("MPC_MAN_TILT_MAX")))
+            max_acceleration_m_s2 = GRAVITY_M_S2 * math.tan(
+                math.radians(self._view.parameter("MPC_MAN_TILT_MAX"))
+            )
             self._row.trajectory(
-                (math.nan, math.nan, z), (math.nan, math.nan, vz), (north * lean, east * lean, math.nan),
-                yaw_rad, yaw_rate,
+                (math.nan, math.nan, z), (math.nan, math.nan, vz), (north * max_acceleration_m_s2, east *
+                max_acceleration_m_s2, math.nan), yaw_rad, yaw_rate,
             )  # fmt: skip
             return
-        lock = self._horizontal(mode)
-        n, e = lock if lock is not None else (math.nan, math.nan)
+        held_position = self._horizontal(mode)
+        n, e = held_position if held_position is not None else (math.nan, math.nan)
         (vn, ve), (an, ae) = self._velocity_m_s, self._acceleration_m_s2
         self._row.trajectory((n, e, z), (vn, ve, vz), (an, ae, math.nan), yaw_rad, yaw_rate)
 
     # --- heading -------------------------------------------------------------------------------------------
 
     def _turn(self) -> tuple[float, float]:
-        """Heading to hold and rate: the stick asks for a rate, and where it rests the heading is locked."""
+        """Heading to hold and yaw rate: the stick commands a rate; at zero stick the heading is locked."""
         parameter = self._view.parameter
         name = "MC_SLOW_DEF_YAWR" if self._mode is NavState.POSITION_SLOW else "MPC_MAN_Y_MAX"
         wanted = self._sticks.shaped().yaw * math.radians(parameter(name))
@@ -173,7 +176,7 @@ class Manual:
         return c * forward - s * right, s * forward + c * right
 
     def _unit_stick(self) -> tuple[float, float]:
-        """The right stick, no longer than one."""
+        """The right stick, limited to length one."""
         shaped = self._sticks.shaped()
         length = max(1.0, math.hypot(shaped.forward, shaped.right))
         return shaped.forward / length, shaped.right / length
@@ -181,49 +184,50 @@ class Manual:
     # --- over the ground -----------------------------------------------------------------------------------
 
     def _horizontal(self, mode: NavState) -> tuple[float, float] | None:
-        """Acceleration by stick less a drag that ends at full speed; where it stands, the place is held."""
+        """Acceleration from the stick minus a drag that equals it at full speed; at standstill the position
+        is held."""
         parameter, estimate = self._view.parameter, self._view.estimate
         full = max(0.1, parameter("MPC_VEL_MANUAL"))
         fastest = min(full, parameter("MC_SLOW_DEF_HVEL")) if mode is NavState.POSITION_SLOW else full
-        hardest = DRAG_ACCELERATION_FACTOR * parameter("MPC_ACC_HOR") * fastest / full
+        max_acceleration = DRAG_ACCELERATION_FACTOR * parameter("MPC_ACC_HOR") * fastest / full
         stick = self._unit_stick()
-        resting = stick == (0.0, 0.0)
-        boost = BRAKE_BOOST if resting else 1.0
-        follow = TICK_S / (TICK_S + BRAKE_BOOST_TIME_CONSTANT_S)
-        self._brake_boost += follow * (boost - self._brake_boost)
-        if not resting and self._lock_m is not None:
-            # No jump where the position loop ends.
+        centred = stick == (0.0, 0.0)
+        boost = BRAKE_BOOST if centred else 1.0
+        boost_gain = TICK_S / (TICK_S + BRAKE_BOOST_TIME_CONSTANT_S)
+        self._brake_boost += boost_gain * (boost - self._brake_boost)
+        if not centred and self._held_position_m is not None:
+            # The velocity starts from the last setpoint, so that releasing the position hold causes no jump.
             target, i = self._view.simulation.target, self._view.row
             vn, ve, _ = target.velocity_ned_m_s[i].tolist()
-            self._velocity_m_s, self._lock_m = (vn, ve), None
+            self._velocity_m_s, self._held_position_m = (vn, ve), None
         vn, ve = self._velocity_m_s
         speed = math.hypot(vn, ve)
-        drag = self._brake_boost * hardest / fastest
+        drag = self._brake_boost * max_acceleration / fastest
         if 0.0 < speed < 1.0:
             drag /= math.sqrt(speed)
         north, east = self._heading_frame(*stick)
-        wanted = (north * hardest - drag * vn, east * hardest - drag * ve)
+        wanted = (north * max_acceleration - drag * vn, east * max_acceleration - drag * ve)
         change = parameter("MPC_JERK_MAX") * TICK_S
         before = self._acceleration_m_s2
         an, ae = (old + max(-change, min(change, new - old)) for old, new in zip(before, wanted, strict=True))
         vn += 0.5 * (before[0] + an) * TICK_S
         ve += 0.5 * (before[1] + ae) * TICK_S
-        if resting and (math.hypot(vn, ve) < STANDS_M_S or self._reverses(vn, ve)):
+        if centred and (math.hypot(vn, ve) < STANDSTILL_M_S or self._reverses(vn, ve)):
             vn = ve = an = ae = 0.0
         self._velocity_m_s, self._acceleration_m_s2 = (vn, ve), (an, ae)
-        if resting and vn == 0.0 and ve == 0.0 and self._lock_m is None:
-            self._lock_m = estimate.position_ned_m[0], estimate.position_ned_m[1]
-        return self._lock_m
+        if centred and vn == 0.0 and ve == 0.0 and self._held_position_m is None:
+            self._held_position_m = estimate.position_ned_m[0], estimate.position_ned_m[1]
+        return self._held_position_m
 
     def _reverses(self, vn: float, ve: float) -> bool:
-        """Braking has passed the standstill."""
+        """Whether braking has reversed the velocity."""
         old_n, old_e = self._velocity_m_s
         return vn * old_n + ve * old_e < 0.0
 
     # --- height --------------------------------------------------------------------------------------------
 
     def _vertical(self, mode: NavState) -> tuple[float, float]:
-        """Climb rate by throttle, smooth; height held where the throttle rests."""
+        """Smooth climb rate from the throttle; height is held at zero throttle."""
         parameter, estimate = self._view.parameter, self._view.estimate
         throttle = self._sticks.shaped().throttle
         up, down = parameter("MPC_Z_VEL_MAX_UP"), parameter("MPC_Z_VEL_MAX_DN")
@@ -235,13 +239,13 @@ class Manual:
         part = max(0.0, min(1.0, (height - low) / (high - low))) if high > low else 1.0
         down = min(down, parameter("MPC_LAND_SPEED") + part * (down - parameter("MPC_LAND_SPEED")))
         wanted = -throttle * (up if throttle > 0.0 else max(0.0, down))
-        rises = wanted < self._z.velocity_m_s
-        limit = parameter("MPC_ACC_UP_MAX" if rises else "MPC_ACC_DOWN_MAX")
+        climbing = wanted < self._z.velocity_m_s
+        limit = parameter("MPC_ACC_UP_MAX" if climbing else "MPC_ACC_DOWN_MAX")
         fly(self._z.row, TICK_S)
         plan(self._z.row, wanted, limit, parameter("MPC_JERK_MAX"))
-        if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDS_M_S:
-            self._height_lock_m = None
+        if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDSTILL_M_S:
+            self._held_down_m = None
             return math.nan, self._z.velocity_m_s
-        if self._height_lock_m is None:
-            self._height_lock_m = estimate.position_ned_m[2]
-        return self._height_lock_m, 0.0
+        if self._held_down_m is None:
+            self._held_down_m = estimate.position_ned_m[2]
+        return self._held_down_m, 0.0

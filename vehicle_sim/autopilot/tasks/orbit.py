@@ -1,4 +1,5 @@
-"""Orbit: to the nearest point of a circle, then around it by velocity, the nose as ORBIT_YAW_BEHAVIOUR."""
+"""Orbit: flies to the nearest point of a circle, then around it by velocity, with the yaw of
+ORBIT_YAW_BEHAVIOUR."""
 
 from __future__ import annotations
 
@@ -13,11 +14,11 @@ from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.vehicle_view import VehicleView
 
 ON_CIRCLE_M = 2.0
-"""So near the circle the vehicle begins to go around."""
+"""Within this distance of the circle the vehicle starts to fly around it."""
 RADIUS_GAIN_PER_S = 1.0
 RADIUS_MIN_M = 1.0
-SIDEWAYS_MAX_M_S2 = 2.0
-"""A circle is flown no faster than this centripetal acceleration allows: PX4 gives up speed, not radius."""
+CENTRIPETAL_MAX_M_S2 = 2.0
+"""Limit of the centripetal acceleration; above it PX4 reduces the speed and keeps the radius."""
 
 
 class YawBehaviour(IntEnum):
@@ -32,7 +33,7 @@ class YawBehaviour(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """What to fly around."""
+    """The circle of an orbit."""
 
     north_m: float
     east_m: float
@@ -52,22 +53,22 @@ class Orbit:
         self._path = path
         self._row = row
         self._circle: Circle | None = None
-        self._around = False
+        self._on_orbit = False
         self._speed_m_s = 0.0
-        """Along the circle, so far: it rises with MPC_ACC_HOR."""
+        """Current speed along the circle; it rises with MPC_ACC_HOR."""
         self._initial_yaw_rad = 0.0
-        self._asked = self._commanded = False
+        self._requested = self._commanded = False
 
     @property
     def circle(self) -> Circle | None:
-        """What is flown around by command; None: the mode was entered without an acceptable one."""
+        """The commanded circle; None: the mode was entered without an accepted command."""
         return self._circle if self._commanded else None
 
     def enter(self) -> None:
-        """Without a command before: 1 m around where the vehicle is."""
-        self._around = False
+        """Starts the mode; without a command the circle has a radius of 1 m around the vehicle."""
+        self._on_orbit = False
         self._initial_yaw_rad = self._view.estimate.yaw_ned_rad
-        self._commanded, self._asked = self._asked, False
+        self._commanded, self._requested = self._requested, False
         if not self._commanded:
             north, east, down = self._view.estimate.position_ned_m
             self._circle = Circle(north, east, down, RADIUS_MIN_M, 1.0, self._parameter_yaw())
@@ -75,7 +76,7 @@ class Orbit:
     def request(
         self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
     ) -> None:
-        """DO_ORBIT around a place, by default around where the vehicle is and as high."""
+        """Handles DO_ORBIT; missing centre and altitude are the vehicle's own."""
         north, east, down = self._path.position_ned_m
         lat_deg, lon_deg, alt_amsl_m = lat_lon_alt
         origin_lat, origin_lon, origin_alt = self._view.origin
@@ -89,16 +90,16 @@ class Orbit:
         speed = max(-fastest, min(fastest, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
         if not RADIUS_MIN_M <= abs(radius) <= self._view.parameter("MC_ORBIT_RAD_MAX"):
             self._announcer.both(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
-            self._asked = False
+            self._requested = False
             return
         yaw = self._parameter_yaw()
         if math.isfinite(yaw_behaviour) and 0 <= int(yaw_behaviour) < len(YawBehaviour):
             yaw = YawBehaviour(int(yaw_behaviour))
-        fastest = math.sqrt(SIDEWAYS_MAX_M_S2 * abs(radius))
+        fastest = math.sqrt(CENTRIPETAL_MAX_M_S2 * abs(radius))
         speed = math.copysign(min(abs(speed), fastest), radius * speed)
         self._circle = Circle(north, east, down, abs(radius), speed, yaw)
-        self._asked = self._commanded = True
-        self._around = self._around and self._on_circle(self._circle)
+        self._requested = self._commanded = True
+        self._on_orbit = self._on_orbit and self._on_circle(self._circle)
 
     def _on_circle(self, circle: Circle) -> bool:
         north, east, down = self._view.estimate.position_ned_m
@@ -110,7 +111,8 @@ class Orbit:
         return YawBehaviour(choice) if 0 <= choice < len(YawBehaviour) else YawBehaviour.TO_CENTRE
 
     def run(self) -> None:
-        """One tick towards the circle, or around it: who once was on it does not approach it anew."""
+        """Runs one tick towards the circle or around it; a vehicle that has reached the circle does not
+        approach again."""
         circle = self._circle
         if circle is None:
             self._path.fly_to_target()
@@ -119,8 +121,8 @@ class Orbit:
         dn, de = north - circle.north_m, east - circle.east_m
         distance = math.hypot(dn, de)
         un, ue = (dn / distance, de / distance) if distance > 0.01 else (1.0, 0.0)
-        if self._around or self._on_circle(circle):
-            self._go_around(circle, (un, ue), distance)
+        if self._on_orbit or self._on_circle(circle):
+            self._fly_around(circle, (un, ue), distance)
             return
         self._path.target_ned_m = (
             circle.north_m + un * circle.radius_m, circle.east_m + ue * circle.radius_m, circle.down_m,
@@ -128,14 +130,15 @@ class Orbit:
         self._path.yaw_target_rad = math.atan2(-de, -dn)
         self._path.fly_to_target()
 
-    def _go_around(self, circle: Circle, outward: tuple[float, float], distance_m: float) -> None:
+    def _fly_around(self, circle: Circle, outward: tuple[float, float], distance_m: float) -> None:
         north, east, _ = self._view.estimate.position_ned_m
-        if not self._around:
-            # As on the way the height comes to rest where it is; the circle's own was near enough.
-            self._around, self._speed_m_s = True, 0.0
+        if not self._on_orbit:
+            # As on the approach, height stops at its current value, which is within the acceptance of the
+            # circle's.
+            self._on_orbit, self._speed_m_s = True, 0.0
             self._path.target_ned_m = (north, east, None)
         un, ue = outward
-        back = RADIUS_GAIN_PER_S * (circle.radius_m - distance_m)
+        radial_m_s = RADIUS_GAIN_PER_S * (circle.radius_m - distance_m)
         step = self._view.parameter("MPC_ACC_HOR") * TICK_S
         self._speed_m_s += max(-step, min(step, circle.speed_m_s - self._speed_m_s))
         speed = self._speed_m_s
@@ -146,21 +149,21 @@ class Orbit:
         yaw_rad, yaw_rate_rad_s = self._yaw(circle, math.atan2(ue, un))
         self._row.trajectory(
             (math.nan, math.nan, self._path.z.position_m),
-            (un * back - ue * speed, ue * back + un * speed, self._path.z.velocity_m_s),
+            (un * radial_m_s - ue * speed, ue * radial_m_s + un * speed, self._path.z.velocity_m_s),
             (un * centripetal, ue * centripetal, math.nan),
             yaw_rad,
             yaw_rate_rad_s,
         )
 
     def _yaw(self, circle: Circle, outward_rad: float) -> tuple[float, float]:
-        around_rad_s = circle.speed_m_s / circle.radius_m
+        angle_rate_rad_s = circle.speed_m_s / circle.radius_m
         if circle.yaw is YawBehaviour.UNCONTROLLED or circle.yaw is YawBehaviour.STICKS:
             return math.nan, math.nan
         if circle.yaw is YawBehaviour.INITIAL:
-            self._path.yaw_target_rad, around_rad_s = self._initial_yaw_rad, 0.0
+            self._path.yaw_target_rad, angle_rate_rad_s = self._initial_yaw_rad, 0.0
         elif circle.yaw is YawBehaviour.TANGENT:
             self._path.yaw_target_rad = outward_rad + math.copysign(0.5 * math.pi, circle.speed_m_s)
         else:
             self._path.yaw_target_rad = outward_rad + math.pi
         self._path.turn()
-        return self._path.yaw.yaw_ned_rad, around_rad_s
+        return self._path.yaw.yaw_ned_rad, angle_rate_rad_s

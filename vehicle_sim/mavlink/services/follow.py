@@ -17,4 +17,4 @@ class FollowService:
     def target(self, link: Link, m: Message) -> None:
         """Stores the target's position and velocity."""
         velocity = (m.vel[0], m.vel[1], m.vel[2])
-        self._context.autopilot.navigator.follow.hear(m.lat / 1e7, m.lon / 1e7, m.alt, velocity)
+        self._context.autopilot.navigator.follow.receive(m.lat / 1e7, m.lon / 1e7, m.alt, velocity)

@@ -1,7 +1,8 @@
-"""Runs many vehicles in several processes, because one Python process uses one core.
+"""Runs many vehicles in several worker processes, because one Python process uses one core.
 
-The first process simulates no vehicle: it starts the others, forwards signals to end, and ends all when one
-of them fails. The others also end when the first process ends for any reason (`SimServer.end_with`).
+The first process simulates no vehicle: it starts the workers, forwards termination signals, and terminates
+all workers when one fails. The workers also end when the first process ends for any reason
+(`SimServer.end_with`).
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ VEHICLES_PER_PROCESS = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class Shard:
     """The vehicles of one process: rows of the whole fleet, from 0."""
 
     first: int
     count: int
 
 
-def shares(vehicles: int, processes: int) -> list[Share]:
-    """Splits the fleet into equal shares, larger ones first; none is empty."""
+def split_fleet(vehicles: int, processes: int) -> list[Shard]:
+    """Splits the fleet into shards of equal size, larger ones first; none is empty."""
     processes = max(1, min(vehicles, processes))
     cuts = [math.ceil(vehicles * k / processes) for k in range(processes + 1)]
-    return [Share(first, end - first) for first, end in itertools.pairwise(cuts)]
+    return [Shard(first, end - first) for first, end in itertools.pairwise(cuts)]
 
 
 def processes_for(vehicles: int) -> int:
@@ -41,35 +42,35 @@ def processes_for(vehicles: int) -> int:
     return max(1, min(math.ceil(vehicles / VEHICLES_PER_PROCESS), len(os.sched_getaffinity(0))))
 
 
-def fly_together(
-    target: Callable[[Sequence[str], Share], int], argv: Sequence[str], parts: Sequence[Share]
+def run_workers(
+    target: Callable[[Sequence[str], Shard], int], argv: Sequence[str], parts: Sequence[Shard]
 ) -> int:
-    """Runs `target(argv, share)` in a process for each share, until all have ended or one has failed.
+    """Runs `target(argv, shard)` in a process for each shard, until all have ended or one has failed.
 
     Args:
         target: function to run in each process; returns its exit code.
         argv: command line arguments, passed to `target`.
-        parts: at least two shares.
+        parts: at least two shards.
 
     Returns:
-        The exit code: 0, or that of the first that failed.
+        The exit code: 0, or that of the first worker that failed.
     """
     context = multiprocessing.get_context("spawn")
-    workers = [context.Process(target=_end_with, args=(target, argv, part)) for part in parts]
-    told = False
+    workers = [context.Process(target=_exit_with, args=(target, argv, part)) for part in parts]
+    terminating = False
 
-    def tell(*_: object) -> None:
-        nonlocal told
-        told = True
+    def terminate_all(*_: object) -> None:
+        nonlocal terminating
+        terminating = True
         for worker in workers:
             if worker.is_alive():
                 worker.terminate()
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, tell)
+        signal.signal(number, terminate_all)
     for worker in workers:
         worker.start()
-        if told:
+        if terminating:
             worker.terminate()
     running = {worker.sentinel: (worker, part) for worker, part in zip(workers, parts, strict=True)}
     failed = 0
@@ -78,21 +79,21 @@ def fly_together(
             worker, part = running.pop(int(sentinel))  # pyright: ignore[reportArgumentType]
             worker.join()
             code = worker.exitcode or 0
-            if code and not told:
+            if code and not terminating:
                 failed = code if code > 0 else 1
                 last = part.first + part.count
                 print(
-                    f"the process of vehicles {part.first + 1} to {last} has ended ({_how(code)}); "
+                    f"the process of vehicles {part.first + 1} to {last} has ended ({_reason(code)}); "
                     "the others are ended too",
                     file=sys.stderr, flush=True,
                 )  # fmt: skip
-                tell()
+                terminate_all()
     return failed
 
 
-def _end_with(target: Callable[[Sequence[str], Share], int], argv: Sequence[str], part: Share) -> None:
+def _exit_with(target: Callable[[Sequence[str], Shard], int], argv: Sequence[str], part: Shard) -> None:
     sys.exit(target(argv, part))
 
 
-def _how(code: int) -> str:
+def _reason(code: int) -> str:
     return f"exit code {code}" if code > 0 else signal.Signals(-code).name
