@@ -446,7 +446,7 @@ def _fuse_measurements(
                 for n in range(measured):
                     value += cross_covariance[i, k, n] * inverse[i, n, m]
                 gain[i, k, m] = value * correctable[i, k]
-        # Half of gain times total is subtracted from cross_covariance, so that one product serves both sides.
+        # Subtracts half of gain times innovation_covariance, so that one product serves both sides.
         for k in range(SIZE):
             for m in range(measured):
                 value = cross_covariance[i, k, m]
