@@ -192,7 +192,7 @@ describe('a confirmation', () => {
     c.press(0);
     c.slide(1, 0.5);
     expect(c.tick(2)).toBe('asking');
-    expect(c.left_s(2)).toBe(3.5); // trying keeps the question open
+    expect(c.left_s(2)).toBe(3.5); // an attempt to confirm keeps it open
     c.blocked = false;
     c.slide(1, 2);
     expect(c.tick(2)).toBe('confirmed');
@@ -214,7 +214,7 @@ describe('a confirmation', () => {
     actions.request('hold', facts);
     expect(actions.running.map((r) => [r.action, r.told])).toEqual([['hold', null]]);
     const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Commanding vehicle 1 to hold (attempt 2)', command: 'hold', fraction: 0.5 };
-    actions.onEvent({ ...told, client: 'Anna', client_key: 'k8' }); // another tab of the same name
+    actions.onEvent({ ...told, client: 'Anna', client_key: 'k8' }); // another tab with the same name
     expect(actions.running[0]?.told).toBeNull();
     actions.onEvent({ ...told, client: 'Anna', client_key: 'k7' });
     expect(actions.running[0]).toMatchObject({ told: told.text, fraction: 0.5 });
@@ -278,7 +278,7 @@ describe('the gimbal', () => {
     expect(sent.filter((one) => one.wait === true)).toHaveLength(1);
     gimbal.point(facts, { pitch_deg: -90, yaw_deg: 0 });
     await vi.advanceTimersByTimeAsync(399);
-    gimbal.stop(); // let go of an arrow: the stop waits for no answer about angles
+    gimbal.stop(); // the arrow was released: the stop does not wait for an answer about angles
     await vi.advanceTimersByTimeAsync(1000);
     expect(sent.at(-1)).toEqual({ path: 'rates' });
     expect(gimbal.limitedOf(facts)).toBeNull();

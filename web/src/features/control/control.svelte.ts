@@ -39,7 +39,7 @@ export class ControlDesk {
     void this.attempt('Request control', facts, () => this.api.post('/vehicles/{v}/control/request', { ...ofVehicle(facts.id), body }));
   }
 
-  /** Gives control up, or takes a request back. */
+  /** Releases control, or withdraws a request. */
   release(facts: VehicleFacts): void {
     void this.attempt('Release control', facts, () => this.api.post('/vehicles/{v}/control/release', ofVehicle(facts.id)));
   }

@@ -8,9 +8,11 @@ import { LatestSender } from './latest';
 import { gimbalKey, limits, ofGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
 
-/** After this long without a drag or key [ms] the last angles are sent once more, to learn where the camera stopped. */
+/**
+ * After this time without a drag or key [ms] the last angles are sent once more, to learn where the camera stopped.
+ */
 const SETTLES_MS = 400;
-/** How fast an arrow turns the camera [deg/s]. */
+/** Rate of the camera while an arrow is held [deg/s]. */
 export const RATE_DEG_S = 20;
 
 export type Roi = components['schemas']['Roi'];
@@ -23,17 +25,17 @@ interface Order {
 export class GimbalControl {
   /** The target angles: the ring on the pad. */
   asked = $state.raw<Angles | null>(null);
-  /** Yaw stays where it points while the vehicle turns. Null: as the gimbal reports it. */
+  /** Whether yaw is locked relative to north; null: as the gimbal reports it. */
   private lockChosen = $state<boolean | null>(null);
   busy = $state(false);
   /** Why the camera has not reached its target, by gimbal; null if it has or is still moving. */
   private limited = $state.raw<{ id: string; text: string } | null>(null);
   private settling: ReturnType<typeof setTimeout> | undefined;
   private orders = 0;
-  /** By gimbal, the last answer of the server: whether it had control when this holder was reported, and the ROI that it set. */
+  /** Latest answer of the server for each gimbal: whether it had control at that time, and its ROI. */
   private answers = $state.raw<Readonly<Record<string, { holder: string; mine: boolean; roi: Roi | null }>>>({});
   private readonly sender: LatestSender<Order>;
-  /** What is being turned by a held arrow: it is stopped, whichever gimbal is shown by then. */
+  /** The gimbal that a held arrow turns. It is stopped on release, even if another gimbal is shown by then. */
   private turning: VehicleFacts | null = null;
 
   constructor(
@@ -49,7 +51,7 @@ export class GimbalControl {
     return answer !== undefined && answer.mine && answer.holder === holderKey(facts);
   }
 
-  /** Asks the server whose id the holder's is; called when the holder changes. */
+  /** Asks the server whose id the controlling id is; called when it changes. */
   async askHolder(facts: VehicleFacts): Promise<void> {
     const [key, holder] = [gimbalKey(facts), holderKey(facts)];
     const answer = await this.api.get('/vehicles/{v}/gimbal', ofGimbal(facts));
@@ -57,7 +59,9 @@ export class GimbalControl {
     this.answers = { ...this.answers, [key]: { holder, mine: answer.value.in_control, roi: answer.value.roi } };
   }
 
-  /** The ROI set by this server until one of its commands ended it; null if there is none or it is not known. */
+  /**
+   * The ROI set by this server, until another command of it ended the ROI; null if there is none or it is not known.
+   */
   roiOf(facts: VehicleFacts): Roi | null {
     return this.answers[gimbalKey(facts)]?.roi ?? null;
   }
@@ -109,7 +113,7 @@ export class GimbalControl {
     if (mine === this.orders && answer.ok && answer.value.limited != null) this.limited = { id: gimbalKey(facts), text: answer.value.limited.text };
   }
 
-  /** A new command was sent: the result of the one before no longer counts. */
+  /** A new command was sent: the result of the previous one no longer applies. */
   private push(order: Order): void {
     clearTimeout(this.settling);
     this.orders += 1;
@@ -131,7 +135,7 @@ export class GimbalControl {
     if (turning !== null) this.rates(turning, 0, 0);
   }
 
-  /** Another gimbal is shown: target and yaw lock of the one before do not apply to it. */
+  /** Another gimbal is shown: target and yaw lock of the previous one do not apply to it. */
   forget(): void {
     clearTimeout(this.settling);
     this.asked = this.lockChosen = null;

@@ -1,4 +1,4 @@
-/** The one gimbal control of this page. */
+/** The page's only GimbalControl instance. */
 
 import { page } from '../../app/page.svelte';
 import { actions } from '../../app/session.svelte';

@@ -1,4 +1,7 @@
-/** Sends the newest of a fast series of requests: one under way at a time, those in between are skipped, the last one never. */
+/**
+ * Sends the newest of a fast series of requests: one at a time. Earlier waiting requests are skipped, the last one
+ * never.
+ */
 
 export class LatestSender<T> {
   private waiting: { value: T } | null = null;

@@ -9,8 +9,8 @@ export interface Owner {
 const AUTOPILOT = 1;
 
 /**
- * @param primary (system id, component id) in control, as the gimbal manager says.
- * @param inControl whether that is this server, as the server says.
+ * @param primary (system id, component id) in control, as reported by the gimbal manager. @param inControl whether
+ * that is this server, as reported by the server.
  */
 export function owner(primary: readonly [number, number] | null, inControl: boolean): Owner {
   if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { who: 'nobody', text: 'not controlled' };

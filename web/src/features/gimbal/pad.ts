@@ -1,4 +1,4 @@
-/** The gimbal pad's geometry: angles to points and back, with the limits the gimbal itself reports. */
+/** The gimbal pad's geometry: converts between angles and points, within the gimbal's reported limits. */
 
 import { toDeg } from '../../ui/format';
 import type { Gimbal } from '../../live/topics';
@@ -11,7 +11,7 @@ export interface Point {
 
 export const PAD = { width: 152, height: 116, margin: 8 } as const;
 
-/** Shown range where the gimbal reports none, and never less than this [deg]. */
+/** Range of a gimbal without reported limits, and the smallest range shown [deg]. */
 const RANGE = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
 
 function range(l: Limits): { top: number; bottom: number; left: number; right: number } {
@@ -31,7 +31,7 @@ export function toPoint(angles: Angles, l: Limits): Point {
   };
 }
 
-/** The angles at a point of the pad, held inside the limits. */
+/** The angles at a point of the pad, clamped to the limits. */
 export function toAngles(point: Point, l: Limits): Angles {
   const r = range(l);
   const yaw = r.left + (point.x / PAD.width) * (r.right - r.left);
@@ -46,10 +46,10 @@ export function clamp(angles: Angles, l: Limits): Angles {
   };
 }
 
-/** Degrees that an arrow key turns; with Shift, and by PageUp and PageDown, ten times that. */
+/** Degrees per press of an arrow key; ten times that with Shift or with PageUp and PageDown. */
 const KEY_STEP_DEG = 1;
 
-/** The angles after a key on the pad, held inside the limits; null for a key that the pad does not handle. */
+/** The angles after a key press on the pad, clamped to the limits; null for other keys. */
 export function stepped(angles: Angles, key: string, shift: boolean, l: Limits): Angles | null {
   const step = KEY_STEP_DEG * (shift ? 10 : 1);
   const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, l);
@@ -75,13 +75,13 @@ export function stepped(angles: Angles, key: string, shift: boolean, l: Limits):
   }
 }
 
-/** Angles as they are said aloud. */
+/** The angles as text for screen readers. */
 export function angleWords(angles: Angles): string {
   const part = (value: number, plus: string, minus: string): string => `${Math.abs(Math.round(value))}° ${Math.round(value) < 0 ? minus : plus}`;
   return `${part(angles.pitch_deg, 'up', 'down')}, ${part(angles.yaw_deg, 'right', 'left')}`;
 }
 
-/** Where the camera looks from the nose [deg]; null where the gimbal does not say. */
+/** Direction of the camera relative to the nose [deg]; null if the gimbal does not report it. */
 export function pointing(gimbal: Gimbal, yaw_ned_rad: number | null): Angles | null {
   let yaw = toDeg(gimbal.yaw_frd_rad);
   if (yaw === null && gimbal.yaw_ned_rad !== null && yaw_ned_rad !== null) {

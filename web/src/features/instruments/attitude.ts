@@ -6,14 +6,14 @@ import type { VehicleFacts } from '../../vehicle/facts';
 /** Pixels of the instrument per degree of pitch. */
 export const PX_PER_DEG = 1.7;
 
-/** How the earth's disc lies behind the wings: turned against roll, moved down by pitch. */
+/** Transform of the earth behind the wings: rotated against roll, moved down by pitch. */
 export function horizonTransform(roll_rad: number, pitch_rad: number, cx: number, cy: number): string {
   const roll = toDeg(roll_rad) ?? 0;
   const pitch = Math.min(90, Math.max(-90, toDeg(pitch_rad) ?? 0));
   return `rotate(${(-roll).toFixed(2)} ${cx} ${cy}) translate(0 ${(pitch * PX_PER_DEG).toFixed(2)})`;
 }
 
-/** Heading [deg], from the attitude and else from the position message. */
+/** Heading [deg], from the attitude, else from the position message. */
 export function headingDeg(facts: Pick<VehicleFacts, 'attitude' | 'global'>): number | null {
   return toDeg(facts.attitude?.value.yaw_ned_rad ?? null) ?? facts.global?.value.heading_deg ?? null;
 }
@@ -26,7 +26,7 @@ export interface Tick {
 
 const NAMES: Readonly<Record<number, string>> = { 0: 'N', 45: 'NE', 90: 'E', 135: 'SE', 180: 'S', 225: 'SW', 270: 'W', 315: 'NW' };
 
-/** Marks of the heading tape that are in sight: every 15°, named every 45°. */
+/** Visible marks of the heading tape: every 15°, labelled every 45°. */
 export function tapeTicks(heading_deg: number, width: number, px_per_deg: number): Tick[] {
   const half = width / 2 / px_per_deg;
   const ticks: Tick[] = [];

@@ -1,6 +1,6 @@
 /**
- * All values that can be shown on the grid: made from the server's list of topics and fields, with names for people and
- * the unit from the end of the field's name. Angles are shown in degrees.
+ * All values that the grid can show, from the server's list of topics and fields. Adds readable names, and units from
+ * the suffixes of the field names. Angles are shown in degrees.
  */
 
 import { FIELDS } from '../../api/fields';

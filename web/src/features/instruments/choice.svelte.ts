@@ -3,14 +3,14 @@
 import { BY_ID, moved, readChoice, USUAL } from './catalogue';
 
 const KEY = 'gcs-values';
-/** More would push the cards off the screen. */
+/** A larger number would push the cards off the screen. */
 export const MOST = 18;
 
 function stored(): string | null {
   try {
     return localStorage.getItem(KEY);
   } catch {
-    return null; // storage is switched off
+    return null; // storage is disabled
   }
 }
 
@@ -39,7 +39,7 @@ class ValueChoice {
     try {
       localStorage.setItem(KEY, JSON.stringify(ids));
     } catch {
-      // storage is switched off: kept until the page closes
+      // storage is disabled: kept until the page closes
     }
   }
 }

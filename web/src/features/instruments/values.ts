@@ -1,4 +1,4 @@
-/** Values that come from more than one message, the better source first. */
+/** Values that come from more than one message; the more accurate source has priority. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
@@ -16,7 +16,10 @@ export function climbOf(facts: Pick<VehicleFacts, 'hud' | 'global'>): Climb {
   return { m_s, stale: from?.stale ?? false, age_s: from?.age_s ?? null };
 }
 
-/** Time since take-off, with "> " if the page connected during the flight; after landing the last flight's. */
+/**
+ * Time since take-off, with "> " if the page connected during the flight; after landing the duration of the last
+ * flight.
+ */
 export function flightOf(facts: Pick<VehicleFacts, 'lost' | 'now_unix_s'>, clock: FlightClock | undefined): { label: string; text: string } {
   if (clock === undefined) return { label: 'Flight time', text: UNKNOWN };
   if (clock.airborneSince_unix_s !== null) {

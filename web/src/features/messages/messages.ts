@@ -53,7 +53,7 @@ export function kindWords(kind: string): string {
   return KINDS[kind] ?? kind.replaceAll('_', ' ');
 }
 
-/** Day and time to the tenth, for the details. */
+/** Date and time with tenths of a second, for the details. */
 export function fullTime(unix_s: number): string {
   const date = new Date(unix_s * 1000);
   const two = (n: number): string => String(n).padStart(2, '0');
