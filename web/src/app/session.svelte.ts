@@ -19,7 +19,7 @@ export const actions = new ActionController(
   (id) => page.factsOf(id),
 );
 
-registry.addCloser({ order: 0, isOpen: () => actions.asked !== null, close: () => actions.cancel() });
+registry.addCloser({ order: 0, isOpen: () => actions.pending !== null, close: () => actions.cancel() });
 registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismiss('bar') });
 page.onEvent.push((event) => actions.onEvent(event));
 page.onPaint.push(() => actions.paint(page.selectedId));

@@ -212,12 +212,12 @@ describe('a confirmation', () => {
       () => facts,
     );
     actions.request('hold', facts);
-    expect(actions.running.map((r) => [r.action, r.told])).toEqual([['hold', null]]);
+    expect(actions.running.map((r) => [r.action, r.progressText])).toEqual([['hold', null]]);
     const told = { kind: 'progress', vehicle: '1', unix_s: 1, severity: 7, text: 'Commanding vehicle 1 to hold (attempt 2)', command: 'hold', fraction: 0.5 };
     actions.onEvent({ ...told, client: 'Anna', client_key: 'k8' }); // another tab with the same name
-    expect(actions.running[0]?.told).toBeNull();
+    expect(actions.running[0]?.progressText).toBeNull();
     actions.onEvent({ ...told, client: 'Anna', client_key: 'k7' });
-    expect(actions.running[0]).toMatchObject({ told: told.text, fraction: 0.5 });
+    expect(actions.running[0]).toMatchObject({ progressText: told.text, fraction: 0.5 });
     await Promise.resolve();
     answer({ ok: true, value: null });
     await new Promise((r) => setTimeout(r));
@@ -235,11 +235,11 @@ describe('a confirmation', () => {
     for (const bad of [NaN, 0, 121]) {
       actions.typeTakeoffHeight(bad);
       expect(actions.takeoffProblem).toContain('from 1 to 120 m');
-      expect(actions.asked?.confirmation.blocked).toBe(true);
+      expect(actions.pending?.confirmation.blocked).toBe(true);
     }
     actions.typeTakeoffHeight(25);
     expect(actions.takeoffProblem).toBeNull();
-    expect(actions.asked?.confirmation.blocked).toBe(false);
+    expect(actions.pending?.confirmation.blocked).toBe(false);
     actions.stepTakeoffHeight(1000);
     expect(actions.takeoffAlt_home_m).toBe(120);
   });

@@ -197,7 +197,7 @@ export function unavailable(action: ActionName, facts: ActionFacts & { lost: boo
 }
 
 /** Progress texts shown until the vehicle reports the change. */
-export const ASKED: Readonly<Record<ActionName, string>> = {
+export const PROGRESS_TEXTS: Readonly<Record<ActionName, string>> = {
   arm: 'Arming',
   disarm: 'Disarming',
   takeoff: 'Take-off',

@@ -5,7 +5,7 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import { controlProblem, otherHolder } from '../../vehicle/control';
-import { actionFacts, ASKED, question, send, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
+import { actionFacts, PROGRESS_TEXTS, question, send, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
@@ -24,7 +24,7 @@ export interface GroupConfirmation {
 /** Used as the vehicle id of a command to several vehicles. */
 export const SEVERAL_VEHICLES = 'together';
 
-export interface Asked {
+export interface PendingConfirmation {
   action: ActionName;
   place: PagePart;
   facts: VehicleFacts;
@@ -44,7 +44,7 @@ export interface Running {
   vehicle: string;
   vehicleName: string;
   /** The server's latest progress text; null before the first. */
-  told: string | null;
+  progressText: string | null;
   /** Progress 0–1, if the vehicle reports it. */
   fraction: number | null;
 }
@@ -68,7 +68,7 @@ function notNow(detail: string): Problem {
 }
 
 export class ActionController {
-  asked = $state.raw<Asked | null>(null);
+  pending = $state.raw<PendingConfirmation | null>(null);
   running = $state.raw<Running[]>([]);
   refusals = $state.raw<Partial<Record<PagePart, Refusal>>>({});
   takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
@@ -91,7 +91,7 @@ export class ActionController {
   ) {}
 
   /** The confirmation's text with the present altitude. */
-  questionFor(asked: Asked): Question {
+  questionFor(asked: PendingConfirmation): Question {
     return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
   }
 
@@ -101,26 +101,26 @@ export class ActionController {
     this.dismiss(place);
     const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
-      this.asked = null;
-      this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem: notNow(reason) } };
+      this.pending = null;
+      this.refusals = { ...this.refusals, [place]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notNow(reason) } };
       return;
     }
     const others = controlProblem(action, this.facts(facts).holder ?? null);
     if (others !== null) {
-      this.asked = null;
+      this.pending = null;
       const problem: Problem = { ...notNow(others.detail), title: 'Not in control', code: 'not_in_control', remedy: others.remedy };
-      this.refusals = { ...this.refusals, [place]: { what: ASKED[action], vehicleName: facts.name, problem } };
+      this.refusals = { ...this.refusals, [place]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
       return;
     }
     const asks = question(action, this.facts(facts), goal, start);
     if (asks === null) {
-      this.asked = null;
+      this.pending = null;
       void this.run(action, facts, place);
       return;
     }
-    this.asked = { action, place, facts, goal, start, together: null, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
+    this.pending = { action, place, facts, goal, start, together: null, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
     this.progress = 0;
-    this.left_s = this.asked.confirmation.left_s(this.nowS());
+    this.left_s = this.pending.confirmation.left_s(this.nowS());
     this.takeoffProblem = null;
     if (action === 'rtl') void this.loadReturnAltitude(facts.id);
   }
@@ -130,7 +130,7 @@ export class ActionController {
     this.dismiss(place);
     const asks = together.question();
     const confirmation = new Confirmation(asks.danger, this.nowS());
-    this.asked = { action: 'offboard_start', place, facts, goal: null, start: null, together, question: asks, confirmation };
+    this.pending = { action: 'offboard_start', place, facts, goal: null, start: null, together, question: asks, confirmation };
     this.progress = 0;
     this.left_s = confirmation.left_s(this.nowS());
   }
@@ -144,9 +144,9 @@ export class ActionController {
     const good = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
     this.takeoffProblem = good ? null : `Enter an altitude from ${min} to ${max} m above home.`;
     if (good) this.takeoffAlt_home_m = alt_home_m;
-    if (this.asked === null) return;
-    this.asked.confirmation.blocked = !good;
-    this.asked.confirmation.touch(this.nowS());
+    if (this.pending === null) return;
+    this.pending.confirmation.blocked = !good;
+    this.pending.confirmation.touch(this.nowS());
   }
 
   /** One step up or down, within the API's limits. */
@@ -158,11 +158,11 @@ export class ActionController {
   onEvent(event: WireEvent): void {
     if (event.kind !== 'progress' || this.api.key === null || event['client_key'] !== this.api.key) return;
     const fraction = typeof event['fraction'] === 'number' ? event['fraction'] : null;
-    this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, told: event.text, fraction } : r));
+    this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, progressText: event.text, fraction } : r));
   }
 
   cancel(): void {
-    this.asked = null;
+    this.pending = null;
   }
 
   /** Whether a confirmation expired, or lost its vehicle, a moment ago. */
@@ -176,14 +176,14 @@ export class ActionController {
 
   /** Once per animation frame: sends a confirmed command, closes a confirmation that expired or lost its vehicle. */
   paint(selectedId: string | null): void {
-    const asked = this.asked;
+    const asked = this.pending;
     if (asked === null) return;
     const now = this.nowS();
     const phase = asked.together !== null || asked.facts.id === selectedId ? asked.confirmation.tick(now) : 'cancelled';
     this.progress = asked.confirmation.progress();
     this.left_s = asked.confirmation.left_s(now);
     if (phase === 'asking') return;
-    this.asked = null;
+    this.pending = null;
     if (phase !== 'confirmed') this.closedByItself_s = now;
     if (phase === 'confirmed' && asked.together !== null) void this.runTogether(asked.together, asked.place);
     else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.place, asked.goal, asked.start);
@@ -205,16 +205,24 @@ export class ActionController {
   }
 
   private async run(action: ActionName, facts: VehicleFacts, place: PagePart, goal: Goal | null = null, start: StreamStart | null = null): Promise<void> {
-    const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, told: null, fraction: null };
+    const entry: Running = { id: this.nextId++, action, place, vehicle: facts.id, vehicleName: facts.name, progressText: null, fraction: null };
     this.running = [...this.running, entry];
     const now = this.now(facts);
-    const taken = await this.attempt(ASKED[action], now, place, () => this.send(action, now, goal, start));
+    const taken = await this.attempt(PROGRESS_TEXTS[action], now, place, () => this.send(action, now, goal, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
     goal?.settled?.(taken);
   }
 
   private async runTogether({ what, names, run }: GroupConfirmation, place: PagePart): Promise<void> {
-    const entry: Running = { id: this.nextId++, action: 'offboard_start', place, vehicle: SEVERAL_VEHICLES, vehicleName: names, told: null, fraction: null };
+    const entry: Running = {
+      id: this.nextId++,
+      action: 'offboard_start',
+      place,
+      vehicle: SEVERAL_VEHICLES,
+      vehicleName: names,
+      progressText: null,
+      fraction: null,
+    };
     this.running = [...this.running, entry];
     await this.attempt(what, { name: names }, place, run);
     this.running = this.running.filter((r) => r.id !== entry.id);
@@ -239,6 +247,6 @@ export class ActionController {
     const answer = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT } } });
     if (!answer.ok || typeof answer.value.value !== 'number') return;
     this.returnAlt_home_m.set(id, answer.value.value);
-    if (this.asked?.action === 'rtl') this.asked = { ...this.asked };
+    if (this.pending?.action === 'rtl') this.pending = { ...this.pending };
   }
 }

@@ -1,5 +1,5 @@
 import { expect, test } from 'vitest';
-import { found, groupsOf, NO_FILTER, numberText, valueProblem, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
+import { filtered, groupsOf, NO_FILTER, numberText, valueProblem, rangeText, stateText, typed, valueText, type Facts, type Parameter } from './params';
 
 const facts = (more: Partial<Facts>): Facts => ({
   name: '',
@@ -34,11 +34,11 @@ const all = [
 ];
 
 test('a search covers names and descriptions, names that begin with the text first', () => {
-  expect(found(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
-  expect(found(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
-  expect(found(all, { ...NO_FILTER, changedOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
-  expect(found(all, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
-  expect(found(all, NO_FILTER)).toHaveLength(3);
+  expect(filtered(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
+  expect(filtered(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
+  expect(filtered(all, { ...NO_FILTER, changedOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
+  expect(filtered(all, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
+  expect(filtered(all, NO_FILTER)).toHaveLength(3);
   expect(groupsOf(all)).toEqual(['Commander', 'Position']);
 });
 

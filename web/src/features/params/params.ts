@@ -23,7 +23,7 @@ export function groupsOf(params: readonly Parameter[]): string[] {
 }
 
 /** Every typed word must occur in the name or description. Names that begin with the text come first. */
-export function found(params: readonly Parameter[], filter: Filter): Parameter[] {
+export function filtered(params: readonly Parameter[], filter: Filter): Parameter[] {
   const words = filter.text
     .toLowerCase()
     .split(/\s+/)

@@ -104,7 +104,7 @@ export function refOf(id: string): PointRef | null {
 }
 
 /** Position of the point with this id; null if it has none or no longer exists. */
-export function placeOf(plan: Plan, id: string): GeoPosition | null {
+export function positionOf(plan: Plan, id: string): GeoPosition | null {
   const ref = refOf(id);
   if (ref === null) return null;
   if (ref.of === 'item') {
@@ -119,7 +119,7 @@ export function placeOf(plan: Plan, id: string): GeoPosition | null {
 }
 
 /** All positions of the plan, to fit them into the view. */
-export function places(plan: Plan): GeoPosition[] {
+export function allPositions(plan: Plan): GeoPosition[] {
   const zones = plan.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
   const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as GeoPosition] : []));
   return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...zones, ...plan.rally_points];

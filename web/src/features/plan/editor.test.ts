@@ -3,7 +3,7 @@ import { ApiClient } from '../../api/client';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { PlanApi, type PlanVersion } from './api';
 import { CONDITIONS } from './conditions';
-import { EMPTY, placeOf } from './document';
+import { EMPTY, positionOf } from './document';
 import { PlanEditor } from './editor.svelte';
 import { Plans } from './plans.svelte';
 
@@ -16,7 +16,7 @@ function drawn(): PlanEditor {
   for (const north_m of [10, 20, 30]) editor.press(at(north_m));
   return editor;
 }
-const north_m = (editor: PlanEditor, id: string): number => Math.round(groundDistance_m(HOME, placeOf(editor.plan, id) ?? HOME));
+const north_m = (editor: PlanEditor, id: string): number => Math.round(groundDistance_m(HOME, positionOf(editor.plan, id) ?? HOME));
 
 describe('the editor', () => {
   it('adds a waypoint with each click, after the last one', () => {

@@ -2,13 +2,13 @@
 
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
-import { altitudeBefore, placeOf, places, refOf, type Home, type Plan } from './document';
+import { altitudeBefore, positionOf, allPositions, refOf, type Home, type Plan } from './document';
 import * as edit from './edit';
 import { newItem } from './items';
 import { insertionOf, picture, type Sketch } from './layer';
 import * as offboard from './offboard/edit';
 import type { Flight } from './offboard/flight';
-import { isMission, nodesOf, pathOf, placesOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
+import { isMission, nodesOf, pathOf, positionsOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
 import * as missionPicture from './offboard/picture';
 import { geoPointOf, type Frame } from './offboard/places';
 import { treeOf, type TreeEntry } from './tree';
@@ -32,7 +32,7 @@ export function withHome<D extends Document>(document: D, home: Home): D {
 
 /** Position of a selectable part; null if it has none or no longer exists. */
 export function positionIn(document: Document, id: string, frame: Frame): GeoPosition | null {
-  if (!isMission(document)) return placeOf(document, id);
+  if (!isMission(document)) return positionOf(document, id);
   const ref = pointOf(id);
   if (ref !== null) {
     const node = offboard.nodeOf(document, id);
@@ -48,10 +48,10 @@ export function positionIn(document: Document, id: string, frame: Frame): GeoPos
 }
 
 /** The positions that a list entry shows on the map; for a step, all its points. */
-export function placesOfId(document: Document, id: string, frame: Frame): GeoPosition[] {
+export function positionsOfId(document: Document, id: string, frame: Frame): GeoPosition[] {
   if (isMission(document) && id.startsWith('step:')) {
     const node = offboard.nodeOf(document, id);
-    return node === null ? [] : placesOf(node).map(({ at }) => geoPointOf(at, frame));
+    return node === null ? [] : positionsOf(node).map(({ at }) => geoPointOf(at, frame));
   }
   return [positionIn(document, id, frame) ?? []].flat();
 }
@@ -104,10 +104,10 @@ export function entriesOf(document: Document, flight: Flight | null): TreeEntry[
 }
 
 /** All positions, to fit them into the view. */
-export function allPlaces(document: Document, frame: Frame, flight: Flight | null = null): GeoPosition[] {
-  if (!isMission(document)) return places(document);
+export function allPositionsOf(document: Document, frame: Frame, flight: Flight | null = null): GeoPosition[] {
+  if (!isMission(document)) return allPositions(document);
   const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
-  const own = nodesOf(document).flatMap((node) => placesOf(node).map(({ at }) => geoPointOf(at, frame)));
+  const own = nodesOf(document).flatMap((node) => positionsOf(node).map(({ at }) => geoPointOf(at, frame)));
   const flown = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m })));
   return [frame.start, ...own, ...flown, ...zones];
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../vehicle/geo';
-import { EMPTY, placeOf, type Item, type Plan } from './document';
+import { EMPTY, positionOf, type Item, type Plan } from './document';
 import { insertItem, movePoint, remove, reorder } from './edit';
 import { fieldsOf, parseNumber, toDocument } from './fields';
 import { fixOf, type Finding } from './fixes';
@@ -50,7 +50,7 @@ describe('editing', () => {
     const text = JSON.stringify(before);
     const moved = movePoint(before, 'item:1', at(99));
     expect(JSON.stringify(before)).toBe(text);
-    expect(groundDistance_m(placeOf(moved, 'item:1') ?? HOME, at(99))).toBeLessThan(0.01);
+    expect(groundDistance_m(positionOf(moved, 'item:1') ?? HOME, at(99))).toBeLessThan(0.01);
   });
   it('adapts the targets of jumps', () => {
     const jump = { ...newItem('jump', null, { value_m: 0, reference: 'home' }), target_index: 1 };

@@ -2,7 +2,7 @@ import { describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
-import { holdText, narrowed, removable, rowOf, stateWords, stepped } from './fleet';
+import { holdText, filtered, removable, rowOf, stateWords, rowAfterKey } from './fleet';
 import { list } from './list.svelte';
 
 function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
@@ -21,7 +21,7 @@ describe('list of vehicles', () => {
 
   it('finds by number, type and state, and filters those that fly or need attention', () => {
     const rows = [facts('1'), facts('12', { inAir: true }), facts('21', { lost: true })].map(rowOf);
-    const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => narrowed(rows, text, filter).map((row) => row.facts.id);
+    const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => filtered(rows, text, filter).map((row) => row.facts.id);
     expect(ids('')).toEqual(['1', '12', '21']);
     expect(ids('12')).toEqual(['12']);
     expect(ids('lost')).toEqual(['21']);
@@ -34,11 +34,15 @@ describe('list of vehicles', () => {
   });
 
   it('moves through the list with the arrow keys and stops at its ends', () => {
-    expect([stepped(-1, 3, 'ArrowDown'), stepped(2, 3, 'ArrowDown'), stepped(0, 3, 'ArrowUp'), stepped(1, 3, 'End'), stepped(1, 3, 'Home')]).toEqual([
-      0, 2, 0, 2, 0,
-    ]);
-    expect(stepped(0, 3, 'h')).toBeNull();
-    expect(stepped(0, 0, 'ArrowDown')).toBeNull();
+    expect([
+      rowAfterKey(-1, 3, 'ArrowDown'),
+      rowAfterKey(2, 3, 'ArrowDown'),
+      rowAfterKey(0, 3, 'ArrowUp'),
+      rowAfterKey(1, 3, 'End'),
+      rowAfterKey(1, 3, 'Home'),
+    ]).toEqual([0, 2, 0, 2, 0]);
+    expect(rowAfterKey(0, 3, 'h')).toBeNull();
+    expect(rowAfterKey(0, 0, 'ArrowDown')).toBeNull();
   });
 
   it('holds all in one request, and names those that failed', async () => {

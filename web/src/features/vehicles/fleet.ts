@@ -46,7 +46,7 @@ export function removable(facts: VehicleFacts): boolean {
 }
 
 /** The rows that match text and filter, sorted by number. */
-export function narrowed(rows: readonly Row[], text: string, filter: Filter): Row[] {
+export function filtered(rows: readonly Row[], text: string, filter: Filter): Row[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
     if (filter === 'flying' && !row.flying) return false;
@@ -57,7 +57,7 @@ export function narrowed(rows: readonly Row[], text: string, filter: Filter): Ro
 }
 
 /** The row that an arrow key selects; null for other keys. */
-export function stepped(at: number, count: number, key: string): number | null {
+export function rowAfterKey(at: number, count: number, key: string): number | null {
   if (count === 0) return null;
   switch (key) {
     case 'ArrowDown':

@@ -91,7 +91,7 @@ export class GamepadControl {
       hoverThrust: this.hands?.hoverThrust() ?? 0.5,
     };
     const step = this.pilot.step(seen, around, performance.now() / 1000);
-    if (step.order !== null) this.hands?.send({ ...step.order });
+    if (step.setpoint !== null) this.hands?.send({ ...step.setpoint });
     if (step.ended !== null) {
       this.ended = step.ended;
       this.hands?.release();

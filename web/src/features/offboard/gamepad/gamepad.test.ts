@@ -1,9 +1,9 @@
 import { describe, expect, it } from 'vitest';
-import { Pilot, type PadSnapshot, type Surroundings } from './pilot';
-import { attitudeOrder, CENTRED, SCALES, SHAPE, shaped, STAND, sticksOf, velocityOrder, type Scale } from './sticks';
+import { Pilot, type PadSnapshot, type PageState } from './pilot';
+import { attitudeSetpoint, CENTRED, SCALES, SHAPE, shaped, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
-const HERE: Surroundings = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
+const HERE: PageState = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
 const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pad', axes, pressed: [false, false, false, false, false, held] });
 const FORWARD = [0, 0, 0, -1];
 
@@ -30,26 +30,26 @@ describe('sticks', () => {
   });
 
   it('command a velocity in the chosen frame, not faster in a corner', () => {
-    expect(velocityOrder({ forward: 1, right: 0, up: 0.5, turn: -1 }, 'heading', SCALE)).toEqual({
+    expect(velocitySetpoint({ forward: 1, right: 0, up: 0.5, turn: -1 }, 'heading', SCALE)).toEqual({
       type: 'velocity_body',
       velocity_frd_m_s: [4, 0, -1],
       yaw_rate_ned_rad_s: -Math.PI / 2,
     });
-    const corner = velocityOrder({ forward: 1, right: 1, up: 0, turn: 0 }, 'north', SCALE);
+    const corner = velocitySetpoint({ forward: 1, right: 1, up: 0, turn: 0 }, 'north', SCALE);
     expect(Math.hypot(...(corner.velocity_ned_m_s ?? []))).toBeCloseTo(4);
     expect(corner.type).toBe('velocity');
   });
 
   it('command an attitude: forward is nose down, the middle is the hover thrust', () => {
-    const order = attitudeOrder({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
+    const order = attitudeSetpoint({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
     expect(order.pitch_rad).toBeCloseTo(-20 * (Math.PI / 180));
     expect(order.thrust).toBe(0.6);
-    expect(attitudeOrder({ ...CENTRED, up: 1 }, 1, 0.6, SCALE).thrust).toBe(1);
-    expect(attitudeOrder({ ...CENTRED, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
+    expect(attitudeSetpoint({ ...CENTRED, up: 1 }, 1, 0.6, SCALE).thrust).toBe(1);
+    expect(attitudeSetpoint({ ...CENTRED, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
   });
 
   it('command zero without a negative zero', () => {
-    expect(Object.is(velocityOrder(CENTRED, 'heading', SCALES[0]?.scale ?? SCALE).velocity_frd_m_s?.[2], 0)).toBe(true);
+    expect(Object.is(velocitySetpoint(CENTRED, 'heading', SCALES[0]?.scale ?? SCALE).velocity_frd_m_s?.[2], 0)).toBe(true);
   });
 });
 
@@ -65,22 +65,22 @@ describe('the deadman button', () => {
 
   it('must be held: sticks alone command nothing', () => {
     const pilot = new Pilot(SCALE, 5);
-    expect(pilot.step(pad(FORWARD, true), HERE, 0).order).toBeNull();
+    expect(pilot.step(pad(FORWARD, true), HERE, 0).setpoint).toBeNull();
     pilot.engage();
-    expect(pilot.step(pad(FORWARD, false), HERE, 0)).toMatchObject({ phase: 'ready', order: STAND });
-    expect(pilot.step(pad(FORWARD, true), HERE, 0.04).order).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
+    expect(pilot.step(pad(FORWARD, false), HERE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP });
+    expect(pilot.step(pad(FORWARD, true), HERE, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
   });
 
   it('does not count if it was already held, until it is released once', () => {
     const pilot = new Pilot(SCALE, 5);
     pilot.engage();
-    expect(pilot.step(pad(FORWARD, true), HERE, 0)).toMatchObject({ phase: 'release', order: STAND });
+    expect(pilot.step(pad(FORWARD, true), HERE, 0)).toMatchObject({ phase: 'release', setpoint: STOP });
     pilot.step(pad(FORWARD, false), HERE, 0.04);
     expect(pilot.step(pad(FORWARD, true), HERE, 0.08).phase).toBe('flying');
   });
 
   it.each(['heading', 'attitude'] as const)('stops the vehicle on release (%s)', (mode) => {
-    expect(flying(mode).step(pad(FORWARD, false), HERE, 0.08)).toMatchObject({ phase: 'ready', order: STAND, ended: null });
+    expect(flying(mode).step(pad(FORWARD, false), HERE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP, ended: null });
   });
 
   it.each([
@@ -90,25 +90,25 @@ describe('the deadman button', () => {
   ])('%s: stops, ends, and says why', (_, seen, around) => {
     const pilot = flying();
     const step = pilot.step(seen, around, 0.08);
-    expect(step).toMatchObject({ phase: 'off', order: STAND });
+    expect(step).toMatchObject({ phase: 'off', setpoint: STOP });
     expect(step.ended).toMatch(/\.$/);
     // Visible again with the button still held: nothing is sent until it is started again.
-    expect(pilot.step(pad(FORWARD, true), HERE, 0.12).order).toBeNull();
+    expect(pilot.step(pad(FORWARD, true), HERE, 0.12).setpoint).toBeNull();
   });
 
   it('turns the held yaw by the stick, from the vehicle’s heading, without a jump after a pause', () => {
     const pilot = flying('attitude');
-    const turned = pilot.step(pad([1, 0, 0, 0], true), HERE, 0.08).order;
+    const turned = pilot.step(pad([1, 0, 0, 0], true), HERE, 0.08).setpoint;
     expect(turned).toMatchObject({ type: 'attitude' });
     expect((turned as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
-    const later = pilot.step(pad([1, 0, 0, 0], true), HERE, 60).order as { yaw_ned_rad: number };
+    const later = pilot.step(pad([1, 0, 0, 0], true), HERE, 60).setpoint as { yaw_ned_rad: number };
     expect(later.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
-    expect(pilot.step(pad(FORWARD, true), { ...HERE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', order: STAND });
+    expect(pilot.step(pad(FORWARD, true), { ...HERE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP });
   });
 
   it('sends one stop when a person ends it', () => {
     const pilot = flying();
-    expect(pilot.disengage()).toEqual(STAND);
+    expect(pilot.disengage()).toEqual(STOP);
     expect(pilot.disengage()).toBeNull();
   });
 });

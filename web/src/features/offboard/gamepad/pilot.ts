@@ -4,7 +4,7 @@
  * without focus). Pure: callers pass the time.
  */
 
-import { attitudeOrder, SHAPE, STAND, sticksOf, velocityOrder, type PadMode, type PadOrder, type Scale, type Sticks, CENTRED } from './sticks';
+import { attitudeSetpoint, SHAPE, STOP, sticksOf, velocitySetpoint, type PadMode, type PadSetpoint, type Scale, type Sticks, CENTRED } from './sticks';
 
 export const RATE_HZ = 25;
 /** Longest step for integrating the yaw, so that it does not jump after a pause [s]. */
@@ -19,7 +19,7 @@ export interface PadSnapshot {
 }
 
 /** Whether the page is visible and has the focus, so that the gamepad can be read. */
-export interface Surroundings {
+export interface PageState {
   visible: boolean;
   focused: boolean;
   /** The vehicle's present yaw; null is unknown. */
@@ -36,7 +36,7 @@ export type PilotPhase = 'off' | 'release' | 'ready' | 'flying';
 export interface Step {
   phase: PilotPhase;
   /** The setpoint to send now; null for none. */
-  order: PadOrder | null;
+  setpoint: PadSetpoint | null;
   /** Why it ended by itself; null while it runs. */
   ended: string | null;
   sticks: Sticks;
@@ -60,42 +60,42 @@ export class Pilot {
   }
 
   /** The user ended it: sends one stop. */
-  disengage(): PadOrder | null {
+  disengage(): PadSetpoint | null {
     const was = this.phase;
     this.phase = 'off';
-    return was === 'off' ? null : STAND;
+    return was === 'off' ? null : STOP;
   }
 
-  step(pad: PadSnapshot | null, around: Surroundings, now_s: number): Step {
+  step(pad: PadSnapshot | null, around: PageState, now_s: number): Step {
     const sticks = pad === null ? CENTRED : sticksOf(pad.axes, SHAPE);
     const held = pad?.pressed[this.deadman] === true;
-    const say = (order: PadOrder | null, ended: string | null = null): Step => ({ phase: this.phase, order, ended, sticks, held });
+    const say = (order: PadSetpoint | null, ended: string | null = null): Step => ({ phase: this.phase, setpoint: order, ended, sticks, held });
     if (this.phase === 'off') return say(null);
     const why = blind(pad, around) ?? (this.mode === 'attitude' && around.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
     if (why !== null) {
       this.phase = 'off';
-      return say(STAND, why);
+      return say(STOP, why);
     }
     if (this.phase === 'release') {
       if (!held) this.phase = 'ready';
-      return say(STAND);
+      return say(STOP);
     }
     if (!held) {
       this.phase = 'ready';
       this.last_s = null;
-      return say(STAND);
+      return say(STOP);
     }
     const dt_s = this.phase === 'flying' && this.last_s !== null ? Math.min(LONGEST_STEP_S, now_s - this.last_s) : 0;
     if (this.phase !== 'flying') this.yaw_ned_rad = around.yaw_ned_rad;
     this.phase = 'flying';
     this.last_s = now_s;
-    if (this.mode !== 'attitude') return say(velocityOrder(sticks, this.mode, this.scale));
+    if (this.mode !== 'attitude') return say(velocitySetpoint(sticks, this.mode, this.scale));
     this.yaw_ned_rad = wrapPi((this.yaw_ned_rad ?? around.yaw_ned_rad ?? 0) + sticks.turn * this.scale.turn_deg_s * (Math.PI / 180) * dt_s);
-    return say(attitudeOrder(sticks, this.yaw_ned_rad, around.hoverThrust, this.scale));
+    return say(attitudeSetpoint(sticks, this.yaw_ned_rad, around.hoverThrust, this.scale));
   }
 }
 
-function blind(pad: PadSnapshot | null, around: Surroundings): string | null {
+function blind(pad: PadSnapshot | null, around: PageState): string | null {
   if (pad === null) return 'The gamepad was disconnected.';
   if (!around.visible) return 'The page was hidden.';
   return around.focused ? null : 'The window lost focus.';

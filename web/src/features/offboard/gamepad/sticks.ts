@@ -59,14 +59,14 @@ export function sticksOf(axes: readonly number[], shape: Shape): Sticks {
   return { forward: 0 - rightY, right: rightX, up: 0 - leftY, turn: leftX };
 }
 
-export interface VelocityOrder {
+export interface VelocitySetpoint {
   type: 'velocity' | 'velocity_body';
   velocity_ned_m_s?: Vector3;
   velocity_frd_m_s?: Vector3;
   yaw_rate_ned_rad_s: number;
 }
 
-export interface AttitudeOrder {
+export interface AttitudeSetpoint {
   type: 'attitude';
   roll_rad: number;
   pitch_rad: number;
@@ -74,13 +74,13 @@ export interface AttitudeOrder {
   thrust: number;
 }
 
-export type PadOrder = VelocityOrder | AttitudeOrder;
+export type PadSetpoint = VelocitySetpoint | AttitudeSetpoint;
 
 /** The stop setpoint, sent in every mode when the deadman button is released. */
-export const STAND: VelocityOrder = { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0], yaw_rate_ned_rad_s: 0 };
+export const STOP: VelocitySetpoint = { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0], yaw_rate_ned_rad_s: 0 };
 
 /** Velocity along heading or north; diagonal deflection is limited to full speed. */
-export function velocityOrder(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocityOrder {
+export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocitySetpoint {
   const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
   const along: Vector3 = [(sticks.forward / most) * scale.speed_m_s, (sticks.right / most) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
   const yaw_rate_ned_rad_s = sticks.turn * scale.turn_deg_s * RAD;
@@ -93,7 +93,7 @@ export function velocityOrder(sticks: Sticks, mode: 'heading' | 'north', scale: 
  * Tilt and thrust. The caller keeps `yaw_ned_rad`, and the stick turns it. The middle of the left stick is the hover
  * thrust.
  */
-export function attitudeOrder(sticks: Sticks, yaw_ned_rad: number, hoverThrust: number, scale: Scale): AttitudeOrder {
+export function attitudeSetpoint(sticks: Sticks, yaw_ned_rad: number, hoverThrust: number, scale: Scale): AttitudeSetpoint {
   const tilt = scale.tilt_deg * RAD;
   const most = Math.max(1, Math.hypot(sticks.forward, sticks.right));
   const room = sticks.up >= 0 ? 1 - hoverThrust : hoverThrust;

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { humanWords } from '../setpoints/info';
+import { displayText } from '../setpoints/info';
 import { formText, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, groupText, type Draft } from './order';
 import { reading, vehicle } from './vehicle.fixture';
 
@@ -73,7 +73,7 @@ describe('the server’s texts', () => {
   });
 
   it('use the form’s names of setpoint kinds', () => {
-    expect(humanWords('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.')).toBe(
+    expect(displayText('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.')).toBe(
       'A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity by heading.',
     );
   });

@@ -13,19 +13,19 @@ import { readOffboard } from '../../../vehicle/offboard';
 import { build, formHere, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './info';
 import { KINDS, specOf, type Kind } from '../../../vehicle/setpoint-kinds';
-import { previewOf, wayWords, type Preview } from './preview';
+import { previewOf, previewText, type Preview } from './preview';
 import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';
 import { SetpointStream, type Ack, type StreamState } from './stream';
 
 /** Position kinds: renewed while this page is open, unless that is switched off. */
-const PLACES: readonly Kind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
-const PLACE_S = 10;
-const MOTION_S = 2;
+const POSITION_KINDS: readonly Kind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
+const POSITION_VALIDITY_S = 10;
+const MOTION_VALIDITY_S = 2;
 /** Validity of setpoints from a gamepad or a held handle [s]. */
-export const HAND_S = 0.5;
-export const HAND: Validity = { valid_for_s: HAND_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
+export const DIRECT_VALIDITY_S = 0.5;
+export const DIRECT_VALIDITY: Validity = { valid_for_s: DIRECT_VALIDITY_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
-const LAST_WORD_MS = 500;
+const CLOSE_TIMEOUT_MS = 500;
 
 export interface DragTarget {
   position_ned_m: Vector3;
@@ -88,14 +88,14 @@ class SetpointEditor {
   }
 
   get lasting(): string {
-    return this.lasts[this.kind] ?? String(PLACES.includes(this.kind) ? PLACE_S : MOTION_S);
+    return this.lasts[this.kind] ?? String(POSITION_KINDS.includes(this.kind) ? POSITION_VALIDITY_S : MOTION_VALIDITY_S);
   }
   set lasting(text: string) {
     this.lasts = { ...this.lasts, [this.kind]: text };
   }
 
   get renew(): boolean {
-    return this.renews[this.kind] ?? PLACES.includes(this.kind);
+    return this.renews[this.kind] ?? POSITION_KINDS.includes(this.kind);
   }
   set renew(renew: boolean) {
     this.renews = { ...this.renews, [this.kind]: renew };
@@ -146,7 +146,7 @@ class SetpointEditor {
   /** Starts the stream, or sends to a running one. */
   go(facts: VehicleFacts, streaming: boolean): void {
     const setpoint = this.way === 'drag' ? this.dragSetpoint() : this.built(facts);
-    const lasting = this.way === 'drag' ? { ...this.lastingNow, valid_for_s: PLACE_S, renew: true } : this.lastingNow;
+    const lasting = this.way === 'drag' ? { ...this.lastingNow, valid_for_s: POSITION_VALIDITY_S, renew: true } : this.lastingNow;
     if (setpoint === null || (this.way === 'form' && this.lastingProblem !== null)) return;
     if (streaming) void this.send(facts, setpoint, lasting);
     else this.start(facts, setpoint, lasting);
@@ -154,7 +154,7 @@ class SetpointEditor {
 
   start(facts: VehicleFacts, setpoint: AnySetpoint, lasting: Validity): void {
     const way = setpoint.type === 'position' || this.way === 'form' ? previewOf(setpoint as never, facts) : null;
-    const where = way === null ? '' : ` (${wayWords(way, facts)})`;
+    const where = way === null ? '' : ` (${previewText(way, facts)})`;
     const after = lasting.on_expiry.action === 'hold' ? 'holds, then Hold mode' : lasting.on_expiry.action === 'land' ? 'lands' : 'stops the stream';
     const lasts = lasting.renew ? 'for as long as this page is open' : `for ${fixed(lasting.valid_for_s, 1)} s, then it ${after}`;
     const sent = this.way;
@@ -223,7 +223,7 @@ class SetpointEditor {
     const leaving = this.socket;
     setTimeout(() => {
       if (leaving !== null && this.socket === leaving) this.closeStream();
-    }, LAST_WORD_MS);
+    }, CLOSE_TIMEOUT_MS);
   }
 
   closeStream(): void {
@@ -237,7 +237,7 @@ class SetpointEditor {
   }
 
   /** Sends one setpoint of gamepad or drag. */
-  sendByHand(way: Way, setpoint: AnySetpoint, lasting: Validity = HAND): void {
+  sendDirect(way: Way, setpoint: AnySetpoint, lasting: Validity = DIRECT_VALIDITY): void {
     if (this.socket === null) return;
     const { valid_for_s, on_expiry } = lasting;
     const seq = this.socket.stream.send({ setpoint, valid_for_s, on_expiry });
@@ -277,8 +277,8 @@ class SetpointEditor {
   sendLive(released: boolean): void {
     const setpoint = this.dragSetpoint();
     if (setpoint === null || this.socket === null) return;
-    this.sendByHand('drag', setpoint, released ? { ...HAND, valid_for_s: PLACE_S } : { ...HAND, valid_for_s: 2 });
-    if (released) void offboard.send(this.socket.id, setpoint, { ...HAND, valid_for_s: PLACE_S, renew: true });
+    this.sendDirect('drag', setpoint, released ? { ...DIRECT_VALIDITY, valid_for_s: POSITION_VALIDITY_S } : { ...DIRECT_VALIDITY, valid_for_s: 2 });
+    if (released) void offboard.send(this.socket.id, setpoint, { ...DIRECT_VALIDITY, valid_for_s: POSITION_VALIDITY_S, renew: true });
   }
 
   setLive(facts: VehicleFacts, live: boolean): void {

@@ -13,7 +13,7 @@ export type LimitsBody = Schemas['LimitsRequest'];
 export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
 /** The server's text with the form's names of kinds: "thrust and torque" instead of "thrust_torque". */
-export function humanWords(words: string): string {
+export function displayText(words: string): string {
   return KINDS.reduce(
     (said, one) =>
       one.kind.includes('_') || one.kind === 'actuators'
@@ -26,7 +26,7 @@ export function humanWords(words: string): string {
 /** Why a kind is not possible now; null if it is, or if the server has not reported it. */
 export function whyNot(view: OffboardView | null, kind: Kind): string | null {
   const said = view?.available[kind];
-  return said === undefined || said.can ? null : humanWords(said.why_not ?? 'Not on this vehicle.');
+  return said === undefined || said.can ? null : displayText(said.why_not ?? 'Not on this vehicle.');
 }
 
 export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[] = [

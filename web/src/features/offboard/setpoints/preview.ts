@@ -67,7 +67,7 @@ function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Readonly
 }
 
 /** The preview on the earth, by the difference between the vehicle's global and local position. */
-export function previewPlace(preview: Preview, facts: VehicleFacts): GeoPosition | null {
+export function previewOnMap(preview: Preview, facts: VehicleFacts): GeoPosition | null {
   const at = facts.local?.value.position_ned_m;
   const here = facts.global?.value;
   if (at === undefined || here === undefined) return null;
@@ -75,7 +75,7 @@ export function previewPlace(preview: Preview, facts: VehicleFacts): GeoPosition
 }
 
 /** "12.4 m away, 3.0 m up, turns 40° right". */
-export function wayWords(preview: Preview, facts: VehicleFacts): string {
+export function previewText(preview: Preview, facts: VehicleFacts): string {
   const at = facts.local?.value.position_ned_m;
   if (at === undefined) return 'The vehicle’s position is not known.';
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;

@@ -2,10 +2,10 @@ import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { build, formHere, setOff, typed, type Form } from './form';
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
-import { fromHeading, previewOf, previewPlace, wayWords } from './preview';
+import { fromHeading, previewOf, previewOnMap, previewText } from './preview';
 import { SentLog, setpointWords } from './sent-log';
 import { SetpointStream, type Ack, type SocketLike } from './stream';
-import { askedOf, eulerOf, Traces, WINDOW_S } from './traces';
+import { targetOf, eulerOf, Traces, WINDOW_S } from './traces';
 
 const reading = <T>(value: T): { value: T; age_s: number; stale: boolean } => ({ value, age_s: 0, stale: false });
 const FACTS = {
@@ -97,7 +97,7 @@ describe('preview', () => {
   it('shows the position that a velocity leads to, and marks it', () => {
     const preview = previewOf({ type: 'velocity', velocity_ned_m_s: [1, null, -1], yaw_rate_ned_rad_s: 0 }, FACTS);
     expect(preview).toMatchObject({ position_ned_m: [13, 20, -8], leads: true });
-    expect(preview && wayWords(preview, FACTS)).toBe('3.0 m in 3 s, 3.0 m up');
+    expect(preview && previewText(preview, FACTS)).toBe('3.0 m in 3 s, 3.0 m up');
   });
 
   it('is null for an attitude, and without the vehicle’s position', () => {
@@ -109,9 +109,9 @@ describe('preview', () => {
     const preview = previewOf({ type: 'position_global', lat_deg: 47.0001, lon_deg: 8, alt_amsl_m: 515, yaw_ned_rad: 0 }, FACTS);
     expect(preview?.position_ned_m[0]).toBeCloseTo(10 + 11.12, 1);
     expect(preview?.position_ned_m[2]).toBeCloseTo(-15);
-    const place = preview && previewPlace(preview, FACTS);
+    const place = preview && previewOnMap(preview, FACTS);
     expect(place?.lat_deg).toBeCloseTo(47.0001, 6);
-    expect(preview && wayWords(preview, FACTS)).toBe('11.1 m away, 10.0 m up, turns 90° left');
+    expect(preview && previewText(preview, FACTS)).toBe('11.1 m away, 10.0 m up, turns 90° left');
   });
 });
 
@@ -258,10 +258,10 @@ describe('traces', () => {
 
   it('read every form of an attitude', () => {
     expect(eulerOf([Math.SQRT1_2, 0, 0, Math.SQRT1_2])).toEqual([0, 0, expect.closeTo(Math.PI / 2)]);
-    expect(askedOf(null, null)).toBeNull();
+    expect(targetOf(null, null)).toBeNull();
     const stream = { streaming: true, position_ned_m: null, velocity_ned_m_s: null, yaw_ned_rad: 1 } as never;
-    expect(askedOf(stream, { type: 'position' })?.attitude_rad).toEqual([null, null, 1]);
-    const along = askedOf({ ...(stream as object), velocity_frd_m_s: [2, 0, -1] } as never, null, Math.PI / 2);
+    expect(targetOf(stream, { type: 'position' })?.attitude_rad).toEqual([null, null, 1]);
+    const along = targetOf({ ...(stream as object), velocity_frd_m_s: [2, 0, -1] } as never, null, Math.PI / 2);
     expect(along?.velocity_ned_m_s).toEqual([expect.closeTo(0), 2, -1]);
   });
 });

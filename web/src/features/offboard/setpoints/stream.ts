@@ -34,8 +34,8 @@ export interface SocketLike {
 
 const OPEN = 1;
 /** A larger send buffer means that the network is too slow [bytes]. */
-const MOST_WAITING = 4096;
-const MOST_PENDING = 256;
+const MAX_BUFFERED_BYTES = 4096;
+const MAX_PENDING = 256;
 
 export class SetpointStream {
   state: StreamState = 'connecting';
@@ -53,21 +53,21 @@ export class SetpointStream {
     make: (url: string) => SocketLike = (to) => new WebSocket(to),
   ) {
     this.socket = make(url);
-    this.socket.onopen = () => this.become('open', null);
-    this.socket.onclose = (event) => this.become('closed', event.reason === '' ? 'The connection to the server ended.' : event.reason);
-    this.socket.onmessage = (event) => this.heard(event.data);
+    this.socket.onopen = () => this.setState('open', null);
+    this.socket.onclose = (event) => this.setState('closed', event.reason === '' ? 'The connection to the server ended.' : event.reason);
+    this.socket.onmessage = (event) => this.onMessage(event.data);
   }
 
   /** Sends it now; returns its number, or null if it could not be sent. */
   send(request: object): number | null {
     if (this.socket.readyState !== OPEN) return null;
-    if (this.socket.bufferedAmount > MOST_WAITING) {
+    if (this.socket.bufferedAmount > MAX_BUFFERED_BYTES) {
       this.dropped += 1;
       return null;
     }
     const seq = ++this.seq;
     this.sent.set(seq, this.nowS());
-    if (this.sent.size > MOST_PENDING) this.sent.delete(this.sent.keys().next().value ?? seq);
+    if (this.sent.size > MAX_PENDING) this.sent.delete(this.sent.keys().next().value ?? seq);
     this.socket.send(JSON.stringify({ ...request, seq }));
     return seq;
   }
@@ -75,17 +75,17 @@ export class SetpointStream {
   close(): void {
     this.socket.onclose = null;
     this.socket.close();
-    this.become('closed', null);
+    this.setState('closed', null);
   }
 
-  private become(state: StreamState, why: string | null): void {
+  private setState(state: StreamState, why: string | null): void {
     if (this.state === 'closed') return;
     this.state = state;
     if (state === 'closed') this.sent.clear();
     this.onState(state, why);
   }
 
-  private heard(data: unknown): void {
+  private onMessage(data: unknown): void {
     const raw = parse(data);
     if (raw === null || typeof raw['seq'] !== 'number') return;
     const sent_s = this.sent.get(raw['seq']);

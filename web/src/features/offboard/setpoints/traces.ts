@@ -11,7 +11,7 @@ export const WINDOW_S = 60;
 /** A longer time without a sample [s] is drawn as a gap. */
 const GAP_S = 2;
 /** Capacity for one minute at the page's telemetry rate. */
-const MOST = 60 * 30;
+const MAX_ROWS = 60 * 30;
 const DEG = 180 / Math.PI;
 
 export type Quantity = 'position' | 'velocity' | 'attitude';
@@ -57,15 +57,15 @@ interface Row {
   actual: MaybeVector3;
 }
 
-export interface Seen {
+export interface TelemetrySample {
   unix_s: number;
   local: LocalPosition | null;
   attitude: Attitude | null;
   /** The present target; null while nothing is streamed. */
-  asked: Asked | null;
+  asked: Target | null;
 }
 
-export interface Asked {
+export interface Target {
   position_ned_m: MaybeVector3 | null;
   velocity_ned_m_s: MaybeVector3 | null;
   /** Roll, pitch, yaw. */
@@ -92,7 +92,7 @@ export class Traces {
     this.revision += 1;
   }
 
-  add(seen: Seen): void {
+  add(seen: TelemetrySample): void {
     const { local, attitude, asked, unix_s } = seen;
     this.push('position', unix_s, upwards(asked?.position_ned_m ?? null), upwards(local?.position_ned_m ?? null));
     this.push('velocity', unix_s, upwards(asked?.velocity_ned_m_s ?? null), upwards(local?.velocity_ned_m_s ?? null));
@@ -125,7 +125,7 @@ export class Traces {
     if (last !== undefined && t_s <= last.t_s) return;
     if (last !== undefined && t_s - last.t_s > GAP_S) rows.push({ t_s: last.t_s + GAP_S / 2, target: NOTHING, actual: NOTHING });
     rows.push({ t_s, target, actual });
-    if (rows.length > MOST) rows.splice(0, rows.length - MOST);
+    if (rows.length > MAX_ROWS) rows.splice(0, rows.length - MAX_ROWS);
   }
 }
 
@@ -149,7 +149,7 @@ export function eulerOf(q: readonly number[]): MaybeVector3 {
 }
 
 /** The drawable part of the target against the actual state; values along the heading are rotated to north. */
-export function askedOf(stream: OffboardStatus | null, setpoint: Readonly<Record<string, unknown>> | null, yaw_rad: number | null = null): Asked | null {
+export function targetOf(stream: OffboardStatus | null, setpoint: Readonly<Record<string, unknown>> | null, yaw_rad: number | null = null): Target | null {
   if (stream === null || !stream.streaming) return null;
   const q = setpoint?.['q_ned_frd'];
   const attitude_rad: MaybeVector3 = Array.isArray(q) && q.length === 4 ? eulerOf(q as number[]) : [null, null, stream.yaw_ned_rad];

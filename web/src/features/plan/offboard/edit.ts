@@ -5,7 +5,7 @@ import type { GeoPosition } from '../../../vehicle/geo';
 import {
   nodesOf,
   pathOf,
-  placeOfId,
+  stepNameOf,
   pointId,
   pointOf,
   roleNames,
@@ -25,7 +25,7 @@ import { newStep, PLACED } from './words';
 const HEIGHT_M = 10;
 
 export function nodeOf(mission: Mission, id: string): StepNode | null {
-  const place = placeOfId(id);
+  const place = stepNameOf(id);
   return place === null ? null : (nodesOf(mission).find((node) => node.place === place) ?? null);
 }
 

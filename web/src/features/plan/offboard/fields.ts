@@ -3,7 +3,7 @@
  * several rows. Pure.
  */
 
-import { placeFields } from './place-fields';
+import { positionFields } from './place-fields';
 import type { Frame } from './places';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
 import { PER_CENT, TRACKS, VALUES } from './words';
@@ -108,7 +108,7 @@ const text =
 const place =
   (name: string, label: string): Spec =>
   (step, { frame }) =>
-    placeFields<Step>(step[name] as MissionPosition, frame, (old, next) => ({ ...old, [name]: next }), label, name);
+    positionFields<Step>(step[name] as MissionPosition, frame, (old, next) => ({ ...old, [name]: next }), label, name);
 
 const SECONDS: Bounds = { min: 0, max: 86_400 };
 const METRES: Bounds = { min: 0.1, max: 10_000 };
@@ -332,7 +332,7 @@ export function fieldsOf(step: Step, context: Context): Field<Step>[] {
 /** The rows of one point of a trajectory. */
 export function pointFields(point: MissionPosition, { frame }: Context): Field<MissionPosition>[] {
   return [
-    ...placeFields<MissionPosition>(point, frame, (_, next) => next, 'Place', 'point'),
+    ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Place', 'point'),
     numberField(point, 'yaw_ned_rad', 'Yaw from north', KEPT),
     numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
     numberField(point, 'corner_m', 'Corner distance', { min: 0, max: 1000, placeholder: '1' }),

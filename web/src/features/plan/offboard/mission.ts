@@ -120,7 +120,7 @@ export const stepId = (place: string): string => `step:${place}`;
 export const pointId = ({ field, index, place }: PointRef): string => `point:${field}:${index}:${place}`;
 
 /** The step name in an id of the list or the map. */
-export function placeOfId(id: string): string | null {
+export function stepNameOf(id: string): string | null {
   if (id.startsWith('step:')) return id.slice(5);
   return pointOf(id)?.place ?? null;
 }
@@ -136,7 +136,7 @@ export function pathOf(node: StepNode, ref: PointRef): Path {
 }
 
 /** All positions of a step with their ids. */
-export function placesOf(node: StepNode): { ref: PointRef; at: MissionPosition }[] {
+export function positionsOf(node: StepNode): { ref: PointRef; at: MissionPosition }[] {
   const found = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
   for (const field of ['center', 'look_at', 'place'] as const) {
     const at = node.step[field] as MissionPosition | null | undefined;

@@ -6,7 +6,7 @@ import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { fencePicture, sketchLines, type Sketch } from '../layer';
 import { midpoint } from '../edit';
 import { fenceEntries, homeEntry, type TreeEntry } from '../tree';
-import { nodesOf, placeOfId, placesOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
+import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
 import { geoPointOf, type Frame } from './places';
 import type { Flight, StepTime } from './flight';
 import { detailOf, stepTitle } from './words';
@@ -33,7 +33,7 @@ export function picture(
     void points.push({ id, lat_deg: at.lat_deg, lon_deg: at.lon_deg, mark, tone, text, selected: selected.has(id) });
   const nodes = nodesOf(mission);
   const few = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
-  const chosen = new Set([...selected].map(placeOfId));
+  const chosen = new Set([...selected].map(stepNameOf));
   add('home', frame.start, 'home', 'text2');
   const drawn = new Set<string>();
   for (const node of nodes) {
@@ -41,7 +41,7 @@ export function picture(
     const key = JSON.stringify(node.path);
     if (drawn.has(key)) continue;
     drawn.add(key);
-    const places = placesOf(node);
+    const places = positionsOf(node);
     const count = node.step.points?.length ?? 0;
     if (few || chosen.has(node.place))
       for (let i = 1; i < count; i += 1) {

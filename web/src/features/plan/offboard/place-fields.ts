@@ -21,7 +21,7 @@ const HEIGHTS: Readonly<Record<PositionFrame, string>> = {
  * @param put returns the target with the changed position. @param label name of the position. @param key makes the
  * names of its rows unique.
  */
-export function placeFields<T>(place: MissionPosition, frame: Frame, put: (target: T, place: MissionPosition) => T, label: string, key: string): Field<T>[] {
+export function positionFields<T>(place: MissionPosition, frame: Frame, put: (target: T, place: MissionPosition) => T, label: string, key: string): Field<T>[] {
   const way = frameOfPosition(place);
   const geoPoint = geoPointOf(place, frame);
   const height = (): number => {

@@ -47,11 +47,18 @@ export function geoPointOf(place: MissionPosition, frame: Frame): GeoPoint {
 }
 
 const cm = (value_m: number): number => Number(value_m.toFixed(2));
-const NO_PLACE = { position_ned_m: undefined, offset_ned_m: undefined, lat_deg: undefined, lon_deg: undefined, alt_amsl_m: undefined, alt_home_m: undefined };
+const NO_POSITION = {
+  position_ned_m: undefined,
+  offset_ned_m: undefined,
+  lat_deg: undefined,
+  lon_deg: undefined,
+  alt_amsl_m: undefined,
+  alt_home_m: undefined,
+};
 
 /** The point in another frame; its other fields are kept. */
 export function inFrame(way: PositionFrame, geoPoint: GeoPoint, frame: Frame, rest: MissionPosition = {}): MissionPosition {
-  const kept: MissionPosition = Object.fromEntries(Object.entries({ ...rest, ...NO_PLACE }).filter(([, value]) => value !== undefined));
+  const kept: MissionPosition = Object.fromEntries(Object.entries({ ...rest, ...NO_POSITION }).filter(([, value]) => value !== undefined));
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
   if (way === 'home' || way === 'amsl') {
     const on_earth = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };

@@ -1,7 +1,7 @@
 /** The step of a mission that is edited. Pure. */
 
 import { nodeOf } from './edit';
-import { placeOfId, pointOf, type Mission, type PointRef, type StepNode } from './mission';
+import { stepNameOf, pointOf, type Mission, type PointRef, type StepNode } from './mission';
 import { pointMark } from './picture';
 import { stepTitle } from './words';
 
@@ -17,7 +17,7 @@ export interface ChosenStep {
 export function stepOf(mission: Mission, ids: readonly string[]): ChosenStep | null {
   const [first, ...more] = ids;
   const node = first === undefined ? null : nodeOf(mission, first);
-  if (first === undefined || node === null || more.some((id) => placeOfId(id) !== node.place)) return null;
+  if (first === undefined || node === null || more.some((id) => stepNameOf(id) !== node.place)) return null;
   const ref = more.length === 0 ? pointOf(first) : null;
   const own = stepTitle(node.step);
   const count = node.step.points?.length ?? 0;
