@@ -16,7 +16,7 @@ from tests.contract.recordings import Dialogue, grid_200
 from tests.contract.replay_vehicle import HOLD, Vehicle
 
 HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
-STILL_TO_CLIMB_M = 5.0
+STILL_TO_CLIMB_M = 4.0
 METRE_E7 = 90
 """A metre north [1e-7 degrees], near enough."""
 HOLD_MODE, MISSION_MODE, RTL_MODE = (4, 3), (4, 4), (4, 5)
