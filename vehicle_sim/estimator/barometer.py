@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import HEIGHT_TIMEOUT_S, HORIZON_S, Fusion
-from vehicle_sim.estimator.kalman import POSITION, VELOCITY, Kalman
+from vehicle_sim.estimator.kalman import Kalman
+from vehicle_sim.estimator.kalman_loops import POSITION, VELOCITY
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import SensorState
 

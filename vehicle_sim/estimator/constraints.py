@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import Fusion
-from vehicle_sim.estimator.kalman import GYRO_BIAS, POSITION, SIZE, TILT, UNUSED, VELOCITY, Kalman
+from vehicle_sim.estimator.kalman import Kalman
+from vehicle_sim.estimator.kalman_loops import GYRO_BIAS, POSITION, SIZE, TILT, UNUSED, VELOCITY
 from vehicle_sim.frames import GRAVITY_M_S2, row_norm
 from vehicle_sim.parameters import Parameters
 

@@ -20,7 +20,8 @@ from vehicle_sim.estimator.constraints import Constraints
 from vehicle_sim.estimator.fusion import HORIZON_S, blank_fusion, reset_fusion
 from vehicle_sim.estimator.gnss import Gnss
 from vehicle_sim.estimator.gyro_filter import GyroFilter
-from vehicle_sim.estimator.kalman import POSITION, VELOCITY, YAW, Kalman
+from vehicle_sim.estimator.kalman import Kalman
+from vehicle_sim.estimator.kalman_loops import POSITION, VELOCITY, YAW
 from vehicle_sim.estimator.magnetometer import ABOVE_ANOMALIES_M, Magnetometer
 from vehicle_sim.estimator.outputs import blank_estimate, reset_row
 from vehicle_sim.estimator.terrain import Terrain

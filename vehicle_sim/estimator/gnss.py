@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import HEIGHT_TIMEOUT_S, HORIZON_S, RESET_TIMEOUT_S, Fusion
-from vehicle_sim.estimator.kalman import POSITION, UNUSED, VELOCITY, Kalman
+from vehicle_sim.estimator.kalman import Kalman
+from vehicle_sim.estimator.kalman_loops import POSITION, UNUSED, VELOCITY
 from vehicle_sim.estimator.yaw_estimator import MAX_HEADING_SIGMA_RAD, YawEstimator
 from vehicle_sim.frames import wrap_pi, yaw_of
 from vehicle_sim.geodesy import to_local

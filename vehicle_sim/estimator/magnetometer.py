@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.estimator.fusion import HORIZON_S, RESET_TIMEOUT_S, Fusion
-from vehicle_sim.estimator.kalman import FIELD, MAG_BIAS, SIZE, TILT, YAW, Kalman
+from vehicle_sim.estimator.kalman import Kalman
+from vehicle_sim.estimator.kalman_loops import FIELD, MAG_BIAS, SIZE, TILT, YAW
 from vehicle_sim.frames import rotate, rotate_back, wrap_pi
 from vehicle_sim.magnetic_field import INCLINATION_RAD, STRENGTH_GAUSS, field_ned_gauss
 from vehicle_sim.parameters import Parameters

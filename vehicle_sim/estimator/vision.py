@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.estimator.kalman import POSITION, VELOCITY, Kalman
+from vehicle_sim.estimator.kalman import Kalman
+from vehicle_sim.estimator.kalman_loops import POSITION, VELOCITY
 from vehicle_sim.parameters import Parameters
 
 FloatArray = NDArray[np.float64]

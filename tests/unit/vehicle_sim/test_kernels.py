@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from vehicle_sim import frames, kernels, rotations
-from vehicle_sim.estimator.kalman import ACCEL_BIAS, GYRO_BIAS, POSITION, SIZE, UNUSED, VELOCITY, Kalman
+from vehicle_sim.estimator.kalman import Kalman
+from vehicle_sim.estimator.kalman_loops import ACCEL_BIAS, GYRO_BIAS, POSITION, SIZE, UNUSED, VELOCITY
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.state import estimates_of

@@ -1,0 +1,235 @@
+"""Compiled loops of the Kalman filter (`kalman.py`): prediction, covariance and fusion of each vehicle."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vehicle_sim.frames import GRAVITY_M_S2
+from vehicle_sim.kernels import Blocks, Column, Flags, Rows, formula, kernel
+from vehicle_sim.rotations import product, rotated, turn, within, write_matrix
+
+TILT, YAW, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS, FIELD, MAG_BIAS, SIZE = 0, 2, 3, 6, 9, 12, 15, 18, 21
+"""First index of each error state; TILT and YAW are the rotation about north, east and down."""
+PREDICTION_S = 0.008
+"""PX4 adds its process noise once per filter step; this step length converts it to a density."""
+BAD_ACCEL_NOISE_M_S2 = 4.9
+"""Noise of the vertical accelerometer while it is marked faulty (EKF2's BADACC_BIAS_PNOISE)."""
+ACCEL_SMOOTHING_S = 1.0
+_LEAST_VARIANCE = 1e-12
+UNUSED = 1e18
+"""Variance of a measurement that must not be fused."""
+
+
+@formula
+def _apply_correction(
+    change: Blocks, bad_accel: bool, bias_limit: Column, vector: Column, q: Column, matrix: Rows
+) -> None:
+    """Corrects the states by the first column of `change` (21, m), and the attitude by a small rotation."""
+    for k in range(SIZE - VELOCITY):
+        if not (bad_accel and k == ACCEL_BIAS + 2 - VELOCITY):
+            vector[k] += change[VELOCITY + k, 0]
+    for k in range(6):
+        bias = GYRO_BIAS - VELOCITY + k
+        vector[bias] = within(vector[bias], -bias_limit[k], bias_limit[k])
+    north, east, down = 0.5 * change[TILT, 0], 0.5 * change[TILT + 1, 0], 0.5 * change[YAW, 0]
+    if north == 0.0 and east == 0.0 and down == 0.0:
+        return
+    w, x, y, z = product(1.0, north, east, down, q[0], q[1], q[2], q[3])
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    q[0], q[1], q[2], q[3] = w / norm, x / norm, y / norm, z / norm
+    write_matrix(q, matrix)
+
+
+@formula
+def _propagate_errors(dt_s: float, bias_effect: Rows, tilt_effect: Rows, states: Column) -> None:
+    """Propagates the error states (21,) by one step: gyro bias changes attitude, tilt and bias change
+    velocity, velocity changes position."""
+    tilt_n, tilt_e, tilt_d = states[0], states[1], states[2]
+    for k in range(3):
+        by_tilt = tilt_effect[k, 0] * tilt_n + tilt_effect[k, 1] * tilt_e + tilt_effect[k, 2] * tilt_d
+        by_bias = 0.0
+        for j in range(3):
+            states[TILT + k] += bias_effect[k, j] * states[GYRO_BIAS + j]
+            by_bias += bias_effect[k, j] * states[ACCEL_BIAS + j]
+        states[POSITION + k] += dt_s * states[VELOCITY + k] + 0.5 * dt_s * (by_tilt + by_bias)
+        states[VELOCITY + k] += by_tilt + by_bias
+
+
+@formula
+def _invert(innovation_covariance: Rows, count: int, inverse: Rows) -> None:
+    """Writes the inverse of a symmetric positive matrix of up to three rows into the first rows of (3, 3)."""
+    a, b, c, d, e, f = innovation_covariance[0, 0], 0.0, 0.0, 1.0, 0.0, 1.0
+    if count > 1:
+        b, d = innovation_covariance[0, 1], innovation_covariance[1, 1]
+    if count > 2:
+        c, e, f = innovation_covariance[0, 2], innovation_covariance[1, 2], innovation_covariance[2, 2]
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = d * f - e * e, a * f - c * c, a * d - b * b
+    inverse[0, 1], inverse[0, 2], inverse[1, 2] = c * e - b * f, b * e - c * d, b * c - a * e
+    determinant = a * inverse[0, 0] + b * inverse[0, 1] + c * inverse[0, 2]
+    for j in range(3):
+        for k in range(j, 3):
+            inverse[j, k] = inverse[k, j] = inverse[j, k] / determinant
+
+
+@kernel
+def strapdown(
+    dt_s: float, delta_angle: Rows, delta_velocity: Rows, q: Rows, matrix: Blocks, vector: Rows,
+    velocity_change: Rows, impulse: Rows,
+) -> None:  # fmt: skip
+    for i in range(q.shape[0]):
+        gyro, accel = GYRO_BIAS - VELOCITY, ACCEL_BIAS - VELOCITY
+        turn(
+            q[i],
+            delta_angle[i, 0] - vector[i, gyro] * dt_s,
+            delta_angle[i, 1] - vector[i, gyro + 1] * dt_s,
+            delta_angle[i, 2] - vector[i, gyro + 2] * dt_s,
+        )
+        write_matrix(q[i], matrix[i])
+        delta_ned = rotated(
+            matrix[i],
+            delta_velocity[i, 0] - vector[i, accel] * dt_s,
+            delta_velocity[i, 1] - vector[i, accel + 1] * dt_s,
+            delta_velocity[i, 2] - vector[i, accel + 2] * dt_s,
+        )
+        for k in range(3):
+            impulse[i, k] += delta_ned[k]
+            velocity_change[i, k] = delta_ned[k] + (GRAVITY_M_S2 * dt_s if k == 2 else 0.0)
+            vector[i, POSITION - VELOCITY + k] += dt_s * vector[i, k]
+            vector[i, k] += velocity_change[i, k]
+
+
+@kernel
+def propagate_covariance(
+    dt_s: float, matrix: Blocks, impulse: Rows, horizontal_accel: Rows, bad_accel: Flags, noise: Rows,
+    covariance: Blocks,
+) -> None:  # fmt: skip
+    """Propagates the covariance: the same step is applied to its columns and to its rows."""
+    bias_effect, tilt_effect, states = np.empty((3, 3)), np.zeros((3, 3)), np.empty(SIZE)
+    for i in range(covariance.shape[0]):
+        for j in range(3):
+            for k in range(3):
+                bias_effect[j, k] = -dt_s * matrix[i, j, k]
+        north, east, down = impulse[i, 0], impulse[i, 1], impulse[i, 2]
+        tilt_effect[0, 1], tilt_effect[0, 2], tilt_effect[1, 2] = down, -east, north
+        tilt_effect[1, 0], tilt_effect[2, 0], tilt_effect[2, 1] = -down, east, -north
+        for k in range(2):
+            horizontal_accel[i, k] += impulse[i, k] - dt_s / ACCEL_SMOOTHING_S * horizontal_accel[i, k]
+        impulse[i] = 0.0
+        for column in range(SIZE):
+            for k in range(SIZE):
+                states[k] = covariance[i, k, column]
+            _propagate_errors(dt_s, bias_effect, tilt_effect, states)
+            for k in range(SIZE):
+                covariance[i, k, column] = states[k]
+        for row in range(SIZE):
+            _propagate_errors(dt_s, bias_effect, tilt_effect, covariance[i, row])
+        for k in range(SIZE):
+            covariance[i, k, k] += noise[i, k] * dt_s
+        if bad_accel[i]:
+            covariance[i, VELOCITY + 2, VELOCITY + 2] += BAD_ACCEL_NOISE_M_S2**2 * PREDICTION_S * dt_s
+
+
+@kernel
+def fuse_states(
+    first: int, innovation: Rows, variance: Rows, bad_accel: Flags, bias_limit: Rows, covariance: Blocks,
+    change: Blocks, vector: Rows, q: Rows, matrix: Blocks,
+) -> None:  # fmt: skip
+    """Fuses the measurements one after the other; with independent noise this equals fusing all at once."""
+    for i in range(covariance.shape[0]):
+        taken = False
+        for m in range(innovation.shape[1]):
+            if not variance[i, m] < UNUSED:
+                continue
+            if not taken:
+                for k in range(SIZE):
+                    change[i, k, 0] = 0.0
+                taken = True
+            state = first + m
+            scale = 1.0 / (covariance[i, state, state] + variance[i, m])
+            residual = innovation[i, m] - change[i, state, 0]
+            for k in range(SIZE):
+                change[i, k, 1] = covariance[i, state, k]
+            for k in range(SIZE):
+                gain = change[i, k, 1] * scale
+                change[i, k, 0] += gain * residual
+                for j in range(SIZE):
+                    covariance[i, k, j] -= gain * change[i, j, 1]
+        if taken:
+            _apply_correction(change[i], bad_accel[i], bias_limit[i], vector[i], q[i], matrix[i])
+
+
+@kernel
+def measurement_covariances(
+    covariance: Blocks,
+    sensitivity: Blocks,
+    variance: Column,
+    cross_covariance: Blocks,
+    innovation_covariance: Blocks,
+) -> None:
+    measured = sensitivity.shape[1]
+    for i in range(covariance.shape[0]):
+        for k in range(SIZE):
+            for m in range(measured):
+                value = 0.0
+                for j in range(SIZE):
+                    value += covariance[i, k, j] * sensitivity[i, m, j]
+                cross_covariance[i, k, m] = value
+        for m in range(measured):
+            for n in range(measured):
+                value = variance[i] if m == n else 0.0
+                for j in range(SIZE):
+                    value += sensitivity[i, m, j] * cross_covariance[i, j, n]
+                innovation_covariance[i, m, n] = value
+
+
+@kernel
+def fuse_measurements(
+    cross_covariance: Blocks, innovation_covariance: Blocks, innovation: Rows, correctable: Rows,
+    bad_accel: Flags, bias_limit: Rows, covariance: Blocks, gain: Blocks, change: Blocks, inverse: Blocks,
+    vector: Rows, q: Rows, matrix: Blocks,
+) -> None:  # fmt: skip
+    """Updates the covariance in Joseph's form, which is valid for any gain."""
+    measured = innovation.shape[1]
+    for i in range(covariance.shape[0]):
+        taken = False
+        for k in range(SIZE):
+            taken = taken or correctable[i, k] != 0.0
+        if not taken:
+            continue
+        _invert(innovation_covariance[i], measured, inverse[i])
+        for k in range(SIZE):
+            for m in range(measured):
+                value = 0.0
+                for n in range(measured):
+                    value += cross_covariance[i, k, n] * inverse[i, n, m]
+                gain[i, k, m] = value * correctable[i, k]
+        # Subtracts half of gain times innovation_covariance, so that one product serves both sides.
+        for k in range(SIZE):
+            for m in range(measured):
+                value = cross_covariance[i, k, m]
+                for n in range(measured):
+                    value -= 0.5 * gain[i, k, n] * innovation_covariance[i, n, m]
+                change[i, k, m] = value
+        for k in range(SIZE):
+            for j in range(SIZE):
+                value = 0.0
+                for m in range(measured):
+                    value += gain[i, k, m] * change[i, j, m] + change[i, k, m] * gain[i, j, m]
+                covariance[i, k, j] -= value
+        for k in range(SIZE):
+            value = 0.0
+            for m in range(measured):
+                value += gain[i, k, m] * innovation[i, m]
+            change[i, k, 0] = value
+        _apply_correction(change[i], bad_accel[i], bias_limit[i], vector[i], q[i], matrix[i])
+
+
+@kernel
+def restore_symmetry(covariance: Blocks) -> None:
+    for i in range(covariance.shape[0]):
+        for k in range(SIZE):
+            for j in range(k):
+                covariance[i, k, j] = covariance[i, j, k] = 0.5 * (covariance[i, k, j] + covariance[i, j, k])
+            covariance[i, k, k] = max(covariance[i, k, k], _LEAST_VARIANCE)
