@@ -13,11 +13,12 @@ MAX_FILE_BYTES = 8 * 1024 * 1024
 """A plan of 10,000 items, as QGroundControl writes it, takes about 5 MB."""
 MAX_DEPTH = 32
 MAX_VALUES = 250_000
-"""Counted as commas and opening brackets outside strings; 10,000 items of QGroundControl have 180,000."""
+"""Values are counted as commas and opening brackets outside strings; 10,000 items of QGroundControl have
+180,000."""
 MAX_KEYS = 1000
-"""Most keys of one object."""
+"""Maximum number of keys in one object."""
 MAX_LINES = 25_000
-"""Most lines of a file with one item per line."""
+"""Maximum number of lines in a file with one item per line."""
 _MAX_DIGITS = 40
 _TEXT = re.compile(r'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = re.compile(r"[^\[\]{}]+")
@@ -55,10 +56,10 @@ def decode_lines(data: str | bytes) -> str:
 
 
 def check_json(data: str | bytes) -> str:
-    """The text, if parsing it is safe: bounded in size, depth and number of values.
+    """Returns the text if it is safe to parse: bounded in size, depth and number of values.
 
     Raises:
-        PlanError: It is not safe.
+        PlanError: It exceeds a limit.
     """
     text = decode(data)
     without_strings = _TEXT.sub("0", text)

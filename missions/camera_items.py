@@ -8,7 +8,7 @@ from missions.items import Item, NumberOrNone
 
 
 class TriggerDistance(Item):
-    """Take a picture every `distance_m`; 0 stops. `at_once` 1: take the first one immediately."""
+    """Take a picture every `distance_m`; 0 stops this. `at_once` 1: take the first picture immediately."""
 
     COMMAND = 206
     SLOTS = ("distance_m", "shutter_ms", "at_once", "camera", 0.0, 0.0, 0.0)
@@ -31,7 +31,7 @@ class TriggerInterval(Item):
 
 
 class TriggerControl(Item):
-    """Start (1) or stop (0) the camera trigger; -1 leaves a value unchanged."""
+    """Start (`enable` 1) or stop (0) the camera trigger; a value of -1 leaves a setting unchanged."""
 
     COMMAND = 2003
     SLOTS = ("enable", "reset", "pause", "camera", 0.0, 0.0, 0.0)
@@ -158,7 +158,7 @@ class ObliqueSurvey(Item):
 
 
 class GimbalPitchYaw(Item):
-    """Point the gimbal: degrees and degrees per second, pitch positive up; None: unchanged.
+    """Point the gimbal: angles in degrees, rates in degrees per second, pitch positive up; None: unchanged.
 
     `flags` are GIMBAL_MANAGER_FLAGS: 16 yaw lock, 32 yaw relative to the nose, 64 yaw relative to north.
     """
@@ -208,7 +208,7 @@ class MountConfigure(Item):
 
 
 class MountControl(Item):
-    """Deprecated command to point a camera mount, in degrees; `mode` 2 means by angles."""
+    """Deprecated command to point a camera mount, in degrees; `mode` 2: by angles."""
 
     COMMAND = 205
     SLOTS = ("pitch_deg", "roll_deg", "yaw_deg", 0.0, 0.0, 0.0, "mode")

@@ -23,17 +23,17 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "place_missing": ("error", "an item that needs a position has none"),
     "vtol_item": ("error", "an item for VTOL aircraft only"),
     "value_not_sendable": ("error", "a value does not fit the mission message"),
-    "set_home_place": ("error", "in a mission PX4 sets home to the vehicle's position only"),
+    "set_home_place": ("error", "PX4 missions can set home only to the vehicle's own position"),
     "terrain_unresolved": ("error", "a terrain altitude without elevation data; PX4 refuses terrain frames"),
-    "terrain_outdated": ("warning", "a resolved altitude that no longer fits the elevation data below it"),
+    "terrain_outdated": ("warning", "a resolved altitude that no longer agrees with the elevation data"),
     "terrain_hit": ("error", "the straight path between two items goes below the ground"),
     "terrain_near": ("warning", "the straight path between two items comes within 10 m of the ground"),
-    "home_off_ground": ("warning", "the planned home is more than 10 m above or below the elevation data"),
+    "home_off_ground": ("warning", "the planned home differs by more than 10 m from the elevation data"),
     "complex_without_items": ("error", "a pattern of another program that contains no mission items"),
     "jump_target_missing": ("error", "a jump names an item that does not exist"),
-    "jump_stalls": ("error", "a jump loops without flying or waiting"),
+    "jump_stalls": ("error", "a loop of jumps that neither flies nor waits"),
     "jump_endless": ("warning", "a jump repeats without end"),
-    "items_never_reached": ("warning", "items come after one that ends the mission"),
+    "items_never_reached": ("warning", "items after an item that ends the mission"),
     "speed_invalid": ("error", "an invalid speed"),
     "speed_too_high": ("warning", "a speed above MPC_XY_VEL_MAX, which PX4 limits"),
     "altitude_too_high": ("warning", "above the operator's altitude limit"),
@@ -55,7 +55,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "endurance_endless": ("warning", "endless: no battery is large enough"),
     "check_failed": ("warning", "a check that could not be carried out"),
 }
-"""Every code: its severity, and what it means."""
+"""Severity and meaning of each code."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +64,9 @@ class Finding:
 
     code: str
     message: str
-    """A sentence for a person."""
+    """Message for the pilot."""
     row: int | None = None
-    """Index in `Plan.items`; None: the finding concerns no single item."""
+    """Index in `Plan.items`; None: the finding is not about a single item."""
     zone: int | None = None
     """Index in `Plan.fence`."""
     rally_point: int | None = None
@@ -74,12 +74,12 @@ class Finding:
     fix: str | None = None
     """How to correct it."""
     is_error_here: bool = False
-    """The code is a warning, but this vehicle's parameters make it an error."""
+    """Whether this vehicle's parameters make this warning an error."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:
-        """error: PX4 refuses it or it is unsafe; warning: the flight may differ from what the pilot
-        expects."""
+        """error: PX4 refuses the plan, or the plan is unsafe; warning: the flight may differ from what the
+        pilot expects."""
         return "error" if self.is_error_here else CODES[self.code][0]
 
 

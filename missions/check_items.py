@@ -32,7 +32,7 @@ VTOL_COMMANDS = frozenset({84, 85, 3000})
 TAKEOFF_MARGIN_M = 1.0
 
 
-def _presence(context: Context) -> Iterator[Finding]:
+def _completeness(context: Context) -> Iterator[Finding]:
     if not context.items:
         yield Finding("plan_empty", "The plan has no items.", fix="Add a take-off and a waypoint.")
     if context.plan.planned_home is None and context.items:
@@ -53,10 +53,10 @@ def _presence(context: Context) -> Iterator[Finding]:
         yield Finding("too_many_items", message, fix="Remove rally points.")
 
 
-def _refused(context: Context) -> Iterator[Finding]:
+def _refused_items(context: Context) -> Iterator[Finding]:
     for row, item in context.items:
         if isinstance(item, CommandItem):
-            if _lacks_place(item):
+            if _lacks_position(item):
                 message = f"Item {row + 1} (command {item.command}) has no latitude, longitude or altitude."
                 yield Finding("place_missing", message, row, fix="Set its position.")
             elif item.command in VTOL_COMMANDS:
@@ -87,7 +87,7 @@ def _refused(context: Context) -> Iterator[Finding]:
             yield Finding("value_not_sendable", message, row, fix=error.fix)
 
 
-def _lacks_place(item: CommandItem) -> bool:
+def _lacks_position(item: CommandItem) -> bool:
     cls = CLASS_OF_COMMAND.get(item.command)
     return cls is not None and issubclass(cls, PlacedItem) and None in item.params[4:7]
 
@@ -110,7 +110,7 @@ def _takeoff(context: Context) -> Iterator[Finding]:
             earlier = earlier or name(row, item).lower()
 
 
-def _ends(context: Context) -> Iterator[Finding]:
+def _takeoff_and_landing(context: Context) -> Iterator[Finding]:
     """MIS_TKO_LAND_REQ: 1 requires a take-off, 2 a landing, 3 both, 4 and 5 both or neither."""
     takeoff = any(isinstance(item, Takeoff) for _, item in context.items)
     landing = any(isinstance(item, Land) for _, item in context.items)
@@ -147,7 +147,7 @@ def _jumps(context: Context) -> Iterator[Finding]:
         yield Finding("jump_stalls", message, row, fix="Remove the jump, or put a waypoint into the loop.")
 
 
-def _never_reached(context: Context) -> Iterator[Finding]:
+def _unreachable_items(context: Context) -> Iterator[Finding]:
     last = context.route.steps[-1] if context.route.steps else None
     if last is None or last.seq + 1 >= len(context.items):
         return
@@ -169,7 +169,7 @@ def _speeds(context: Context) -> Iterator[Finding]:
                 "speed_invalid", message, row, fix="Set a speed above 0, or -2 for the vehicle's own."
             )
         elif item.speed_type in GROUND_SPEED_TYPES and speed > most:
-            message = f"{name(row, item)} requests {speed:g} m/s; the vehicle flies {most:g} m/s at most."
+            message = f"{name(row, item)} requests {speed:g} m/s; the vehicle's maximum is {most:g} m/s."
             yield Finding("speed_too_high", message, row, fix=f"Set {most:g} m/s or less.")
     planned = context.plan.hover_speed_m_s
     if planned is not None and planned > most:
@@ -199,4 +199,13 @@ def _altitudes(context: Context) -> Iterator[Finding]:
             yield Finding("altitude_below_home", message, row, fix="Check the ground there, or raise it.")
 
 
-RULES = (_presence, _refused, _takeoff, _ends, _jumps, _never_reached, _speeds, _altitudes)
+RULES = (
+    _completeness,
+    _refused_items,
+    _takeoff,
+    _takeoff_and_landing,
+    _jumps,
+    _unreachable_items,
+    _speeds,
+    _altitudes,
+)

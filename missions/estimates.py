@@ -2,7 +2,8 @@
 
 The time of a leg is the longer of its horizontal and its vertical part. Horizontally the vehicle accelerates
 and brakes with `acceleration_m_s2` and stops at every waypoint (trapezoidal speed profile). PX4 flies gentle
-corners without stopping, so the real flight is rather shorter. The vertical speed is constant. No wind.
+corners without stopping, so the real flight takes less time. The vertical speed is constant. Wind is not
+included.
 """
 
 import math
@@ -28,13 +29,14 @@ class Estimate:
     climb_m: float
     """Sum of all climbs."""
     photos: int
-    """Pictures that items take; an endless series counts as one."""
+    """Number of pictures; an endless series counts as one."""
     energy_wh: float | None
     """None without a power model."""
     endless: bool
-    """A jump repeats without end, or the plan has too many steps: the flight is longer than estimated."""
+    """Whether a jump repeats without end or the plan has too many steps, so that the flight is longer than
+    estimated."""
     known_altitudes: bool
-    """False: an altitude could not be compared with home; its leg counts as level."""
+    """False if an altitude could not be compared with home; its leg counts as level."""
 
 
 def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None) -> Estimate:

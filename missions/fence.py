@@ -1,4 +1,4 @@
-"""Fence geometry: fences on the earth, and the region that a vehicle may be in, in its local NED frame.
+"""Fence geometry: fences in global coordinates, and the allowed region in the vehicle's local NED frame.
 
 Horizontal positions are (north, east) of the local origin [m]. Horizontal and vertical limits are separate,
 because a vehicle brakes for each separately.
@@ -17,14 +17,14 @@ from missions.geodesy import LocalOrigin
 NorthEast = tuple[float, float]
 """North, east [m]."""
 INSET_M = 0.5
-"""Distance inside the edge of a position that replaces one outside."""
+"""A position outside a fence is replaced by one this far inside its edge [m]."""
 CHECK_EVERY_M, MAX_CHECKS = 0.5, 4000
 """Spacing and maximum number of the checked points of a straight line."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolygonFence:
-    """An inclusion polygon on the earth."""
+    """An inclusion polygon in global coordinates."""
 
     points_deg: tuple[tuple[float, float], ...]
     """Latitude, longitude of each corner, in order."""
@@ -38,7 +38,7 @@ class PolygonFence:
 
 @dataclass(frozen=True, slots=True)
 class CircleFence:
-    """An inclusion circle on the earth."""
+    """An inclusion circle in global coordinates."""
 
     lat_deg: float
     lon_deg: float
@@ -74,7 +74,7 @@ class Polygon:
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Where a vehicle may be: inside all circles and polygons, and between two altitudes."""
+    """The allowed region: inside all circles and polygons, and between two altitudes."""
 
     down_min_m: float = -math.inf
     """The upper altitude limit; down is negative above the origin."""
@@ -101,7 +101,7 @@ class Region:
         return next((polygon.name for polygon in self.polygons if not _within(p, polygon.corners_ne_m)), None)
 
     def are_outside(self, positions_ne_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """For each of many positions (N, 2): whether it violates a limit."""
+        """Whether each of the positions (N, 2) violates a limit."""
         outside = np.zeros(len(positions_ne_m), dtype=bool)
         north, east = positions_ne_m[:, 0], positions_ne_m[:, 1]
         for circle in self.circles:
@@ -112,7 +112,8 @@ class Region:
             a_beyond = polygon.corners_ne_m[0][1] > east
             for a, b in _edges(polygon.corners_ne_m):
                 b_beyond = b[1] > east
-                between = np.flatnonzero(a_beyond != b_beyond)  # the edges that reach the position's east
+                # edges that cross the position's east coordinate
+                between = np.flatnonzero(a_beyond != b_beyond)
                 a_beyond = b_beyond
                 if len(between):
                     crossing = (b[0] - a[0]) * (east[between] - a[1]) / (b[1] - a[1]) + a[0]
@@ -121,7 +122,7 @@ class Region:
         return outside
 
     def distance_to_edge_m(self, p: NorthEast, direction: NorthEast) -> float:
-        """From a position inside: the distance to the first edge along a direction (of length 1)."""
+        """Distance from a position inside to the first edge along a unit direction [m]."""
         distance = math.inf
         for circle in self.circles:
             n, e = p[0] - circle.center_ne_m[0], p[1] - circle.center_ne_m[1]
@@ -133,7 +134,7 @@ class Region:
         return distance
 
     def edges(self, p: NorthEast) -> list[tuple[float, NorthEast]]:
-        """For each limit: the distance inside its edge (negative: outside), and the direction outwards."""
+        """For each limit, the distance to its edge (negative: outside) and the outward unit direction."""
         edges: list[tuple[float, NorthEast]] = []
         for circle in self.circles:
             out = (p[0] - circle.center_ne_m[0], p[1] - circle.center_ne_m[1])
@@ -177,7 +178,7 @@ class Region:
         return (here[0] + direction[0] * stop_m, here[1] + direction[1] * stop_m)
 
     def clamp_down_m(self, down_m: float) -> float:
-        """The nearest value of down between the two vertical limits."""
+        """The down coordinate, limited to the range between the two vertical limits."""
         return min(max(down_m, self.down_min_m), self.down_max_m)
 
 
@@ -191,13 +192,13 @@ class FenceArea:
     """The vehicle stays outside all of these; one region for each zone."""
 
     def are_outside(self, positions_ne_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which of many positions (N, 2) are not allowed."""
+        """Whether each of the positions (N, 2) is outside the allowed area."""
         outside = self.inclusions.are_outside(positions_ne_m)
         for zone in self.exclusions:
             outside |= ~zone.are_outside(positions_ne_m)
         return outside
 
-    def is_left_between(self, here: NorthEast, there: NorthEast) -> bool:
+    def line_leaves(self, here: NorthEast, there: NorthEast) -> bool:
         """Whether the straight line leaves the area; a line that only enters the area does not leave it."""
         count = 2 + min(MAX_CHECKS, int(math.dist(here, there) / CHECK_EVERY_M))
         outside = self.are_outside(np.linspace(here, there, count))
@@ -209,7 +210,7 @@ def _edges(corners: tuple[NorthEast, ...]) -> zip[tuple[NorthEast, NorthEast]]:
 
 
 def _within(p: NorthEast, corners: tuple[NorthEast, ...]) -> bool:
-    """Even-odd rule."""
+    """Whether a position is inside a polygon, by the even-odd rule."""
     inside = False
     for a, b in _edges(corners):
         if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]) + a[0]:

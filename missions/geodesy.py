@@ -33,7 +33,7 @@ class LocalOrigin:
     def from_pair(
         cls, lat_deg: float, lon_deg: float, alt_amsl_m: float, position_ned_m: Vector3
     ) -> LocalOrigin:
-        """The origin, from one position known both as latitude and longitude and in the local frame."""
+        """Computes the origin from one position, given in global and in local coordinates."""
         lat_0_deg = lat_deg - math.degrees(position_ned_m[0] / EARTH_RADIUS_M)
         radius_m = EARTH_RADIUS_M * math.cos(math.radians(lat_0_deg))
         lon_0_deg = lon_deg - math.degrees(position_ned_m[1] / radius_m)

@@ -1,9 +1,10 @@
 """The mission items that PX4 v1.16 executes for a multicopter, one class each; `kind` distinguishes them.
 
-`COMMAND` is the item's MAV_CMD. `SLOTS` is the field of each MAVLink parameter (a number: the parameter is
-unused and normally has this value; None: unused, normally NaN). Items with a position have four slots,
-because parameters 5 to 7 are the position; the others have seven. Yaw is in degrees clockwise from true
-north; None: the autopilot decides. MAVLink common message set: https://mavlink.io/en/messages/common.html
+`COMMAND` is the item's MAV_CMD. `SLOTS` contains the field of each MAVLink parameter. A number instead of a
+field means that the parameter is unused and normally has this value; None means unused and normally NaN.
+Items with a position have four slots, because parameters 5 to 7 are the position; the others have seven. Yaw
+is in degrees clockwise from true north; None: the autopilot decides. MAVLink common message set:
+https://mavlink.io/en/messages/common.html
 """
 
 from __future__ import annotations
@@ -145,7 +146,7 @@ class ReturnHome(Item):
 
 
 class Delay(Item):
-    """Wait for `delay_s`, or with -1 until a time of day in UTC."""
+    """Wait for `delay_s`, or until a time of day in UTC if `delay_s` is -1."""
 
     COMMAND = 93
     SLOTS = ("delay_s", "hour_utc", "minute_utc", "second_utc", 0.0, 0.0, 0.0)
@@ -157,7 +158,8 @@ class Delay(Item):
 
 
 class Jump(Item):
-    """Continue at another item, `repeat` times (-1: endless). Index from 0, in upload order."""
+    """Continue at another item, `repeat` times (-1: endless). `target_index` counts from 0 in upload
+    order."""
 
     COMMAND = 177
     SLOTS = ("target_index", "repeat", 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -178,7 +180,8 @@ class ChangeSpeed(Item):
 
 
 class SetHome(Item):
-    """Set home to the vehicle's position (`use_current` 1; PX4 accepts no other position in a mission)."""
+    """Set home to the vehicle's position. `use_current` must be 1: PX4 accepts no other position in a
+    mission."""
 
     COMMAND = 179
     SLOTS = ("use_current", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -187,7 +190,7 @@ class SetHome(Item):
 
 
 class LandStart(Item):
-    """Marks the start of the landing, where a return may continue the mission."""
+    """Marks the start of the landing; a return may continue the mission from here."""
 
     COMMAND = 189
     SLOTS = (0.0,) * 7
@@ -261,7 +264,7 @@ class Winch(Item):
 
 
 class CommandItem(Model):
-    """Any other item of a file or vehicle, kept unchanged; PX4 refuses most of them.
+    """Any other item of a file or vehicle, kept unchanged; PX4 refuses most such items.
 
     `params` are MAVLink's seven parameters; 5 and 6 are degrees if `frame` is global; None means NaN.
     """

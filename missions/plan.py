@@ -1,7 +1,7 @@
 """The document of a waypoint plan: items, geofence, rally points, home and speeds.
 
-Plans are immutable. Unknown parts of a file of another program are kept as JSON text (`original`), so that
-the file can be written back without loss.
+Plans are immutable. Unknown parts of other programs' files are kept as JSON text (`original`), so that these
+files can be written back without loss.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from missions.errors import PlanError, from_validation
 from missions.values import FenceZone, HomePosition, Model, RallyPoint
 
 MAX_ITEMS = 10_000
-"""Most items of a mission, including those inside complex items; PX4 can store as many."""
+"""Maximum number of items of a mission, including those inside complex items. PX4 has the same limit."""
 MAX_FENCE_ZONES = 500
 MAX_RALLY_POINTS = 500
 
@@ -71,7 +71,7 @@ class Plan(Model):
     version: Literal[1] = 1
     planned_home: HomePosition | None = None
     cruise_speed_m_s: Speed | None = None
-    """Planned speed of fixed-wing aircraft; stored only because files contain it."""
+    """Planned speed of fixed-wing aircraft; unused, but kept because plan files contain it."""
     hover_speed_m_s: Speed | None = None
     """Planned speed of multicopters, used by estimates, not uploaded; None: the vehicle's MPC_XY_CRUISE."""
     items: Annotated[tuple[PlanItem, ...], Field(max_length=MAX_ITEMS)] = ()

@@ -11,7 +11,7 @@ from missions.plan import Plan, SimpleItem
 from missions.values import Altitude
 
 MAX_STEPS = 20_000
-"""Most executed items; jumps may repeat items many times."""
+"""Maximum number of executed items; jumps may repeat items many times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class Route:
 
     steps: tuple[Step, ...]
     endless: bool
-    """A jump repeats without end; the route contains it once."""
+    """Whether a jump repeats without end; the route contains the loop once."""
     truncated: bool
-    """There are more steps than `MAX_STEPS`."""
+    """Whether there are more steps than `MAX_STEPS`."""
     stalled_row: int | None
     """The row of a jump that loops without flying to an item or waiting."""
 
@@ -50,7 +50,8 @@ class Leg:
 
 
 def is_flown_to(item: SimpleItem) -> bool:
-    """Whether the vehicle flies to the item's position; only the camera points at a region of interest."""
+    """Whether the vehicle flies to the item's position; at a region of interest only the camera is
+    pointed."""
     return isinstance(item, PlacedItem) and not isinstance(item, LegacyRoi | RoiLocation)
 
 

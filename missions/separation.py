@@ -1,10 +1,10 @@
 """The smallest distance between two vehicles if both were stopped now, as the separation guard checks it.
 
-The checks of a mission of several vehicles before its start use it too. The current distance is not enough,
-because braking takes distance. So both braking paths are included, each with the vehicle's own deceleration.
-A formation of equal vehicles in parallel flight keeps its distance. Positions and velocities are not exact,
-so the guard adds a margin (`margin_m`). With it the true distance stays above the minimum, as long as the
-accuracies that the vehicles report are correct.
+The pre-flight checks of a mission of several vehicles use the same calculation. Braking takes distance, so
+both braking paths are included, each with the vehicle's own deceleration. A formation of equal vehicles in
+parallel flight keeps its distance. Positions and velocities are not exact, so the guard adds a margin
+(`margin_m`). With this margin the true distance stays above the minimum, provided that the reported
+accuracies are correct.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from numpy.typing import NDArray
 from missions.frames import Vector3
 
 STOP_M_S2, STOP_DELAY_S = 2.5, 0.8
-"""Deceleration and delay of a multicopter whose setpoint becomes its current position. Simulated: 3.0 m from
-2.5 m/s, 6.1 m from 4.2 m/s, 12.8 m from 6.6 m/s; these values give 3.2, 6.9 and 14.1 m."""
+"""Deceleration and delay of a multicopter when its setpoint becomes its current position. Simulated: 3.0 m
+from 2.5 m/s, 6.1 m from 4.2 m/s, 12.8 m from 6.6 m/s; these values give 3.2, 6.9 and 14.1 m."""
 STOP_TILT_SHARE = 0.45
-"""Fraction of the acceleration at maximum tilt (g tan MPC_TILTMAX_AIR) that is certainly available for
-braking. 45 degrees, PX4's default, give more than `STOP_M_S2`; 10 degrees give 0.8 m/s²."""
+"""Fraction of the acceleration at maximum tilt (g tan MPC_TILTMAX_AIR) that is always available for braking.
+PX4's default of 45 degrees gives more than `STOP_M_S2`; 10 degrees give 0.8 m/s²."""
 NO_POSITION_CONTROL_SHARE = 0.6
-"""Fraction of that deceleration for a vehicle flown by acceleration, attitude or rates: its velocity and
-position controllers restart, and have not compensated the wind yet."""
+"""Fraction of the deceleration that is available to a vehicle flown by acceleration, attitude or rates. Its
+velocity and position controllers have to restart and do not compensate the wind yet."""
 SIGMAS = 2.0
-"""Multiple of both estimates' combined accuracy (one sigma). In the simulator the error of the distance had a
-sigma of 0.2 m, and the combined reported accuracy was 0.4 m: twice that is four sigma of the error."""
+"""Multiple of the combined accuracy of both estimates (one sigma). In the simulator the error of the distance
+had a sigma of 0.2 m, and the combined reported accuracy was 0.4 m: twice that is four sigma of the error."""
 UNKNOWN_ACCURACY_M = 1.0
 """Accuracy of a vehicle that reports none."""
 EXTRA_BRAKING_M = 0.4
@@ -38,9 +38,9 @@ EXTRA_BRAKING_M = 0.4
 UNKNOWN_ACCELERATION_M_S2 = 1.5
 """Assumed change of velocity since the estimate was received."""
 LEVEL_AFTER_S = 0.3
-"""Time for which a vehicle flown by attitude or rates still accelerates after a stop was sent."""
+"""Time for which a vehicle flown by attitude or rates continues to accelerate after a stop was sent."""
 TREND_S = 0.4
-"""Time over which a vehicle's acceleration is measured: shorter times would only measure noise."""
+"""Time over which a vehicle's acceleration is measured [s]; over a shorter time noise dominates."""
 PLANNED_ACCURACY_M, PLANNED_AGE_S = 0.3, 0.1
 """Assumed accuracy and age of each position, for checks before the flight."""
 STEP_S = 0.1
@@ -78,7 +78,7 @@ class SpeedTrend:
         self._samples: deque[tuple[float, Vector3]] = deque(maxlen=100)
 
     def add(self, received_s: float, velocity_ned_m_s: Vector3) -> None:
-        """Adds a velocity and its time of reception; one that is not newer is ignored."""
+        """Adds a velocity with its time of reception; a velocity that is not newer is ignored."""
         if self._samples and received_s <= self._samples[-1][0]:
             return
         self._samples.append((received_s, velocity_ned_m_s))
@@ -86,7 +86,7 @@ class SpeedTrend:
             self._samples.popleft()
 
     def faster_ned_m_s(self, by_s: float) -> Vector3:
-        """The newest velocity, or the one extrapolated by `by_s` seconds if that is faster."""
+        """The newest velocity, or the velocity extrapolated by `by_s` seconds if that is faster."""
         (first_s, old), (last_s, new) = self._samples[0], self._samples[-1]
         if last_s - first_s < TREND_S / 2.0:
             return new

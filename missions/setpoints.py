@@ -2,12 +2,11 @@
 
 Field names contain quantity, frame and unit. NED is relative to the vehicle's local origin. FRD is the body
 frame; in the `_body` kinds it is the level heading frame. None means "not controlled" (an ignore bit in
-MAVLink, NaN in PX4). If a kind has several quantities, PX4 controls the position, otherwise the velocity,
-otherwise the acceleration; the others are feed-forward. With neither yaw nor yaw rate the vehicle keeps its
-heading.
+MAVLink, NaN in PX4). Of several quantities, PX4 controls the first of position, velocity, acceleration; the
+others are feed-forward. Without yaw and yaw rate the vehicle keeps its heading.
 
 `type` is the name of a kind in the API, on the page and in plans. `needs` are the estimates that a kind
-requires: those of PX4, and those for the conversion to a kind that is sent unchanged.
+requires, in PX4 or for the conversion to a `DirectSetpoint`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Common values of plans: numbers, altitudes, positions, fence zones."""
+"""Values that all plan documents use: numbers, altitudes, positions, fence zones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Altitude(Model):
     """An altitude with its reference.
 
     `resolved_amsl_m` belongs to the reference "terrain": the altitude above mean sea level computed from
-    elevation data. It is uploaded instead, because PX4 refuses terrain frames.
+    elevation data. This altitude is uploaded, because PX4 refuses terrain frames.
     """
 
     value_m: AltitudeM
@@ -68,7 +68,7 @@ class RallyPoint(Model):
 
 
 class FenceCircle(Model):
-    """A circle that the vehicle must stay in (inclusion) or out of."""
+    """A circle: the vehicle must stay inside (inclusion) or outside."""
 
     shape: Literal["circle"] = "circle"
     inclusion: bool
@@ -79,7 +79,7 @@ class FenceCircle(Model):
 
 
 class FencePolygon(Model):
-    """A polygon that the vehicle must stay in (inclusion) or out of; the last corner joins the first."""
+    """A polygon: the vehicle must stay inside (inclusion) or outside. The last corner joins the first."""
 
     shape: Literal["polygon"] = "polygon"
     inclusion: bool

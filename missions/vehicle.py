@@ -80,7 +80,7 @@ class PowerModel:
     efficiency: float = 0.6
     """Total efficiency of motors, controllers and propellers, 0 to 1."""
     reserve: float = 0.2
-    """Share of the battery that is kept in reserve."""
+    """Fraction of the battery that is kept as reserve."""
 
     @property
     def usable_wh(self) -> float:

@@ -1,31 +1,38 @@
 """Flies over or around obstacles, then returns to the path behind them.
 
-The straight line to the wanted position, and the path after it, must be clear of recent measurements.
-If it is not, the vehicle climbs above the highest measured point, flies on, and descends once nothing was
-measured below. Or it flies on the clear heading that is nearest to the direction of the goal.
-The vehicle moves only in directions that a sensor measures. If no direction is allowed, or the sensors send
+The straight line to the wanted position, and the path after it, must be clear of recent measurements. If an
+obstacle blocks them, the vehicle climbs above the highest measured point, flies on, and descends once nothing
+was measured below. Alternatively it flies on the clear heading nearest to the direction of the goal. The
+vehicle moves only in directions that a sensor measures. If no direction is allowed, or the sensors send
 nothing, it stops and reports the reason.
 
-Below each remembered point everything counts as solid (`memory.py`). A sensor with a single ray measures
-along one line only; it does not detect obstacles nearby that line.
+The space below each remembered point counts as solid (`memory.py`). A sensor with a single ray measures
+along one line only; it does not detect obstacles beside that line.
 """
 
 from __future__ import annotations
 
 import math
 
-from missions.avoidance.corridor import BELOW_M, CLEARANCE_M, OVER_M, InTheWay, in_the_way
+from missions.avoidance.corridor import BELOW_M, CLEARANCE_M, OVER_M, BlockingObstacles, blocking_obstacles
 from missions.avoidance.detour import Side, choose_heading
 from missions.avoidance.memory import ObstacleMemory
 from missions.avoidance.scans import Scan, fresh, measures_down, measures_level, range_at_m
 from missions.avoidance.stopping import braking_speed
-from missions.avoidance.values import Adjusted, Allowed, AvoidanceState, AvoidanceWay, Here, Wanted
+from missions.avoidance.values import (
+    AdjustedMotion,
+    AvoidanceState,
+    AvoidanceWay,
+    DetourLimits,
+    MotionState,
+    WantedMotion,
+)
 from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 
 FRESH_S = 1.0
 """Older measurements are ignored [s]."""
-CLIMB_MOST_M = 15.0
+MAX_CLIMB_M = 15.0
 """Largest climb above the wanted altitude; the vehicle flies around higher obstacles."""
 CEILING_MARGIN_M = 0.7
 DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_SINK_M_S = 2.0, 1.5, 1.0
@@ -33,19 +40,20 @@ CLEAR_FOR_S = 0.5
 """The direct path must be clear for this long before the vehicle returns to it."""
 RETURNED_WITHIN_M = 1.0
 MEASURED_WITHIN_S = 0.5
-"""Above an obstacle the vehicle moves only with a measurement this recent: the obstacle may get higher."""
+"""Above an obstacle the vehicle moves only if the last measurement is younger than this [s]: the obstacle may
+get higher."""
 GOAL_MOVED_M = 2.0
 """If no way was found, the search is repeated when the goal has moved this far."""
-MOVES_M, MOVES_M_S = 0.5, 0.3
-"""Smaller motions do not need a sensor that measures in their direction."""
+MIN_MOTION_M, MIN_MOTION_M_S = 0.5, 0.3
+"""Distance [m] and speed [m/s] below which no sensor must measure in the direction of travel."""
 STOPPED_M_S = 0.3
 
 
 class Avoider:
-    """Obstacle avoidance of one vehicle, while it is on.
+    """Obstacle avoidance of one vehicle; exists only while avoidance is enabled.
 
     Args:
-        way: what to try first.
+        way: whether to climb over obstacles first, or to fly around them.
     """
 
     def __init__(self, way: AvoidanceWay = "over") -> None:
@@ -65,8 +73,13 @@ class Avoider:
         self._hold_position: Vector3 | None = None
 
     def adjust(
-        self, now_s: float, here: Here, wanted: Wanted, scans: tuple[Scan, ...], allowed: Allowed
-    ) -> Adjusted:
+        self,
+        now_s: float,
+        here: MotionState,
+        wanted: WantedMotion,
+        scans: tuple[Scan, ...],
+        allowed: DetourLimits,
+    ) -> AdjustedMotion:
         """The setpoint to fly instead of the wanted one.
 
         Args:
@@ -83,10 +96,15 @@ class Avoider:
         return adjusted
 
     def _adjusted(
-        self, now_s: float, here: Here, wanted: Wanted, seen: tuple[Scan, ...], allowed: Allowed
-    ) -> Adjusted:
+        self,
+        now_s: float,
+        here: MotionState,
+        wanted: WantedMotion,
+        seen: tuple[Scan, ...],
+        allowed: DetourLimits,
+    ) -> AdjustedMotion:
         if not any(measures_level(scan) for scan in seen):
-            return self._stop(
+            return self._stop_and_hold(
                 here, wanted, f"No obstacle measurement for {FRESH_S:g} s: the vehicle holds its position."
             )
         up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
@@ -95,7 +113,7 @@ class Avoider:
         heading = _heading(here, wanted)
         yaw = self._yaw_to_see(here, wanted, seen, heading)
         points = self._memory.above(low_m, now_s)
-        blocking = in_the_way(points, here, wanted, self._top_uncertainty_m)
+        blocking = blocking_obstacles(points, here, wanted, self._top_uncertainty_m)
         if blocking is not None:
             self._clear_since_s = None
             return self._detour(now_s, here, wanted, seen, allowed, blocking, yaw)
@@ -104,12 +122,12 @@ class Avoider:
             self._clear_since_s = now_s
         if heading is not None and range_at_m(seen, heading) is None:
             return self._turn(here, wanted, heading)
-        below = goal_up_m < up_m - BELOW_M and _distance(here, wanted) > MOVES_M  # no sensor looks down
+        below = goal_up_m < up_m - BELOW_M and _distance(here, wanted) > MIN_MOTION_M  # no sensor looks down
         if self._state in ("clear", "turning") and not below:
-            return Adjusted("clear", yaw_ned_rad=yaw)
-        return self._back(now_s, here, wanted, seen, allowed, yaw)
+            return AdjustedMotion("clear", yaw_ned_rad=yaw)
+        return self._return_to_path(now_s, here, wanted, seen, allowed, yaw)
 
-    def _remember(self, now_s: float, here: Here, seen: tuple[Scan, ...], lowest_m: float) -> None:
+    def _remember(self, now_s: float, here: MotionState, seen: tuple[Scan, ...], lowest_m: float) -> None:
         """Stores each new scan, taken from the vehicle's position at that time."""
         keys = {
             (scan.measured_s, scan.directions_ned[0], len(scan.directions_ned)): scan
@@ -128,9 +146,10 @@ class Avoider:
         self._stored_scans = set(keys)
 
     def _yaw_to_see(
-        self, here: Here, wanted: Wanted, seen: tuple[Scan, ...], heading: float | None
+        self, here: MotionState, wanted: WantedMotion, seen: tuple[Scan, ...], heading: float | None
     ) -> float | None:
-        """The heading that points the sensors in the direction of travel; None if the wanted heading does."""
+        """The heading that points the sensors in the direction of travel; None if the wanted heading already
+        does so."""
         if heading is None:
             return None
         yaw = here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
@@ -141,21 +160,21 @@ class Avoider:
     def _detour(
         self,
         now_s: float,
-        here: Here,
-        wanted: Wanted,
+        here: MotionState,
+        wanted: WantedMotion,
         seen: tuple[Scan, ...],
-        allowed: Allowed,
-        blocking: InTheWay,
+        allowed: DetourLimits,
+        blocking: BlockingObstacles,
         yaw: float | None,
-    ) -> Adjusted:
+    ) -> AdjustedMotion:
         up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
         required_m = blocking.highest_m + OVER_M
-        most_m = min(goal_up_m + CLIMB_MOST_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
+        most_m = min(goal_up_m + MAX_CLIMB_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
         started = self._side is not None or self._no_way_to is not None
         if self.way == "around" or required_m > most_m or started:
             if not started:
                 self._level_m = up_m
-            return self._around(now_s, here, wanted, seen, allowed, blocking.clearance_m)
+            return self._fly_around(now_s, here, wanted, seen, allowed, blocking.clearance_m)
         climb = _clamp(max(required_m, min(goal_up_m, most_m)) - up_m, allowed)
         heading = _heading(here, wanted)
         measured_m = None if heading is None else range_at_m(seen, heading)
@@ -168,20 +187,20 @@ class Avoider:
         text = "Obstacle ahead: climbing over it." if is_ahead else "Above an obstacle: flying over it."
         return self._fly("over", text, here, wanted, heading, speed, climb, yaw)
 
-    def _around(
+    def _fly_around(
         self,
         now_s: float,
-        here: Here,
-        wanted: Wanted,
+        here: MotionState,
+        wanted: WantedMotion,
         seen: tuple[Scan, ...],
-        allowed: Allowed,
+        allowed: DetourLimits,
         clearance_m: float,
-    ) -> Adjusted:
+    ) -> AdjustedMotion:
         high = "" if self.way == "around" else " and too high to climb over"
         no_way = f"Obstacle ahead{high}, and the sensors measure no clear way around it."
         goal = wanted.position_ned_m
         if self._no_way_to is not None and math.dist(self._no_way_to, goal) < GOAL_MOVED_M:
-            return self._stop(here, wanted, no_way)
+            return self._stop_and_hold(here, wanted, no_way)
         nearby = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
         chosen = choose_heading(nearby, here, wanted, seen, allowed, self._side, clearance_m)
         if chosen is None and self._side is not None and not self._turned_back:
@@ -189,7 +208,7 @@ class Avoider:
             chosen = choose_heading(nearby, here, wanted, seen, allowed, self._side, clearance_m)
         if chosen is None:
             self._no_way_to, self._side, self._turned_back = goal, None, False
-            return self._stop(here, wanted, no_way)
+            return self._stop_and_hold(here, wanted, no_way)
         self._no_way_to = None
         heading, self._side, free_m = chosen
         speed = min(DETOUR_M_S, allowed.speed_m_s, braking_speed(free_m))
@@ -198,22 +217,22 @@ class Avoider:
         text = f"Obstacle ahead: flying around it{where}."
         return self._fly("around", text, here, wanted, heading, speed, climb, None)
 
-    def _back(
+    def _return_to_path(
         self,
         now_s: float,
-        here: Here,
-        wanted: Wanted,
+        here: MotionState,
+        wanted: WantedMotion,
         seen: tuple[Scan, ...],
-        allowed: Allowed,
+        allowed: DetourLimits,
         yaw: float | None,
-    ) -> Adjusted:
-        """Returns to the path: first down if nothing is below, then level to the wanted position."""
+    ) -> AdjustedMotion:
+        """Returns to the path: descends if nothing is below, then flies level to the wanted position."""
         assert self._clear_since_s is not None
         down_m = wanted.position_ned_m[2] - here.position_ned_m[2]
         waits = now_s - self._clear_since_s < CLEAR_FOR_S
-        moves = math.hypot(*wanted.velocity_ned_m_s) > MOVES_M_S
+        moves = math.hypot(*wanted.velocity_ned_m_s) > MIN_MOTION_M_S
         if abs(down_m) < BELOW_M and not waits and (not moves or _distance(here, wanted) < RETURNED_WITHIN_M):
-            return Adjusted("clear", yaw_ned_rad=yaw)
+            return AdjustedMotion("clear", yaw_ned_rad=yaw)
         blind = not any(measures_down(scan) for scan in seen)
         text = "The way is free: returning to the path."
         climb = _clamp(-down_m, allowed)
@@ -236,25 +255,27 @@ class Avoider:
         self,
         state: AvoidanceState,
         text: str,
-        here: Here,
-        wanted: Wanted,
+        here: MotionState,
+        wanted: WantedMotion,
         heading: float | None,
         speed_m_s: float,
         climb_m_s: float,
         yaw: float | None,
-    ) -> Adjusted:
+    ) -> AdjustedMotion:
         n, e = (
             (0.0, 0.0) if heading is None else (speed_m_s * math.cos(heading), speed_m_s * math.sin(heading))
         )
         yaw = _yaw(here, wanted) if yaw is None else yaw
-        return Adjusted(state, text, Velocity((n, e, -climb_m_s), yaw), yaw)
+        return AdjustedMotion(state, text, Velocity((n, e, -climb_m_s), yaw), yaw)
 
-    def _turn(self, here: Here, wanted: Wanted, heading: float) -> Adjusted:
+    def _turn(self, here: MotionState, wanted: WantedMotion, heading: float) -> AdjustedMotion:
         text = "Turning: the obstacle sensor does not measure in the direction of travel."
-        stopped = self._stop(here, wanted, text, heading)
-        return Adjusted("turning", text, stopped.motion, heading)
+        stopped = self._stop_and_hold(here, wanted, text, heading)
+        return AdjustedMotion("turning", text, stopped.motion, heading)
 
-    def _stop(self, here: Here, wanted: Wanted, text: str, yaw: float | None = None) -> Adjusted:
+    def _stop_and_hold(
+        self, here: MotionState, wanted: WantedMotion, text: str, yaw: float | None = None
+    ) -> AdjustedMotion:
         """Slows down, then holds the position where the vehicle stopped."""
         yaw = _yaw(here, wanted) if yaw is None else yaw
         if self._hold_position is None and math.hypot(*here.velocity_ned_m_s) < STOPPED_M_S:
@@ -264,32 +285,32 @@ class Avoider:
             if self._hold_position is None
             else Position(self._hold_position, yaw)
         )
-        return Adjusted("stopped", text, motion, yaw)
+        return AdjustedMotion("stopped", text, motion, yaw)
 
 
-def _heading(here: Here, wanted: Wanted) -> float | None:
+def _heading(here: MotionState, wanted: WantedMotion) -> float | None:
     """Direction of travel [rad]; None: no horizontal motion."""
     north, east = (wanted.position_ned_m[i] - here.position_ned_m[i] for i in (0, 1))
-    if math.hypot(north, east) > MOVES_M:
+    if math.hypot(north, east) > MIN_MOTION_M:
         return math.atan2(east, north)
     vn, ve, _ = wanted.velocity_ned_m_s
-    return math.atan2(ve, vn) if math.hypot(vn, ve) > MOVES_M_S else None
+    return math.atan2(ve, vn) if math.hypot(vn, ve) > MIN_MOTION_M_S else None
 
 
-def _distance(here: Here, wanted: Wanted) -> float:
+def _distance(here: MotionState, wanted: WantedMotion) -> float:
     return math.dist(here.position_ned_m[:2], wanted.position_ned_m[:2])
 
 
-def _at(here: Here, age_s: float) -> Vector3:
+def _at(here: MotionState, age_s: float) -> Vector3:
     """Position of the vehicle at an earlier time."""
     n, e, d = (p - v * age_s for p, v in zip(here.position_ned_m, here.velocity_ned_m_s, strict=True))
     return (n, e, d)
 
 
-def _yaw(here: Here, wanted: Wanted) -> float:
+def _yaw(here: MotionState, wanted: WantedMotion) -> float:
     return here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
 
 
-def _clamp(climb_m_s: float, allowed: Allowed) -> float:
+def _clamp(climb_m_s: float, allowed: DetourLimits) -> float:
     """A climb speed within the limits of the detour and of the vehicle."""
     return max(-min(DETOUR_SINK_M_S, allowed.sink_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, allowed.climb_m_s))

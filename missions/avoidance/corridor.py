@@ -11,41 +11,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.avoidance.memory import along, nearest_m
-from missions.avoidance.scans import STEEP, Scan
-from missions.avoidance.values import Here, Wanted
+from missions.avoidance.scans import LEVEL_MAX_SINE, Scan
+from missions.avoidance.values import MotionState, WantedMotion
 from missions.frames import Vector3
 
 CLEARANCE_M = 1.2
 """Horizontal distance from the vehicle's centre to any obstacle at its altitude."""
 NEAREST_M = 0.7
-"""Smallest clearance, used when the vehicle or its goal is already near an obstacle."""
+"""Minimum clearance, used when the vehicle or its goal is already near an obstacle."""
 OVER_M, BELOW_M = 1.0, 0.4
-"""The vehicle climbs `OVER_M` above an obstacle; an obstacle whose top is less than `BELOW_M` below it
-blocks."""
+"""The vehicle climbs `OVER_M` above an obstacle. An obstacle blocks the path if its top is less than
+`BELOW_M` below the vehicle."""
 ABOVE_M = 0.9 * OVER_M
 """The vehicle flies over an obstacle once it is this far above it; the obstacle may be higher than
 measured."""
 
 
 @dataclass(frozen=True, slots=True)
-class InTheWay:
+class BlockingObstacles:
     """Obstacles between the vehicle and its goal."""
 
     highest_m: float
     """Height of the highest top above the local origin."""
     first_m: float
-    """Distance to the first obstacle that is not below the vehicle yet; infinite if there is none."""
+    """Distance to the first obstacle that is still at or above the vehicle's altitude; infinite if there is
+    none."""
     clearance_m: float
     """Clearance to the sides; smaller if the vehicle or its goal is already near an obstacle."""
 
 
-def in_the_way(
-    points: NDArray[np.float64], here: Here, wanted: Wanted, top_uncertainty_m: float
-) -> InTheWay | None:
+def blocking_obstacles(
+    points: NDArray[np.float64], here: MotionState, wanted: WantedMotion, top_uncertainty_m: float
+) -> BlockingObstacles | None:
     """Obstacles on the way to the wanted position and on the path after it; None: the way is clear.
 
     Args:
-        points: (N, 3) north, east, top: obstacles that reach up to the lower end of the way.
+        points: (N, 3) north, east, top of the obstacles that reach up to the lower end of the path.
         here: the vehicle's position and motion.
         wanted: the wanted motion.
         top_uncertainty_m: how much higher the obstacles may be than measured.
@@ -75,7 +76,7 @@ def in_the_way(
             first_m = min(first_m, flown_m + float(columns.along_m[level].min()))
         flown_m += length_m
     return (
-        InTheWay(float(top_m[blocking].max()) + top_uncertainty_m, first_m, clearance_m)
+        BlockingObstacles(float(top_m[blocking].max()) + top_uncertainty_m, first_m, clearance_m)
         if blocking.any()
         else None
     )
@@ -93,7 +94,7 @@ def first_on_line(scans: Iterable[Scan], here: Vector3, there: Vector3) -> float
         (here[0] + n * far_m, here[1] + e * far_m, -(here[2] + d * far_m))
         for scan in scans
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
-        if far_m is not None and d <= STEEP
+        if far_m is not None and d <= LEVEL_MAX_SINE
     ]
     if not hits:
         return None

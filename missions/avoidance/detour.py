@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.avoidance.scans import Scan, range_at_m
-from missions.avoidance.values import Allowed, Here, Wanted
+from missions.avoidance.values import DetourLimits, MotionState, WantedMotion
 
 Side = Literal["left", "right"]
 """Side of the obstacle, as seen from the vehicle."""
@@ -17,21 +17,22 @@ STEP_RAD = math.radians(10.0)
 STEPS = 16
 """160° to each side; larger turns lead backwards."""
 LOOK_M = 6.0
-LEAST_FREE_M = 2.0
+MIN_FREE_M = 2.0
 """Free distance beyond the clearance that a heading must have; `LOOK_M` is preferred."""
 FENCE_MARGIN_M = 2.0
 
 
 def choose_heading(
     points: NDArray[np.float64],
-    here: Here,
-    wanted: Wanted,
+    here: MotionState,
+    wanted: WantedMotion,
     scans: tuple[Scan, ...],
-    allowed: Allowed,
+    allowed: DetourLimits,
     side: Side | None,
     clearance_m: float,
 ) -> tuple[float, Side | None, float] | None:
-    """The measured, clear heading inside the fence that is nearest to the direction of the goal; None: none.
+    """The heading nearest to the direction of the goal that is measured, clear and inside the fence; None if
+    there is none.
 
     Args:
         points: (N, 3) obstacles that reach the vehicle's altitude.
@@ -39,8 +40,8 @@ def choose_heading(
         wanted: the wanted motion.
         scans: current ones; a heading that no sensor measures is not used.
         allowed: the fences.
-        side: the side that the detour started on; None: whichever is nearer.
-        clearance_m: to keep from obstacles.
+        side: the side that the detour started on; None: either side.
+        clearance_m: distance to keep from obstacles.
 
     Returns:
         The heading [rad], its side (None: straight towards the goal), and its free distance [m].
@@ -48,7 +49,7 @@ def choose_heading(
     n, e = here.position_ned_m[:2]
     goal = math.atan2(wanted.position_ned_m[1] - e, wanted.position_ned_m[0] - n)
     sides: tuple[Side, ...] = ("right", "left") if side is None else (side,)
-    for least_m in (LOOK_M, LEAST_FREE_M):
+    for least_m in (LOOK_M, MIN_FREE_M):
         for turn in range(STEPS + 1):
             for name in sides:
                 heading = goal + (turn if name == "right" else -turn) * STEP_RAD
@@ -76,11 +77,11 @@ def _free_m(
     return min(LOOK_M, float(ahead[blocking].min()) - clearance_m) if blocking.any() else LOOK_M
 
 
-def _leaves(allowed: Allowed, at_ne_m: tuple[float, float], heading: float) -> bool:
+def _leaves(allowed: DetourLimits, at_ne_m: tuple[float, float], heading: float) -> bool:
     region = allowed.region
     if allowed.fence is not None:
         n, e = (at_ne_m[0] + LOOK_M * math.cos(heading), at_ne_m[1] + LOOK_M * math.sin(heading))
-        if allowed.fence.is_left_between(at_ne_m, (n, e)):
+        if allowed.fence.line_leaves(at_ne_m, (n, e)):
             return True
     if not region.is_limited_horizontally:
         return False

@@ -18,7 +18,8 @@ from missions.frames import Vector3
 
 CELL_M = 0.3
 KEPT_S = 30.0
-"""A point that was not measured again for this long is deleted: the obstacle may have moved."""
+"""Time after which a point that was not measured again is deleted, because the obstacle may have moved
+[s]."""
 MAX_COLUMNS = 4096
 NorthEast = tuple[float, float]
 
@@ -50,12 +51,12 @@ class ObstacleMemory:
         self._keys: list[tuple[int, int] | None] = [None] * MAX_COLUMNS
 
     def add(self, scan: Scan, at_ned_m: Vector3, lowest_m: float) -> None:
-        """Stores what a scan measured.
+        """Stores the points of a scan.
 
         Args:
             scan: the measurement.
             at_ned_m: the vehicle's position at that time.
-            lowest_m: heights below this do not matter [m above the local origin].
+            lowest_m: lower points are ignored [m above the local origin].
         """
         for (n, e, d), distance_m in zip(scan.directions_ned, scan.distances_m, strict=True):
             if distance_m is None:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 from missions.frames import Vector3, wrap_pi
 
-STEEP = 0.7
-"""A ray steeper than this (45°) measures the height above the ground or below a ceiling."""
-NARROWEST_RAD = math.radians(15.0)
+LEVEL_MAX_SINE = 0.7
+"""Largest vertical component of a ray that measures obstacles (sine of 45°). A steeper ray measures the
+height above the ground or below a ceiling."""
+DEFAULT_HALF_ANGLE_RAD = math.radians(15.0)
 """Half angle assumed for a sensor that does not report its field of view."""
 
 
@@ -42,23 +43,23 @@ class Scan:
 
 
 def fresh(scans: Iterable[Scan], now_s: float, within_s: float) -> tuple[Scan, ...]:
-    """The scans measured no longer ago than `within_s`."""
+    """The scans of the last `within_s` seconds."""
     return tuple(scan for scan in scans if now_s - scan.measured_s <= within_s)
 
 
 def measures_level(scan: Scan) -> bool:
-    """Whether one of its rays is nearer to horizontal than to vertical."""
-    return any(abs(direction[2]) <= STEEP for direction in scan.directions_ned)
+    """Whether at least one ray is within 45° of horizontal."""
+    return any(abs(direction[2]) <= LEVEL_MAX_SINE for direction in scan.directions_ned)
 
 
 def measures_outwards(scan: Scan) -> bool:
-    """Whether one of its rays points anywhere but steeply down."""
-    return any(direction[2] <= STEEP for direction in scan.directions_ned)
+    """Whether at least one ray is level, upward, or less than 45° downward."""
+    return any(direction[2] <= LEVEL_MAX_SINE for direction in scan.directions_ned)
 
 
 def measures_down(scan: Scan) -> bool:
-    """Whether one of its rays points steeply down."""
-    return any(direction[2] > STEEP for direction in scan.directions_ned)
+    """Whether at least one ray points more than 45° downward."""
+    return any(direction[2] > LEVEL_MAX_SINE for direction in scan.directions_ned)
 
 
 def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.0) -> float | None:
@@ -67,13 +68,13 @@ def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.
     Args:
         scans: current ones.
         heading_rad: clockwise from north.
-        turned_rad: a turn of the vehicle to assume in addition.
+        turned_rad: an additional turn of the vehicle to assume.
     """
     best: float | None = None
     for scan in scans:
-        half_rad = max(scan.half_angle_rad, NARROWEST_RAD)
+        half_rad = max(scan.half_angle_rad, DEFAULT_HALF_ANGLE_RAD)
         for north, east, down in scan.directions_ned:
-            if abs(down) > STEEP:
+            if abs(down) > LEVEL_MAX_SINE:
                 continue
             off_rad = abs(wrap_pi(math.atan2(east, north) + turned_rad - heading_rad))
             if off_rad <= half_rad and (best is None or scan.range_m > best):

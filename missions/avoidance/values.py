@@ -20,7 +20,7 @@ UNLIMITED = Region()
 
 
 @dataclass(frozen=True, slots=True)
-class Here:
+class MotionState:
     """Position and motion of the vehicle."""
 
     position_ned_m: Vector3
@@ -29,7 +29,7 @@ class Here:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedMotion:
     """The motion without obstacles."""
 
     position_ned_m: Vector3
@@ -42,7 +42,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Allowed:
+class DetourLimits:
     """Limits of a detour."""
 
     speed_m_s: float = math.inf
@@ -54,7 +54,7 @@ class Allowed:
 
 
 @dataclass(frozen=True, slots=True)
-class Adjusted:
+class AdjustedMotion:
     """The motion to fly instead of the wanted one."""
 
     state: AvoidanceState

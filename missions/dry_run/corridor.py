@@ -18,7 +18,7 @@ from missions.dry_run.track import Track
 Array = NDArray[np.float64]
 MAX_STATIONS = 400
 WINDOW_S = 3.0
-"""Time searched before and after the same moment of the step."""
+"""Time that is searched before and after the same time in the step [s]."""
 QUANTILES = (0.05, 0.5, 0.95)
 
 
@@ -30,7 +30,7 @@ class Band:
     p50: Array
     p95: Array
     greatest: Array
-    """The deviation of largest magnitude, with its sign."""
+    """The deviation with the largest magnitude, signed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,13 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "battery_empty": ("error", "the battery is empty before the end"),
     "battery_reserve": ("warning", "less than the battery's reserve is left at the end"),
     "battery_unknown": ("warning", "the battery's discharge rate is unknown"),
-    "obstacle_near": ("warning", "the flight comes within 2 m of an obstacle"),
+    "obstacle_near": ("warning", "the flight comes closer than 2 m to an obstacle"),
     "separation": ("error", "two vehicles of the mission come too near to each other"),
     "ends_in_air": ("warning", "the flight ends in the air; the vehicle holds its position"),
 }
-"""Every code: its severity, and what it means."""
+"""Severity and meaning of each code."""
 NEAR_M = 2.0
-"""Distance that gives `obstacle_near`."""
+"""Distance below which `obstacle_near` is reported [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class DryRunFinding:
 
     code: str
     message: str
-    """A sentence for a person."""
+    """Message for the pilot."""
     step: str | None = None
     """"item 3" of a plan, "step 4.2" of an offboard mission."""
     t_s: float | None = None

@@ -23,7 +23,7 @@ TICK_S = 0.02
 """Time step of the autopilots; commands are possible between two steps."""
 SEVERITY_WARNING = 4
 DRAIN_EXPONENT = 1.5
-"""Hover power grows with mass to this power (momentum theory, `missions.vehicle.hover_power_w`)."""
+"""Exponent of the mass in the hover power (momentum theory, `missions.vehicle.hover_power_w`)."""
 
 
 class Fleet:
@@ -34,7 +34,7 @@ class Fleet:
             of the first one.
         conditions: one for each vehicle.
         seed: seed of noise and gusts.
-        first: number of the first flight, so that a flight has the same noise in any batch.
+        first: number of the first flight; the noise of a flight depends on its number, not on the batch.
         obstacles: obstacles around the start.
     """
 
@@ -91,11 +91,11 @@ MISSION_REFUSALS = {
     "navigator_mis_vtol_items": "an item is for VTOL aircraft",
     "navigator_mis_takeoff_not_first": "the take-off is not the first item",
     "navigator_mis_takeoff_too_low": "the take-off is too low",
-    "navigator_mis_takeoff_missing": "it has no take-off",
-    "navigator_mis_land_missing": "it has no landing",
-    "navigator_mis_takeoff_or_land_missing": "it needs a take-off and a landing",
-    "navigator_mis_add_land_or_rm_to": "it has a take-off and no landing",
-    "navigator_mis_add_to_or_rm_land": "it has a landing and no take-off",
+    "navigator_mis_takeoff_missing": "the mission has no take-off",
+    "navigator_mis_land_missing": "the mission has no landing",
+    "navigator_mis_takeoff_or_land_missing": "the mission needs a take-off and a landing",
+    "navigator_mis_add_land_or_rm_to": "the mission has a take-off but no landing",
+    "navigator_mis_add_to_or_rm_land": "the mission has a landing but no take-off",
     "navigator_mis_geofence_violation": "an item lies outside the geofence",
     "navigator_geofence_invalid_against_home": "home lies outside the geofence",
 }
@@ -110,23 +110,23 @@ class Vehicle:
         self.autopilot = autopilot
         self.node = node
         self.warnings: list[str] = []
-        """Its status texts of severity warning and above."""
+        """Status texts of the vehicle with severity warning and above."""
         autopilot.announcer.add_listener(self._on_message)
 
     def _on_message(self, message: StatusText | Event) -> None:
         if isinstance(message, StatusText) and message.severity <= SEVERITY_WARNING:
             self.warnings.append(message.text.strip())
         elif isinstance(message, Event) and message.id in _REFUSAL_OF:
-            self.warnings.append(f"PX4 refuses it: {_REFUSAL_OF[message.id]}")
+            self.warnings.append(f"PX4 refuses the mission: {_REFUSAL_OF[message.id]}")
 
     @property
     def armed(self) -> bool:
-        """Whether its motors may turn."""
+        """Whether the vehicle is armed."""
         return self.autopilot.commander.armed
 
     @property
     def last_warning(self) -> str:
-        """Its last warning, without a full stop."""
+        """The vehicle's last warning, without a full stop."""
         return self.warnings[-1].rstrip(".") if self.warnings else "the vehicle reported no reason"
 
 

@@ -12,8 +12,8 @@ from missions.dry_run.setup import Aircraft, Conditions, Obstacle
 from missions.dry_run.track import EVERY_TICKS, Recorder, Track
 
 ReportProgress = Callable[[float, int], None]
-"""Called each simulated second with (simulated seconds since boot, number of ended flights); may raise to
-stop."""
+"""Called once per simulated second with (simulated seconds since boot, number of ended flights). It may raise
+an exception to stop the batch."""
 MakePilot = Callable[[Vehicle], Pilot]
 REPORT_EVERY_TICKS = 50
 

@@ -1,6 +1,6 @@
 """An offboard mission in a dry run: the mission runner of real flights commands a simulated vehicle.
 
-Each question of the mission is answered at once; nobody else takes control of the vehicle.
+Each question of the mission is answered immediately, and no other client takes control of the vehicle.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ HOLDER = "the dry run"
 
 
 class OffboardPilot:
-    """Starts the runner and carries out its requests.
+    """Starts the runner and executes its requests.
 
     Args:
         vehicle: the vehicle to command; its local origin is its start position.
@@ -85,14 +85,14 @@ class OffboardPilot:
             self._run_runner(now_s, self.started_s)
 
     def may_start(self, now_s: float) -> bool:
-        """Whether the vehicle is ready, or the time to become ready is over."""
+        """Whether the vehicle is ready, or the time limit for becoming ready has passed."""
         estimate = self._vehicle.autopilot.view.estimate
         commander = self._vehicle.autopilot.commander
         ready = estimate.valid_position and commander.report.armable(NavState.TAKEOFF)
         return ready or now_s >= READY_WITHIN_S
 
     def begin(self, now_s: float, requests: list[Request]) -> None:
-        """Carries out the first requests of the started runner."""
+        """Executes the first requests of the started runner."""
         self.started_s = now_s
         self.carry_out(now_s, requests)
 
@@ -190,7 +190,7 @@ class OffboardPilot:
         return (n, e, d)
 
     def carry_out(self, now_s: float, requests: list[Request]) -> None:
-        """Carries out requests of the runner, and reports to it those that fail."""
+        """Executes requests of the runner, and reports failed requests to the runner."""
         for request in requests:
             refusal = self._carry_out(now_s, request)
             if refusal is not None:

@@ -10,9 +10,9 @@ from missions.dry_run.fleet import Vehicle
 from vehicle_sim.autopilot.modes import MODES
 
 READY_WITHIN_S = 30.0
-"""After boot; a vehicle that cannot be armed by then is refused."""
+"""Time after boot by which the vehicle must be ready to arm; otherwise the flight is refused [s]."""
 SETTLED_S = 2.0
-"""A flight that ends in the air is simulated for this much longer."""
+"""Additional simulated time after a flight that ends in the air [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class FailsafeWatch:
         self.acted = False
 
     def check(self, step: Step | None, t_s: float) -> DryRunFinding | None:
-        """The finding when a failsafe acts for the first time; otherwise None."""
+        """The finding when a failsafe acts for the first time, otherwise None."""
         commander = self._vehicle.autopilot.commander
         if self.acted or not (commander.armed and commander.in_failsafe):
             return None

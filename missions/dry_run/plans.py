@@ -16,15 +16,15 @@ from missions.vehicle import VehicleModel
 
 LONGEST_S = 3600.0
 """Time limit of any flight."""
-SLOWER = 2.0
+DURATION_FACTOR = 2.0
 MARGIN_S = 90.0
-"""A flight is ended after SLOWER times its estimated duration plus MARGIN_S."""
+"""The time limit of a flight is DURATION_FACTOR times its estimated duration plus MARGIN_S."""
 BOOT_S = 5.0
 
 
 def longest_s(expected_s: float) -> float:
     """Time limit of a flight with this estimated duration."""
-    return min(LONGEST_S, SLOWER * expected_s + MARGIN_S)
+    return min(LONGEST_S, DURATION_FACTOR * expected_s + MARGIN_S)
 
 
 class Flyable(Protocol):
@@ -42,7 +42,7 @@ class Flyable(Protocol):
 
     @property
     def longest_s(self) -> float:
-        """A flight that takes longer is ended."""
+        """Time limit of the flight."""
         ...
 
     def pilot(self, vehicle: Vehicle) -> Pilot:

@@ -21,7 +21,7 @@ from missions.dry_run.track import Track
 
 Array = NDArray[np.float64]
 MAX_SAMPLES = 4000
-"""Path samples in the document; longer flights are reduced to this number."""
+"""Maximum number of path samples in the document."""
 MAX_FINDINGS = 100
 EMPTY_SHARE = 0.005
 
@@ -158,7 +158,7 @@ def fence_of(flyable: Flyable, aircraft: Aircraft) -> FenceDistance:
 
 
 def rounded(value: float | None, digits: int) -> float | None:
-    """None stays None."""
+    """The value rounded to this number of decimals; None if there is no value."""
     return None if value is None else round(value, digits)
 
 
@@ -168,7 +168,7 @@ def _least(distances: Array) -> float | None:
 
 
 def _last_armed(track: Track) -> int:
-    """Index of the last sample before disarming; a simulated battery is full again after it."""
+    """Index of the last sample before disarming; the simulated battery is full again after disarming."""
     rises = np.flatnonzero(np.diff(track.battery_share) > 0.0)
     return int(rises[0]) if len(rises) else len(track.battery_share) - 1
 

@@ -31,7 +31,7 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
         start_ned_m: the vehicle's start position in the mission's local frame.
 
     Raises:
-        ValueError: a kind of setpoint that missions do not send.
+        ValueError: missions do not send this kind of setpoint.
     """
     if isinstance(setpoint, Attitude):
         rate = setpoint.yaw_rate_ned_rad_s

@@ -19,7 +19,7 @@ USED = (
 )  # fmt: skip
 """Parameters of a real vehicle that affect the flight and do not depend on the airframe."""
 AIRFRAME_SPECIFIC = ("MPC_THR_HOVER", "MPC_THR_MIN", "MPC_THR_MAX", "MPC_USE_HTE")
-"""Exceptions from USED: tuned for the real airframe, wrong for the simulated one."""
+"""Parameters in USED that are ignored, because they are tuned for the real airframe."""
 USED_OF_SIMULATED = (*USED, "CA_ROTOR*", "EKF2_*", "IMU_*", "MC_*", "SIH_*", "SIM_BAT_*")
 """Parameters used if the vehicle itself is simulated."""
 WIND_MAX_M_S = 40.0
@@ -33,11 +33,12 @@ class Aircraft:
     """Start position; the local origin of all results."""
     yaw_ned_rad: float = 0.0
     parameters: Mapping[str, float] = field(default_factory=dict[str, float])
-    """By PX4 name; `simulated_parameters` selects those that the simulated vehicle uses."""
+    """Parameters by PX4 name; `simulated_parameters` selects those that the simulated vehicle uses."""
     battery_share: float = 1.0
-    """At the start, 0 to 1."""
+    """Battery charge at the start, 0 to 1."""
     endurance_s: float | None = None
-    """Hover time from full to empty; None: from SIM_BAT_DRAIN, if the vehicle has it."""
+    """Hover time from full to empty [s]; None: the value of SIM_BAT_DRAIN, if the vehicle has this
+    parameter."""
     battery_reserve: float = 0.2
     """Share of the battery that must be left after the flight."""
 
@@ -111,7 +112,7 @@ class Obstacle:
     east_m: float
     """North and east of the centre."""
     length_m: float
-    """Along its own x axis: north where yaw is 0."""
+    """Length along the box's x axis, which points north at yaw 0 [m]."""
     width_m: float
     height_m: float
     base_alt_home_m: float = 0.0

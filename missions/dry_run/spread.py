@@ -23,11 +23,11 @@ class Spread:
     gusts: float = 0.3
     """Gusts, as a fraction of the stated gusts."""
     mass: float = 0.03
-    """Mass, as a fraction of it."""
+    """Mass, as a fraction of the stated mass."""
     battery: float = 0.05
-    """Battery capacity, as a fraction of it."""
+    """Battery capacity, as a fraction of the stated capacity."""
     sensor_noise: float = 0.2
-    """Sensor noise, as a fraction of it."""
+    """Sensor noise, as a fraction of the stated noise."""
 
     def __post_init__(self) -> None:
         """Checks the bounds of each value.
@@ -66,7 +66,7 @@ class Chance:
 
     @classmethod
     def of(cls, count: int, flights: int) -> Chance:
-        """From the number of flights with this outcome and of all flights."""
+        """The chance from the number of flights with this outcome and the number of all flights."""
         z, p = 1.959964, count / flights
         middle = p + z * z / (2 * flights)
         half = z * math.sqrt(p * (1 - p) / flights + z * z / (4 * flights * flights))

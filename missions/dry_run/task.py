@@ -37,14 +37,14 @@ def _origin(request: Mapping[str, Any]) -> LocalOrigin | None:
 
 
 def run(request: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
-    """Flies a plan once, or `flights` times more with varied conditions.
+    """Flies a plan once, then `flights` more times with varied conditions if requested.
 
     Args:
         request: `kind` (waypoint_plan, offboard_mission), `plan` (JSON text), `origin` (of the vehicle's
         local frame; null: its start position), `aircraft`, `conditions`, `obstacles`, `seed`, `flights` and
             `spread` (null: one flight). For a mission of several vehicles: `roles`, with `aircraft` and
                 `origin` of each role, instead of these two (absent or null: one vehicle).
-            progress: called with a message and the fraction that is done.
+            progress: called with a message and the completed fraction.
 
     Returns:
         `nominal`, `monte_carlo` (null: one flight) and `together` (null: one vehicle).

@@ -1,6 +1,7 @@
 """Simulates a mission of several vehicles: all roles in one batch, each from its vehicle's position.
 
-The separation guard that holds vehicles in flight does not act here; a finding says where it would act.
+The separation guard, which holds vehicles in real flights, does not act in a dry run. A finding reports where
+it would act.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class DryRunTogether:
 
     roles: dict[str, DryRun]
     closest: tuple[Closest, ...]
-    """One for each pair of roles that both flew."""
+    """One value for each pair of roles, if both flew."""
     findings: tuple[DryRunFinding, ...]
     """Findings about separation; all others are in `roles`."""
 
@@ -74,7 +75,7 @@ class PilotsTogether:
     """Starts all roles at the same time, and lets them leave their meeting points together.
 
     Args:
-        pilots: by role; made with `alone=False`.
+        pilots: by role; created with `alone=False`.
     """
 
     def __init__(self, pilots: Mapping[str, OffboardPilot]) -> None:
@@ -90,7 +91,7 @@ class PilotsTogether:
             return
         self._ticks += 1
         if self._ticks % LOOK_EVERY_TICKS == 0:
-            for role, requests in self._together.look(now_s, self._readings()).items():
+            for role, requests in self._together.update(now_s, self._readings()).items():
                 self._pilots[role].carry_out(now_s, requests)
 
     def _begin(self, now_s: float) -> None:

@@ -19,10 +19,10 @@ from vehicle_sim.autopilot.plans import FENCE, MISSION, RALLY
 from vehicle_sim.mavlink.services.mission_items import ACCEPTED, CAPACITY, result_of
 
 CHECKED_AFTER_S = 3.0
-"""Time since boot after which the vehicle has checked its mission, if it has a home."""
+"""Time since boot after which a vehicle with a home has checked its mission [s]."""
 ARRIVED_M = 1.5
 STILL_M_S = 0.4
-"""Within this distance and below this speed the vehicle has arrived at an item that never ends."""
+"""Distance and speed below which the vehicle has arrived at an item that never ends."""
 Fields = Mapping[str, Any]
 """Fields of MISSION_ITEM_INT."""
 
@@ -79,7 +79,7 @@ def _stored(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ..
 
 
 class WaypointPilot:
-    """Uploads, starts the mission, and watches it."""
+    """Uploads the plan, starts the mission, and monitors it."""
 
     def __init__(self, vehicle: Vehicle, upload: Upload) -> None:
         self._vehicle = vehicle
@@ -94,7 +94,7 @@ class WaypointPilot:
             vehicle.autopilot.plans.store(kind, items)
 
     def tick(self, now_s: float) -> None:
-        """Starts the mission when the vehicle is ready, then watches its progress."""
+        """Starts the mission when the vehicle is ready, then monitors its progress."""
         if self.done:
             return
         if self.started_s is None:

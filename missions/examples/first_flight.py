@@ -19,7 +19,7 @@ ARRIVED_M = 0.25
 
 
 async def fly(server: str, vehicle: str | None) -> None:
-    """Flies from ready to disarmed."""
+    """Waits until the vehicle is ready, flies, and returns once it is disarmed."""
     async with Gcs(server, client="first_flight") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
         async with drone.offboard(position_ned_m=UP_5_M, yaw_ned_rad=EAST_RAD, valid_for_s=0.5) as offboard:

@@ -1,4 +1,4 @@
-"""Arm, hold at 1 m until 21 s after the start, land; with the synchronous client.
+"""Arm, hold at 1 m until 21 s after the start, and land; an example of the blocking client.
 
 `python -m missions.examples.hover_and_land`
 """
@@ -15,7 +15,7 @@ LAND_AFTER_S = 21.0
 
 
 def fly(server: str, vehicle: str | None) -> None:
-    """Flies from ready to disarmed."""
+    """Waits until the vehicle is ready, flies, and returns once it is disarmed."""
     with SyncGcs(server, client="hover_and_land") as gcs:
         drone = gcs.wait_for_vehicle(vehicle, ready=True)
         start_s = time.monotonic()

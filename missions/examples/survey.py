@@ -27,7 +27,7 @@ TIMEOUT_S = 600.0
 
 
 async def fly(server: str, vehicle: str | None) -> None:
-    """Flies from ready to disarmed."""
+    """Waits until the vehicle is ready, flies the plan, and returns once the vehicle is disarmed."""
     async with Gcs(server, client="survey") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
         plan = await make_plan(gcs, drone)
@@ -62,7 +62,7 @@ async def make_plan(gcs: Gcs, drone: Vehicle) -> dict[str, Any]:
 
 
 async def follow(drone: Vehicle) -> None:
-    """Prints the items as they are reached, until the motors have stopped."""
+    """Prints each item when the vehicle reaches it, until the motors have stopped."""
     shown = None
 
     def landed(vehicle: dict[str, Any]) -> bool:

@@ -3,7 +3,7 @@
 Start the ground station with a camera on the simulated vehicle: `make run ARGS="--sim-args=--camera"`.
 """
 
-from missions.examples.flown_document import main
+from missions.examples.fly_document import main
 
 if __name__ == "__main__":
     main("Inspect a tower 30 m north of the start, and land.", "tower_inspection.yaml")

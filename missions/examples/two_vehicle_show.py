@@ -10,13 +10,13 @@ from pathlib import Path
 
 from gcs_server.client import Gcs, Vehicle
 from missions.examples.arguments import parse
-from missions.examples.flown_document import follow
+from missions.examples.fly_document import follow
 
 DOCUMENT = "two_vehicle_show.yaml"
 
 
 async def fly(server: str) -> None:
-    """Flies from ready to disarmed.
+    """Waits until both vehicles are ready, flies the mission, and returns once they are disarmed.
 
     Raises:
         SystemExit: the mission of one of the two ended early.

@@ -1,4 +1,4 @@
-"""Every file format of plans by its name, and which format a file is in."""
+"""All file formats of plans by name, and the detection of a file's format."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _GEOJSON_TYPES = ("Feature", "FeatureCollection", "GeometryCollection", "Point",
 
 
 def recognise(data: bytes, filename: str = "") -> FormatName:
-    """The format of a file, from its content, otherwise from its name.
+    """Detects the format of a file from its content, or else from its name.
 
     Raises:
         PlanError: the format is unknown.

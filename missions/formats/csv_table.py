@@ -26,11 +26,11 @@ _ALTITUDE = {
     "altitude_reference": "reference",
     "altitude_resolved_amsl_m": "resolved_amsl_m",
 }
-_FIRST = ("kind", "lat_deg", "lon_deg", *_ALTITUDE)
+_FIRST_COLUMNS = ("kind", "lat_deg", "lon_deg", *_ALTITUDE)
 _FIELDS = frozenset(
     {name for cls in (*TYPED_ITEMS, CommandItem) for name in cls.model_fields} - {"original", "altitude"}
 ) | set(_ALTITUDE)
-_TEXTS = frozenset({"kind", "altitude_reference"})
+_TEXT_COLUMNS = frozenset({"kind", "altitude_reference"})
 
 
 def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
@@ -109,7 +109,7 @@ def _item(line: int, names: list[str], cells: list[str], options: ImportOptions)
 
 
 def _value(line: int, name: str, cell: str) -> Any:
-    if name in _TEXTS:
+    if name in _TEXT_COLUMNS:
         return cell.lower()
     if cell.lower() in ("none", "true", "false"):
         return {"none": None, "true": True, "false": False}[cell.lower()]
@@ -149,7 +149,7 @@ def write(plan: Plan) -> Written:
                 kept[column] = altitude[name]
         rows.append({name: _cell(value) for name, value in kept.items()})
     used = {name for row in rows for name in row}
-    columns = [name for name in _FIRST if name in used or name not in _ALTITUDE]
+    columns = [name for name in _FIRST_COLUMNS if name in used or name not in _ALTITUDE]
     columns += sorted(used - set(columns))
     out = io.StringIO()
     table = csv.DictWriter(out, columns, restval="", lineterminator="\n")

@@ -1,8 +1,9 @@
 """A plan as geographic features, shared by GeoJSON and KML.
 
-Each item with a position, fence zone, rally point and home is a feature with a geometry; any other item is a
-feature without one. The properties contain the item's fields, so a file written here is read back complete. A
-feature of another program has no `role`: its points and lines become waypoints, its areas become `Area`s.
+Items with a position, fence zones, rally points and home are features with a geometry; other items are
+features without one. The properties contain the item's fields, so that a file written here can be read back
+without loss. A feature of another program has no `role`: its points and lines become waypoints, and its areas
+become `Area`s.
 """
 
 from __future__ import annotations
@@ -34,11 +35,12 @@ class Feature:
 
     geometry: Geometry
     rings: tuple[tuple[Coordinate, ...], ...] = ()
-    """One ring for a point or line; for an area the outer one, then its holes. Rings are not closed."""
+    """One list of coordinates for a point or line; for an area the outer ring, then the holes. Rings are not
+    closed."""
     properties: dict[str, Any] = field(default_factory=dict[str, Any])
     name: str = ""
     altitude: Altitude | None = None
-    """Altitude reference of the coordinates, if the format states it."""
+    """Altitude reference of the coordinates; None if the format does not state it."""
 
 
 def of_plan(plan: Plan) -> list[Feature]:

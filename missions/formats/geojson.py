@@ -1,8 +1,8 @@
 """Plans as GeoJSON (RFC 7946): positions are longitude, latitude, altitude.
 
-The standard defines altitudes above the WGS84 ellipsoid, but most programs write something else. So the
-altitude in a position is for display only in files written here (AMSL), and ignored in files of other
-programs.
+The standard defines altitudes above the WGS84 ellipsoid, but most programs write other altitudes. Therefore
+the altitude of a position is ignored when a file of another program is read. Files written here contain the
+AMSL altitude for display only.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from missions.formats.qgc_item import a_list, an_object, number
 from missions.formats.results import Imported, ImportOptions, Written
 from missions.plan import Plan
 
-_PARTS = {"MultiPoint": "Point", "MultiLineString": "LineString", "MultiPolygon": "Polygon"}
+_PART_OF_MULTI = {"MultiPoint": "Point", "MultiLineString": "LineString", "MultiPolygon": "Polygon"}
 
 
 def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
@@ -62,8 +62,8 @@ def _geometries(raw: Any, properties: dict[str, Any], name: str, place: str) -> 
             yield from _geometries(each, properties, name, place)
         return
     raws = [geometry.get("coordinates")]
-    if isinstance(kind, str) and kind in _PARTS:
-        raws, kind = a_list(geometry.get("coordinates"), f"{place}.coordinates"), _PARTS[kind]
+    if isinstance(kind, str) and kind in _PART_OF_MULTI:
+        raws, kind = a_list(geometry.get("coordinates"), f"{place}.coordinates"), _PART_OF_MULTI[kind]
     for coordinates in raws:
         yield _geometry(kind, coordinates, properties, name, f"{place}.coordinates")
 
@@ -89,7 +89,7 @@ def _ring(raw: Any, place: str) -> tuple[Coordinate, ...]:
 
 
 def open_ring(ring: tuple[Coordinate, ...]) -> tuple[Coordinate, ...]:
-    """A ring without its last corner, if that repeats the first."""
+    """A ring without its last corner if that corner equals the first."""
     return ring[:-1] if len(ring) > 1 and ring[0][:2] == ring[-1][:2] else ring
 
 

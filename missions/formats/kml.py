@@ -1,7 +1,7 @@
 """Plans as KML and KMZ (OGC 12-007r2), written and read.
 
-The size of a file is checked before it is parsed. Entities and document types are refused (defusedxml). Of a
-KMZ only the first KML document is unpacked, up to the maximum file size.
+The size of a file is checked before it is parsed. Entities and document types are refused (defusedxml). Only
+the first KML document of a KMZ file is unpacked, up to the maximum file size.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def _slot_value(item: Item, slot: Slot) -> float | None:
 def item_of(
     command: int, frame: int, params: Params, *, autocontinue: bool = True, original: str | None = None
 ) -> SimpleItem:
-    """The item of seven parameters; a command that PX4 does not know becomes a `CommandItem`.
+    """Converts seven parameters to an item. A command without a class of its own becomes a `CommandItem`.
 
     The frame of an item without a position is ignored, because files of other autopilots contain any value
     there.
@@ -125,7 +125,7 @@ def item_of(
 
 
 def _fields(cls: type[Item], frame: int, params: Params) -> dict[str, Any] | None:
-    """Fields of a typed item; None if the values do not fit it (no position, unsupported frame)."""
+    """Fields of a typed item; None if it cannot store the values (no position, unsupported frame)."""
     fields: dict[str, Any] = {}
     unusual: list[tuple[int, float | None]] = []
     has_position = issubclass(cls, PlacedItem)
@@ -153,7 +153,7 @@ def _fields(cls: type[Item], frame: int, params: Params) -> dict[str, Any] | Non
 
 
 def frame_of(item: SimpleItem, frames: dict[Reference, int]) -> int:
-    """The item's MAV_FRAME; `frames` gives it for each altitude reference."""
+    """The item's MAV_FRAME; `frames` contains the frame of each altitude reference."""
     if isinstance(item, CommandItem):
         return item.frame
     return frames[item.altitude.reference] if isinstance(item, PlacedItem) else MAV_FRAME_MISSION
@@ -282,7 +282,8 @@ def fence_from_wire(items: Sequence[WireItem]) -> tuple[FenceZone, ...]:
     """The geofence zones of a vehicle's fence items.
 
     Raises:
-        PlanError: An item is not a geofence command, or a polygon's corners are missing; names the item.
+        PlanError: An item is not a geofence command, or corners of a polygon are missing; the error names the
+            item.
     """
     zones: list[FenceZone] = []
     index = 0

@@ -114,7 +114,7 @@ def _above_terrain(height: Any, amsl_m: float, place: str) -> Altitude:
 
 
 def jump_id(part: dict[str, Any], index: int) -> int:
-    """The doJumpId of an item; if it has none, its number counted from 1."""
+    """The doJumpId of an item, or else its number, counted from 1."""
     value = part.get("doJumpId")
     return value if isinstance(value, int) and not isinstance(value, bool) else index + 1
 

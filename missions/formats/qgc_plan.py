@@ -124,7 +124,7 @@ def _checked(original: str) -> dict[str, Any]:
 
 
 def _template(document: dict[str, Any]) -> dict[str, Any]:
-    """The document without items and zones, which keep their own JSON."""
+    """The document without items and zones, because these have their own JSON."""
     kept = dict(document)
     kept["mission"] = {**document["mission"], "items": []}
     if "geoFence" in document:
@@ -183,7 +183,7 @@ def _read_items(raws: list[Any]) -> tuple[tuple[PlanItem, ...], tuple[str, ...]]
 
 
 def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[str, Any]]]:
-    """A pattern, and the mission items that the file has for it."""
+    """A pattern with the mission items that the file contains for it."""
     name = part.get("complexItemType", part.get("type"))
     inner: list[dict[str, Any]] = []
     transects = part.get("TransectStyleComplexItem")

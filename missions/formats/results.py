@@ -1,4 +1,4 @@
-"""Results of reading and writing a format: the plan or the bytes, and notes about loss_notes data."""
+"""Results of reading and writing a format: the plan or the bytes, and notes about data that are lost."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ def count(number: int, noun: str) -> str:
 def loss_notes(
     plan: Plan, format_name: str, *, fence: bool = False, rally: bool = False, home: bool = False
 ) -> tuple[str, ...]:
-    """Notes about the parts of a plan that a format cannot store; the flags name what it can store."""
+    """Notes about the parts of a plan that a format cannot store; the flags are the parts that it can
+    store."""
     parts: list[str] = []
     if plan.fence and not fence:
         parts.append(f"the geofence ({count(len(plan.fence), 'zone')})")

@@ -26,8 +26,8 @@ _WAYPOINT, _GLOBAL = 16, 0
 def read(data: bytes | str) -> Imported:
     """The plan of a .waypoints file.
 
-    The first line is home if it is a waypoint above mean sea level without parameters, as all programs write
-    it. Otherwise it is the first item.
+    Programs write home as the first line: a waypoint without parameters at an altitude above mean sea level.
+    Any other first line is the first item.
 
     Raises:
         PlanError: It is too large or not such a file, or a value is wrong; names line and column.

@@ -44,7 +44,7 @@ from missions.trajectory.solve import Heading, along, through
 TURN_RAD = math.radians(1.0)
 """Smaller heading changes need no separate turn."""
 MAX_PHOTOS = 10_000
-"""Most pictures of one segment."""
+"""Maximum number of pictures of one segment."""
 
 
 def hold(state: State, step: Hold) -> None:
@@ -94,7 +94,7 @@ def add_curve(state: State, curve: TimedCurve, title: str, photo_every_m: float 
 
 
 def _photos(curve: TimedCurve, every_m: float) -> tuple[Event, ...]:
-    """A picture at the beginning and after each distance setpoint."""
+    """A picture event at the start and after every `every_m` metres."""
     if curve.length_m / every_m > MAX_PHOTOS:
         reason = f"{curve.length_m / every_m:.0f} pictures, the maximum is {MAX_PHOTOS}"
         raise PlanError("field photo_every_m", reason, "Give a longer distance.")

@@ -12,7 +12,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard import compile_paths, mission_checks
 from missions.offboard.document import OffboardMission
 from missions.offboard.gimbals import GimbalTrack
-from missions.offboard.places import Start, Unplaceable, fence_area
+from missions.offboard.places import MissingReference, Start, fence_area
 from missions.offboard.segments import Decision, Event, WaitKind, WaitSegment
 from missions.offboard.state import MissionVehicle, State, Work
 from missions.offboard.steps import (
@@ -41,15 +41,15 @@ from missions.offboard.steps import (
 from missions.offboard.timeline import FlightActions, Timeline
 
 COMMON_START = "start"
-"""Name of the meeting before the first step of each role."""
+"""Name of the meeting that all roles have before their first step."""
 START_WITHIN_S = 60.0
 MAX_DECISIONS = 12
-"""Most branches in a row: each doubles the number of paths through the mission."""
+"""Maximum number of successive branches: each one doubles the number of paths through the mission."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """A list of steps being compiled, and the list to continue with."""
+    """A list of steps that is being compiled, and the list to compile afterwards."""
 
     steps: tuple[MissionStep, ...]
     prefix: str
@@ -206,7 +206,7 @@ def _carry_out(state: State, step: Any) -> None:
     pose_before = (state.position_ned_m, state.yaw_ned_rad)
     try:
         _COMPILERS[type(step)](state, step)
-    except Unplaceable as error:
+    except MissingReference as error:
         names = {"global_position": "global position", "home": "altitude of home"}
         message = f"The position of this step requires the {names[error.missing]}, which is unknown."
         state.report(

@@ -27,7 +27,7 @@ class Actions(Model):
     """A step cannot be flown."""
     low_battery: Action = "return"
     link_loss: Action = "hold"
-    """The server lost the link to the vehicle and has it again."""
+    """The link to the vehicle was lost and is back."""
     control_lost: Action = "hold"
     """Control of the vehicle has expired, because its browser or program has disconnected."""
 
@@ -48,7 +48,7 @@ class Role(Model):
     """The part of one vehicle in a mission of several vehicles."""
 
     start_ned_m: Ned | None = None
-    """Planned start position relative to `home`; for planning without vehicles."""
+    """Planned start position relative to `home`, for planning without vehicles."""
     steps: Steps
 
 
@@ -61,7 +61,7 @@ class OffboardMission(Model):
     name: Name
     description: Annotated[str, Field(max_length=5000)] = ""
     home: HomePosition | None = None
-    """Planned start position; for planning without a vehicle."""
+    """Planned start position, for planning without a vehicle."""
     limits: Bounds = Bounds()
     actions: Actions = Actions()
     avoidance: bool = False
@@ -131,7 +131,7 @@ def _check_exists(mission: OffboardMission, place: str, name: str) -> None:
 
 
 def _depth(mission: OffboardMission, name: str, depths: dict[str, int], above: tuple[str, ...]) -> int:
-    """Depth of nested calls from this mission downwards."""
+    """Depth of nested calls, starting from this mission."""
     if name in above:
         circle = " → ".join((*above[above.index(name) :], name))
         raise PlanError(f"mission {name!r}", f"the calls form a loop ({circle})", "Remove one of them.")

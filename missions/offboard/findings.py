@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
-    "takeoff_missing": ("error", "a step flies, but the vehicle has not taken off"),
+    "takeoff_missing": ("error", "a step that flies before the vehicle has taken off"),
     "takeoff_in_air": ("error", "a take-off while the vehicle is flying"),
     "landing_missing": ("warning", "the mission ends in the air; the vehicle holds its position"),
     "estimate_missing": (
@@ -19,7 +19,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "acceleration_exceeded": ("error", "a table with more acceleration than the vehicle's limits"),
     "tilt_exceeded": ("error", "an attitude with more tilt than the vehicle's limit"),
     "duration_too_short": ("error", "a velocity that is not reached in its time"),
-    "position_not_held": ("warning", "nothing holds the position during this step"),
+    "position_not_held": ("warning", "the position is not controlled during this step"),
     "altitude_too_high": ("warning", "above the operator's altitude limit"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
     "altitude_below_home": ("warning", "at or below the height of home or of the start"),
@@ -39,7 +39,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "length_exceeded": ("warning", "longer than the operator's limit"),
     "endurance_exceeded": ("warning", "more energy than the battery provides"),
 }
-"""Every code: its severity, and what it means."""
+"""Severity and meaning of each code."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +48,9 @@ class MissionFinding:
 
     code: str
     message: str
-    """A sentence for a person."""
+    """Message for the pilot."""
     step: str | None = None
-    """Which step: "step 3", "step 4.2"; None: the whole mission."""
+    """The step: "step 3", "step 4.2"; None: the whole mission."""
     fix: str | None = None
 
     @property

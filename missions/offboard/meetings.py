@@ -1,5 +1,4 @@
-"""Checks that all roles of a mission have the same meetings, so that no role waits for one that never
-comes."""
+"""Checks that all roles of a mission have the same meetings, so that no role waits forever."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Branch, Call, Meet, MissionStep, Repeat
 
 MAX_MEETINGS = 1000
-"""Most meetings of one role; repeats count each time."""
+"""Maximum number of meetings of one role; each repeat counts."""
 
 
 def check_meetings(mission: OffboardMission) -> None:
@@ -21,7 +20,7 @@ def check_meetings(mission: OffboardMission) -> None:
         mission: a mission whose calls have been checked.
 
     Raises:
-        PlanError: A role lacks a meeting; names both.
+        PlanError: The meetings of two roles differ; the error names the role and the meetings.
     """
     meetings = _Meetings(mission)
     meetings.refuse_in_branches()
@@ -51,7 +50,7 @@ class _Meetings:
     def __init__(self, mission: OffboardMission) -> None:
         self._mission = mission
         self._mission_has: dict[str, bool] = {}
-        """Whether a mission that `call` names has meetings; a cache."""
+        """Cache: whether a called mission has meetings."""
 
     def of(self, role: str | None, steps: Iterable[MissionStep]) -> list[str]:
         """The names of a role's meetings, in flight order.
@@ -65,7 +64,8 @@ class _Meetings:
         return names
 
     def refuse_in_branches(self) -> None:
-        """Raises PlanError for a meeting inside a branch, which the other roles cannot foresee."""
+        """Raises PlanError for a meeting inside a branch, because the other roles cannot know which branch is
+        flown."""
         lists = {
             "the steps" if role is None else f"role {role!r}": s
             for role, s in self._mission.steps_by_role.items()
@@ -74,7 +74,7 @@ class _Meetings:
         for place, steps in lists.items():
             for branch in _branches(steps):
                 if self._has_meeting((*branch.then, *branch.otherwise)):
-                    reason = "a `meet` inside a branch: the other roles cannot know whether this one comes"
+                    reason = "a `meet` inside a branch: other roles cannot know whether it is reached"
                     raise PlanError(place, reason, "Put it before or after the branch.")
 
     def _names(self, steps: Iterable[MissionStep]) -> Iterator[str]:

@@ -19,7 +19,7 @@ from missions.trajectory.limits import MotionLimits
 Array = NDArray[np.float64]
 SPACING_S = 0.25
 MAX_SAMPLES = 4000
-"""Most samples of one segment."""
+"""Maximum number of samples of one segment."""
 GROUND_M = 0.3
 """A height below this counts as on the ground."""
 TOLERANCE = 1.01

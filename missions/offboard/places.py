@@ -20,7 +20,7 @@ FENCE_NAME = "the mission's geofence"
 
 
 class Place(Model):
-    """A position, given as local, as relative to the start of the mission, or as latitude and longitude."""
+    """A position: local, relative to the start of the mission, or latitude and longitude."""
 
     position_ned_m: Ned | None = None
     """Relative to the vehicle's local origin."""
@@ -53,7 +53,7 @@ class Place(Model):
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """State of the vehicle when the mission, or the rest of it, starts."""
+    """State of the vehicle at the start of the mission or of its remaining part."""
 
     position_ned_m: Vector3 = (0.0, 0.0, 0.0)
     yaw_ned_rad: float = 0.0
@@ -62,15 +62,15 @@ class Start:
     home_alt_amsl_m: float | None = None
     in_air: bool = False
     mission_start_ned_m: Vector3 | None = None
-    """Start of the whole mission, if only the rest of it is compiled; None: `position_ned_m`."""
+    """Start position of the whole mission if only its remaining part is compiled; None: `position_ned_m`."""
 
     @property
     def reference_ned_m(self) -> Vector3:
-        """The reference of offsets; the ground is assumed to be at its height."""
+        """The reference of offsets; the ground is assumed to be at this height."""
         return self.position_ned_m if self.mission_start_ned_m is None else self.mission_start_ned_m
 
 
-class Unplaceable(Exception):
+class MissingReference(Exception):
     """A position cannot be converted because a value is unknown.
 
     Attributes:
@@ -90,7 +90,7 @@ def to_local(place: Place, start: Start) -> Vector3:
         start: the vehicle's position and origin, and the mission's start.
 
     Raises:
-        Unplaceable: The origin or the altitude of home is unknown.
+        MissingReference: The origin or the altitude of home is unknown.
     """
     if place.position_ned_m is not None:
         return place.position_ned_m
@@ -99,11 +99,11 @@ def to_local(place: Place, start: Start) -> Vector3:
         from_n, from_e, from_d = start.reference_ned_m
         return (from_n + n, from_e + e, from_d + d)
     if start.origin is None:
-        raise Unplaceable("global_position")
+        raise MissingReference("global_position")
     amsl_m = place.alt_amsl_m
     if amsl_m is None:
         if start.home_alt_amsl_m is None:
-            raise Unplaceable("home")
+            raise MissingReference("home")
         amsl_m = start.home_alt_amsl_m + (place.alt_home_m or 0.0)
     return start.origin.to_ned(place.lat_deg or 0.0, place.lon_deg or 0.0, amsl_m)
 

@@ -1,7 +1,7 @@
 """A mission of several vehicles: each role's timeline, and the planned separation of the vehicles.
 
-All roles start together. After each meeting they continue together, as planned when the last role arrives. Of
-a branch the longest path counts.
+All roles start together. They continue together after each meeting, at the planned arrival of the last role.
+The plan uses the longest path of each branch.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from missions.separation import kept_apart_m, planned_margin_m
 Array = NDArray[np.float64]
 SPACING_S = 0.25
 MAX_SAMPLES = 20_000
-"""Most samples of the whole mission; a longer mission is sampled less often."""
+"""Maximum number of samples of the whole mission; a longer mission is sampled less often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def compile_roles(
 
 
 def _common_frame_offsets(mission: OffboardMission, starts: Mapping[str, Start]) -> dict[str, Vector3] | None:
-    """For each role, the offset of its positions to the frame of the first role; None: unknown."""
+    """For each role, the offset from its frame to the frame of the first role; None: unknown."""
     first = next(iter(starts.values())).origin
     offsets: dict[str, Vector3] = {}
     planned = all(start.origin is None for start in starts.values())
@@ -106,27 +106,27 @@ def _common_frame_offsets(mission: OffboardMission, starts: Mapping[str, Start])
 
 
 @dataclass(frozen=True, slots=True)
-class _FlownSegment:
+class _PlacedSegment:
     segment: Segment
     start_ned_m: Vector3
 
 
-def _blocks(timeline: Timeline) -> list[list[_FlownSegment]]:
+def _blocks(timeline: Timeline) -> list[list[_PlacedSegment]]:
     """The longest path, divided at the meetings."""
-    blocks: list[list[_FlownSegment]] = [[]]
+    blocks: list[list[_PlacedSegment]] = [[]]
     for part in samples.parts(timeline, (0.0, 0.0, 0.0)):
         if not part.main:
             continue
         start_ned_m = part.start_ned_m
         for segment in part.timeline.segments:
-            blocks[-1].append(_FlownSegment(segment, start_ned_m))
+            blocks[-1].append(_PlacedSegment(segment, start_ned_m))
             start_ned_m = segment.end_ned_m
             if isinstance(segment, WaitSegment) and segment.kind == "meet":
                 blocks.append([])
     return blocks
 
 
-def _planned_times(blocks: Mapping[str, list[list[_FlownSegment]]]) -> tuple[list[float], float]:
+def _planned_times(blocks: Mapping[str, list[list[_PlacedSegment]]]) -> tuple[list[float], float]:
     """Planned start of each block, and planned end of the last one."""
     starts_s, now_s = list[float](), 0.0
     for together in zip(*blocks.values(), strict=True):
@@ -136,7 +136,7 @@ def _planned_times(blocks: Mapping[str, list[list[_FlownSegment]]]) -> tuple[lis
 
 
 def _sampled(
-    blocks: list[list[_FlownSegment]], block_starts_s: list[float], times_s: Array, start: Vector3
+    blocks: list[list[_PlacedSegment]], block_starts_s: list[float], times_s: Array, start: Vector3
 ) -> tuple[Array, list[tuple[float, str]]]:
     """Positions at these times, (N, 3), and the start time of each step."""
     positions = np.tile(np.array(start), (len(times_s), 1))
@@ -162,7 +162,7 @@ def _sampled(
 
 def _too_near(
     mission: OffboardMission,
-    blocks: Mapping[str, list[list[_FlownSegment]]],
+    blocks: Mapping[str, list[list[_PlacedSegment]]],
     block_starts_s: list[float],
     duration_s: float,
     starts: Mapping[str, Start],

@@ -14,9 +14,9 @@ from missions.offboard.timeline import Timeline
 
 SPACING_S = 0.5
 MAX_POINTS = 3000
-"""Most points of all segments together; longer missions are sampled less often."""
-LEAST_POINTS = 2
-"""Least points of one segment."""
+"""Maximum number of points of all segments together; longer missions are sampled less often."""
+MIN_POINTS = 2
+"""Minimum number of points of one segment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +69,11 @@ class Part:
     start_ned_m: Vector3
     """Start position."""
     main: bool
-    """Whether it is on the longest path."""
+    """Whether the part is on the longest path."""
 
 
 def parts(timeline: Timeline, start_ned_m: Vector3) -> Iterator[Part]:
-    """All parts of a timeline; each one before the parts that follow it."""
+    """All parts of a timeline; each part comes before those that continue it."""
     yield from _parts(Part(timeline, 0.0, start_ned_m, main=True))
 
 
@@ -93,14 +93,14 @@ def legs(timeline: Timeline, start_ned_m: Vector3) -> tuple[Leg, ...]:
     """All segments as lines, in order; both continuations of a branch, one after the other."""
     all_parts = list(parts(timeline, start_ned_m))
     point_count = sum(
-        LEAST_POINTS + each.duration_s / SPACING_S for part in all_parts for each in part.timeline.segments
+        MIN_POINTS + each.duration_s / SPACING_S for part in all_parts for each in part.timeline.segments
     )
     spacing_s = SPACING_S * max(1.0, point_count / MAX_POINTS)
     lines: list[Leg] = []
     for part in all_parts:
         position_ned_m = part.start_ned_m
         for start_s, segment in zip(part.timeline.starts_s, part.timeline.segments, strict=True):
-            times = np.linspace(0.0, segment.duration_s, LEAST_POINTS + int(segment.duration_s / spacing_s))
+            times = np.linspace(0.0, segment.duration_s, MIN_POINTS + int(segment.duration_s / spacing_s))
             path = path_along(segment, position_ned_m, times)
             if len(path) != len(times):
                 times = np.array([0.0, segment.duration_s])

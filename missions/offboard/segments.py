@@ -34,7 +34,7 @@ class Segment:
     title: str
     """The step's name if it has one, otherwise its kind."""
     duration_s: float
-    """Planned duration; of a wait: zero, or the expected duration of a take-off or landing."""
+    """Planned duration [s]. For a wait: zero, or the expected duration of a take-off or landing."""
     end_ned_m: Vector3
     """Expected end position."""
     end_yaw_ned_rad: float
@@ -97,7 +97,7 @@ class VelocitySegment(Segment):
     """Fly a velocity, with limited acceleration and jerk; the position is not controlled."""
 
     line: TimedCurve
-    """The same flight without wind; source of velocity and acceleration."""
+    """The same flight without wind, from which velocity and acceleration are sampled."""
 
     def at(self, t_s: float) -> Setpoint:
         """The velocity at that time."""
@@ -120,7 +120,7 @@ WaitKind = Literal["person", "condition", "take_off", "land", "meet"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaitSegment(Segment):
-    """Hold until a condition is true; only then the runner continues."""
+    """Hold until a condition is true; the runner then continues."""
 
     kind: WaitKind
     timeout_s: float

@@ -21,9 +21,9 @@ from missions.vehicle import VehicleModel
 
 MAX_SEGMENTS = 2000
 MAX_STEPS = 10_000
-"""Most steps to compile, over all branches; repeats count each time."""
+"""Maximum number of steps to compile, over all branches; each repeat counts."""
 MAX_POINTS = 50_000
-"""Most path points to solve, over all branches."""
+"""Maximum number of path points to compute, over all branches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class MissionVehicle:
         limits: Limits | None = None,
         reported: Iterable[str] | None = None,
     ) -> MissionVehicle:
-        """From the vehicle's parameters; `limits` are the operator's."""
+        """Creates the limits from the vehicle's parameters and the operator's limits."""
         model = VehicleModel.from_parameters(parameters)
         return cls(
             MotionLimits.from_parameters(parameters), replace(limits or Limits(), vehicle=model),
@@ -92,7 +92,7 @@ class Work:
             )
 
     def table(self, name: str) -> bytes:
-        """The trajectory of a table step: a file, otherwise one of the document.
+        """The trajectory of a table step, from the given files or from the document.
 
         Raises:
             PlanError: There is no trajectory with this name.
@@ -139,7 +139,7 @@ class State:
         """Converts a position to the local frame.
 
         Raises:
-            Unplaceable: A value for the conversion is unknown.
+            MissingReference: A value for the conversion is unknown.
         """
         if place.lat_deg is not None:
             self.needs.add("global_position")

@@ -23,7 +23,7 @@ Rounds = Annotated[float, Field(ge=0.01, le=200.0, allow_inf_nan=False)]
 Text = Annotated[str, Field(max_length=200)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 MAX_STEPS = 1000
-"""Most steps in one list."""
+"""Maximum number of steps in one list."""
 
 Action = Literal["continue", "hold", "return", "land"]
 """Action of the mission runner: continue, hold the position, return to launch, or land."""
@@ -41,7 +41,7 @@ class TakeOff(Step):
 
     step: Literal["take_off"] = "take_off"
     height_m: Annotated[float, Field(ge=0.5, le=500.0, allow_inf_nan=False)]
-    """Above the take-off position."""
+    """Height above the take-off position [m]."""
     timeout_s: Timeout = 60.0
 
 
@@ -192,9 +192,9 @@ class Gimbal(Step):
     step: Literal["gimbal"] = "gimbal"
     track: Literal["fixed", "look_at", "along_path", "sweep", "release"]
     pitch_rad: Annotated[float, Field(ge=-3.15, le=3.15, allow_inf_nan=False)] = 0.0
-    """For fixed, along_path and the middle of a sweep; up is positive."""
+    """Pitch for the tracks fixed and along_path, and the middle pitch of a sweep; up is positive."""
     yaw_rad: Angle = 0.0
-    """For fixed and the middle of a sweep, relative to the vehicle's nose."""
+    """Yaw relative to the vehicle's nose, for the track fixed, and the middle yaw of a sweep."""
     place: Place | None = None
     """The position to look at, for look_at."""
     sweep_pitch_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
@@ -218,7 +218,7 @@ class Photo(Step):
 
 
 class Condition(Model):
-    """True when a value has been above or below a limit for `for_s`."""
+    """True once a value has been above or below a limit for `for_s` seconds."""
 
     value: Literal[
         "battery_share",
@@ -260,8 +260,8 @@ class Repeat(Step):
 
 
 class Branch(Step):
-    """Fly `then` if the condition is true when the step is reached, else `otherwise`; unknown counts as
-    false."""
+    """Fly `then` if the condition is true when the step starts, otherwise `otherwise`. An unknown value
+    counts as false."""
 
     step: Literal["branch"] = "branch"
     condition: Condition
@@ -283,7 +283,7 @@ class Meet(Step):
     meeting: Name
     """All roles have the same meetings, in the same order."""
     timeout_s: Timeout = 120.0
-    """If another role has not arrived after this time, all roles hold and the mission ends."""
+    """Timeout: if another role has not arrived by then, all roles hold and the mission ends."""
 
 
 MissionStep = Annotated[

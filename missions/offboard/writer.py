@@ -11,7 +11,7 @@ from missions.offboard.reader import is_text
 from missions.values import Model
 
 FIRST = ("format", "version", "step", "shape", "inclusion")
-"""Fields that are always written, and first, because they name the kind of an object."""
+"""Fields that are always written first, because they name the kind of an object."""
 
 
 def write_yaml(mission: OffboardMission) -> bytes:
@@ -51,7 +51,7 @@ def _plain(value: Any) -> Any:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes no anchors, and quotes strings that would be read as a number or keyword."""
+    """Writes YAML without anchors, and quotes strings that would otherwise be read as a number or keyword."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """Always true, because the reader refuses anchors."""

@@ -67,5 +67,5 @@ class Coverage:
 
     @property
     def lead_out_m(self) -> float:
-        """Extra length of a line, so that its last picture shows its end [m]."""
+        """Extra length of a line [m], so that the last picture shows the end of the line."""
         return max(0.0, self.trigger_m - self.camera.footprint_m(self.distance_m)[1] / 2.0)

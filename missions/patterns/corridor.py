@@ -18,7 +18,7 @@ from missions.plan import SimpleItem
 from missions.values import Altitude, Point
 
 SHARPEST = -0.5
-"""Cosine of the sharpest bend: 120 degrees."""
+"""Cosine of the sharpest allowed bend, 120 degrees."""
 
 
 def corridor(

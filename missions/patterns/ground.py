@@ -15,11 +15,11 @@ from missions.items import Waypoint
 from missions.values import Altitude, Point
 
 EastNorth = tuple[float, float]
-"""EastNorth, north [m]."""
+"""East, north [m]."""
 MAX_POINTS = 2000
-"""Most corners of one area or line."""
+"""Maximum number of corners of one area or line."""
 MAX_EXTENT_M = 50_000.0
-"""Over this distance the flat map has an error of 0.3 %."""
+"""Maximum extent; over this distance the flat map has an error of 0.3 %."""
 
 
 @dataclass(frozen=True, slots=True)

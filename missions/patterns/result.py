@@ -36,7 +36,8 @@ class Pattern:
 def photographed(
     path: Sequence[EastNorth], chart: Map, altitude: Altitude, coverage: Coverage, turnaround_m: float = 0.0
 ) -> list[SimpleItem]:
-    """Items that fly a path with pictures, extended straight at both ends by the turnaround."""
+    """Items that fly a path and take pictures; the path is extended straight at both ends by the
+    turnaround."""
     start, end = path[0], path[-1]
     last = _beyond(path[-2], end, coverage.lead_out_m)
     items: list[SimpleItem] = []
@@ -57,7 +58,7 @@ def photo_count(length_m: float, coverage: Coverage) -> int:
 
 
 def bounded(items: Sequence[SimpleItem]) -> tuple[SimpleItem, ...]:
-    """Returns the items if a plan can store so many.
+    """Returns the items if a plan can store this many.
 
     Raises:
         PlanError: There are too many.

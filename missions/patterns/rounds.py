@@ -22,7 +22,7 @@ MAX_ROUNDS = 100
 YAW_IN_VEHICLE_FRAME = 32.0
 """GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME."""
 MITRE_LIMIT = 2.0
-"""Corners that would be farther out than this multiple of the distance are cut off."""
+"""Corners farther out than this multiple of the distance are cut off."""
 
 
 def perimeter(outer: Sequence[Point], offset_m: float, altitude: Altitude, rounds: int = 1) -> Pattern:
@@ -156,7 +156,7 @@ def _sideways(coverage: Coverage) -> Coverage:
 
 
 def raised_altitude(base: Altitude, above_m: float) -> Altitude:
-    """The altitude `above_m` above another one, with the same reference."""
+    """An altitude `above_m` higher than `base`, with the same reference."""
     resolved = base.resolved_amsl_m
     return Altitude(
         value_m=base.value_m + above_m,

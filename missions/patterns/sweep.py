@@ -1,8 +1,8 @@
 """Parallel lines that cover an area, and the order in which they are flown.
 
-The area is cut into bands as wide as the spacing. Each connected piece of the area in a band gets a line
-along the centre of the band, as long as the piece. So the lines cover an area of any shape. With A the area,
-s the spacing and P the length of all edges, the length L of the lines is within A / s ≤ L ≤ A / s + P.
+The area is cut into bands as wide as the spacing. Each connected piece of the area in a band gets one line
+along the centre of the band, as long as the piece. This covers areas of any shape. With A the area, s the
+spacing and P the length of all edges, the length L of the lines is within A / s ≤ L ≤ A / s + P.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def _cost(candidate: Sweep, spacing_m: float) -> float:
 
 
 def _candidates(area: Polygon) -> Iterator[float]:
-    """Headings along the edges of the convex hull; a convex area is narrowest across one of its edges."""
+    """Headings along the edges of the convex hull, because a convex area is narrowest across one of its
+    edges."""
     ring = area.convex_hull.exterior  # type: ignore[attr-defined]
     corners: list[EastNorth] = [(float(x), float(y)) for x, y in ring.coords]
     edges = sorted(pairwise(corners), key=_shortness)
@@ -124,8 +125,8 @@ def _extents(pieces: BaseGeometry) -> list[tuple[float, float]]:
 
 
 def _ordered(lines: tuple[Line, ...], start: EastNorth | None) -> Iterator[Line]:
-    """The lines in flight order: each time the line with the nearest end, which gives a back-and-forth
-    path."""
+    """The lines in flight order. The next line is always the one with the nearest end, which gives a
+    back-and-forth path."""
     ends = np.array(lines, dtype=np.float64)
     """(N, 2, 2): line, end, east and north."""
     here = np.array(lines[0][0] if start is None else start)

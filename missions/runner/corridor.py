@@ -1,4 +1,4 @@
-"""The corridor of a dry run, and the check whether the vehicle is inside it."""
+"""The corridor of a dry run, and the check that the vehicle is inside it."""
 
 from __future__ import annotations
 

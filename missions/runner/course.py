@@ -22,7 +22,7 @@ class Course:
     def choose(self, fulfilled: bool) -> None:
         """Continues in one of the two timelines."""
         continuation = self._node.then if fulfilled else self._node.otherwise
-        if continuation is not None:  # a decision has both
+        if continuation is not None:  # a decision always has both continuations
             self._node = continuation
             self.segments.extend(continuation.segments)
 
@@ -47,7 +47,7 @@ class Course:
         return index
 
     def remaining_s(self, index: int, t_s: float) -> float:
-        """By plan, on the longest continuation."""
+        """Planned remaining time [s] on the longest continuation."""
         left_s = sum(segment.duration_s for segment in self.segments[index:])
         if index < len(self.segments):
             left_s -= min(t_s, self.segments[index].duration_s)
@@ -73,7 +73,7 @@ class ConditionWatch:
         return (self._above is None or value > self._above) and (self._below is None or value < self._below)
 
     def fulfilled(self, now_s: float, reading: Reading) -> bool:
-        """Whether the condition has been true for its whole time without interruption."""
+        """Whether the condition has been true for `for_s` seconds without interruption."""
         if not self.true_now(reading):
             self._since_s = None
             return False

@@ -6,7 +6,7 @@ from missions.runner.requests import Notify, Request
 
 
 class Ending:
-    """Base class of the runner: its end, its suspension, and the collected requests."""
+    """Base class of the runner: the state after the end or a suspension, and the collected requests."""
 
     def __init__(self) -> None:
         self._final_state: str | None = None
@@ -18,12 +18,12 @@ class Ending:
 
     @property
     def over(self) -> bool:
-        """Whether it is done, aborted or stopped."""
+        """Whether the mission is done, aborted or stopped."""
         return self._final_state is not None
 
     @property
-    def left_early(self) -> str | None:
-        """Why the mission ended before it was done; None: it is active or done."""
+    def early_end_reason(self) -> str | None:
+        """The reason why the mission ended early; None: it is active or done."""
         if self._final_state in ("aborted", "stopped") or (self._suspended and not self._paused_in_hold):
             return self._reason or "It was interrupted"
         return None

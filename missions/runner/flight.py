@@ -19,9 +19,10 @@ from missions.trajectory.solve import through
 ON_PATH_M = 0.3
 """A vehicle within these tolerances of its path needs no approach."""
 ON_PATH_RAD = math.radians(5.0)
-MAX_AT_ONCE_BYTES = 400_000
-"""Most bytes of segments in one message, because the stream process reads it between two setpoints."""
-MAX_AT_ONCE_S = 120.0
+MAX_MESSAGE_BYTES = 400_000
+"""Maximum size of the segments in one message, because the stream process reads the message between two
+setpoints."""
+MAX_MESSAGE_S = 120.0
 ROW_BYTES = 150
 """Bytes of one row of a table."""
 
@@ -51,7 +52,7 @@ class Flight:
         """Mission time since the start of the segment."""
         self.paused = False
         self.photo_index = 0
-        """Segment up to which all pictures have been taken."""
+        """Index of the first segment with pictures that are still to be taken."""
         self.photos_taken = 0
         """Number of pictures already taken in that segment."""
         self.pointed: tuple[float, float, float] | None = None
@@ -72,15 +73,15 @@ class Flight:
     def chunk_end(self, first: int, end_index: int) -> int:
         """Index after the segments that fit into one message."""
         size, duration_s, end = 0, 0.0, first
-        while end < end_index and (end == first or (size < MAX_AT_ONCE_BYTES and duration_s < MAX_AT_ONCE_S)):
+        while end < end_index and (end == first or (size < MAX_MESSAGE_BYTES and duration_s < MAX_MESSAGE_S)):
             size += _size(self.course.segments[end])
             duration_s += self.course.segments[end].duration_s
             end += 1
         return end
 
     def script(self, reading: Reading, end_index: int) -> tuple[Script, int, int]:
-        """The script from the current position: the script, the index of its first segment, and after its
-        last.
+        """The script from the current position, the index of its first segment, and the index after its last
+        segment.
 
         Raises:
             PlanError: The approach to the path cannot be flown, or the vehicle's position is unknown.
@@ -115,7 +116,7 @@ class Flight:
             ends = (PassPoint(here, yaw_rad), PassPoint(begin, begin_yaw_rad))
         if math.dist(here, begin) < ON_PATH_M and turn_rad < ON_PATH_RAD:
             return None
-        if self.fence is not None and self.fence.is_left_between(here[:2], begin[:2]):
+        if self.fence is not None and self.fence.line_leaves(here[:2], begin[:2]):
             raise PlanError(
                 segment.place,
                 "the straight path to it leaves the mission's geofence",

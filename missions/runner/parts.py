@@ -1,7 +1,7 @@
 """The parts of a mission: take-off and landing in PX4's own modes, and the parts flown by setpoints.
 
-Each part knows which vehicle modes it expects (`expects`), returns its requests, and sets `done` at its end.
-A part that failed sets `failure`: an action of the mission and the reason.
+Each part checks the vehicle's mode (`expects`), returns its requests, and sets `done` at its end. A part that
+failed sets `failure`: the mission's action and the reason.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from missions.runner.flight import Flight
 from missions.runner.reading import Reading
 from missions.runner.requests import Notify, Request, SetMode, TakeOff
 
-DOWN_FOR_S = 10.0
-"""A vehicle that stays on the ground for this long has landed, even if it is still armed."""
+LANDED_AFTER_S = 10.0
+"""Time on the ground after which the vehicle counts as landed, even if it is still armed [s]."""
 NEAR_HEIGHT_M = 1.0
 
 
@@ -53,7 +53,8 @@ class Part(ABC):
 
     @abstractmethod
     def expects(self, reading: Reading) -> bool:
-        """Whether the vehicle's mode is one this part requested; False: someone else controls the vehicle."""
+        """Whether this part requested the vehicle's current mode. If not, someone else controls the
+        vehicle."""
 
 
 class TakeOffPart(Part):
@@ -116,7 +117,7 @@ class LandPart(Part):
         elif self._on_ground_since_s is None:
             self._on_ground_since_s = now_s
         on_ground_s = 0.0 if self._on_ground_since_s is None else now_s - self._on_ground_since_s
-        self.done = reading.armed is False or on_ground_s >= DOWN_FOR_S
+        self.done = reading.armed is False or on_ground_s >= LANDED_AFTER_S
         if not self.done and not self._late_reported and now_s - self._began_s > self._segment.timeout_s:
             self._late_reported = True
             text = f"The landing has taken longer than {self._segment.timeout_s:g} s; it continues."

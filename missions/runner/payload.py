@@ -11,7 +11,7 @@ from missions.runner.script import Played
 from missions.setpoints import Position
 
 LEAD_S = 0.05
-"""Half of the update period, so that pictures are early as often as late."""
+"""Half of the update period, so that pictures are early and late equally often."""
 UNCHANGED_RAD = math.radians(0.2)
 REPEAT_S = 1.0
 """Period in which an unchanged gimbal request is repeated, because a request may be lost."""

@@ -1,4 +1,4 @@
-"""Computes the setpoint of a script for each transmission; no I/O, time and position are inputs.
+"""Computes the setpoint of a script for each transmission. It does no I/O; time and position are inputs.
 
 A wait holds the position until it ends. If the vehicle falls too far behind on its path, mission time stops
 until it has caught up. A pause slows mission time down to zero, so that the vehicle stays on its path;
@@ -27,15 +27,14 @@ from missions.setpoints import Attitude, DirectSetpoint, Position, Setpoint, Tra
 from missions.setpoints import zeros_for_none as whole
 
 LONGEST_STEP_S = 0.3
-"""Longest step of mission time after a gap in transmission, so that the setpoint does not jump ahead."""
+"""Maximum step of mission time after a gap in transmission, so that the setpoint does not jump ahead."""
 BACK_WITHIN_M = 1.0
-"""After a segment without position control, the vehicle must be this near to the start of the next
-segment."""
+"""Maximum distance to the start of the next segment after a segment without position control [m]."""
 BACK_WITHIN_S = 15.0
 HELD_BACK_M = 8.0
 """Horizontal distance behind the setpoint (obstacle, limit, wind) at which mission time stops."""
 ARRIVED_M = 2.0
-"""Horizontal distance to the end of a path within which the path counts as flown."""
+"""Horizontal distance to the end of a path below which the path is complete [m]."""
 STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
@@ -73,7 +72,7 @@ class Player:
         self._steering = replace(steering, appended=())
 
     def restart_time(self, now_s: float) -> None:
-        """Starts mission time now; until now the first setpoint was held."""
+        """Starts mission time now. Until this call, the first setpoint is held."""
         self._last_s = now_s
 
     def at(
@@ -214,7 +213,8 @@ class Player:
 
     @staticmethod
     def _away_m(target_ned_m: Vector3 | None, position_ned_m: Vector3 | None) -> float:
-        """Horizontal distance, because a detour over an obstacle changes only the height."""
+        """Horizontal distance to a position; the height does not count, because a detour over an obstacle
+        changes it."""
         if target_ned_m is None or position_ned_m is None:
             return 0.0
         return math.dist(target_ned_m[:2], position_ned_m[:2])

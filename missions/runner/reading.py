@@ -17,7 +17,7 @@ class Reading:
     """The vehicle's state at one time."""
 
     mode: str | None = None
-    """`Status.mode` of the API: offboard, hold, land, rtl, takeoff, position, …"""
+    """The vehicle's mode, as in the API's `Status.mode`: offboard, hold, land, rtl, takeoff, position, …"""
     mode_source: str | None = None
     """Who changed the mode: command, vehicle, failsafe, pilot, station, unknown."""
     mode_text: str | None = None
@@ -32,7 +32,7 @@ class Reading:
     """The valid estimates."""
     link_active: bool = True
     holder: str | None = None
-    """The client in control, by any unique name; None: nobody."""
+    """Unique id of the client in control; None: no client has control."""
     holder_name: str | None = None
     """The same as text for messages."""
     battery_share: float | None = None
@@ -46,9 +46,9 @@ class Reading:
     stream: StreamPhase = "idle"
     """Phase of the mission's setpoint stream; `flying` when the vehicle is in Offboard."""
     stream_text: str | None = None
-    """Why the stream ends or has ended."""
+    """Reason for the end of the stream."""
     played: Played | None = None
-    """Progress of the stream in its script."""
+    """Progress of the script that is being streamed."""
 
     @property
     def on_ground(self) -> bool:

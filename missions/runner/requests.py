@@ -30,7 +30,7 @@ class Play:
 
 @dataclass(frozen=True, slots=True)
 class Steer:
-    """Change how the current script is played."""
+    """Pause or resume the current script, end its waits, or append segments to it."""
 
     steering: Steering
 

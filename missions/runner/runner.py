@@ -1,8 +1,8 @@
 """Executes a compiled mission part by part, without clock, server or simulator.
 
 The caller calls `tick` about ten times a second with the vehicle's state, executes the returned requests, and
-reports those that failed. The runner acts only while it is in charge. Once someone else flies the vehicle
-(the RC pilot, an operator's command, a PX4 failsafe), it requests nothing until an operator resumes the
+reports those that failed. The runner acts only while the mission controls the vehicle. If the RC pilot, an
+operator's command or a PX4 failsafe takes over, the runner requests nothing until an operator resumes the
 mission.
 """
 
@@ -28,7 +28,7 @@ from missions.runner.requests import (
 )
 from missions.runner.setpoint_part import SetpointPart
 from missions.runner.status import CannotDo, RunnerStatus
-from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate, who_took_over
+from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate, takeover_reason
 from missions.trajectory.limits import MotionLimits
 
 LOW_BATTERY_SHARE = 0.15
@@ -42,7 +42,7 @@ class Runner(Ending):
         timeline: compiled for the vehicle's position.
         name: name of the mission.
         motion: limits for pauses and for approaches to the path, with the wanted speed.
-        low_battery_share: at this charge the mission's action for low battery is executed.
+        low_battery_share: battery charge at which the mission's low-battery action is executed.
         corridor: corridor of a dry run; leaving it is reported.
     """
 
@@ -69,7 +69,7 @@ class Runner(Ending):
         """Starts the mission for the client in control.
 
         Raises:
-            CannotDo: An estimate is missing that the mission needs.
+            CannotDo: The mission needs an estimate that the vehicle does not have.
         """
         self.require_startable(reading)
         self._watch.set_owner(reading)
@@ -154,7 +154,7 @@ class Runner(Ending):
         if self._suspended or not isinstance(part, SetpointPart) or not part.answer():
             raise CannotDo(
                 "the mission is not waiting for the operator",
-                "The mission's status says what it is waiting for.",
+                "See the mission's status for what it is waiting for.",
             )
         self._notify("answered", f"{by} continued the mission.")
         return self._take_requests()
@@ -162,7 +162,8 @@ class Runner(Ending):
     def abort(self, reading: Reading, by: str, then: str = "hold") -> list[Request]:
         """Aborts the mission; the vehicle holds, returns or lands.
 
-        A mission that does not fly the vehicle ends without a command, unless `then` is return or land.
+        If the mission does not control the vehicle, it ends without a command, unless `then` is return or
+        land.
         """
         self._require_not_over("abort")
         flies = not reading.on_ground or bool(reading.armed)
@@ -175,7 +176,8 @@ class Runner(Ending):
 
     @property
     def setpoint_part(self) -> SetpointPart | None:
-        """The current part flown by setpoints; None: another kind of part, or not in charge."""
+        """The current part flown by setpoints; None: another kind of part, or the mission does not control
+        the vehicle."""
         return self._part if self.in_charge and isinstance(self._part, SetpointPart) else None
 
     @property
@@ -250,7 +252,7 @@ class Runner(Ending):
 
     @property
     def in_charge(self) -> bool:
-        """Whether the mission flies the vehicle."""
+        """Whether the mission controls the vehicle."""
         return self._part is not None and not self._suspended and self._final_state is None
 
     # --- inside: one update -----------------------------------------------------------------------
@@ -277,7 +279,7 @@ class Runner(Ending):
         if not part.expects(reading):
             self._taken_over(reading)
             return
-        for failure in self._watch.look(now_s, reading, by_setpoints=part.in_offboard):
+        for failure in self._watch.problems(now_s, reading, by_setpoints=part.in_offboard):
             self._act(failure.action, failure.text, reading)
             if self._suspended:
                 return
@@ -328,15 +330,16 @@ class Runner(Ending):
     # --- inside: mode changes ---------------------------------------------------------------------
 
     def _taken_over(self, reading: Reading) -> None:
-        """Suspends: another party flies the vehicle, so nothing is commanded."""
+        """Suspends the mission, because another party controls the vehicle; no command is sent."""
         self._requests.append(StopStream())
-        self._suspend(who_took_over(reading))
+        self._suspend(takeover_reason(reading))
 
     def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
         """Handles a restored link; True: this update is complete.
 
         PX4 flies take-off and landing by itself. The stream has ended with the link, and PX4 or the stream
-        has changed the mode: the mission continues only from a Hold that no other party commanded.
+        has changed the mode. The mission continues only if the vehicle is in Hold and no other party
+        commanded it.
         """
         if not part.in_offboard or reading.stream == "flying":
             return False
@@ -381,7 +384,7 @@ class Runner(Ending):
     def _in_charge(self, what: str) -> Part:
         self._require_not_over(what)
         if self._part is None or self._suspended:
-            raise CannotDo("the mission does not fly the vehicle now", "Resume it first.")
+            raise CannotDo("the mission does not control the vehicle now", "Resume it first.")
         return self._part
 
     def _require_not_over(self, what: str) -> None:

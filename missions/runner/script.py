@@ -1,6 +1,7 @@
-"""Messages to the stream process: the segments to fly, and how to play them.
+"""Messages to the stream process: the segments to fly, and changes during the flight.
 
-Frozen values; the first segments are sent at once, later segments are appended during the flight.
+The messages are frozen values. The first segments are sent immediately, later segments are appended during
+the flight.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Script:
     begin_s: float = 0.0
     """Time in the first segment at which the flight starts; not 0 when a mission is resumed."""
     approach: CurveSegment | None = None
-    """Flown before the first segment, from the vehicle's position to the start of the segment."""
+    """Segment from the vehicle's position to the start of the first segment, flown first."""
     pace: Pace = Pace()
     number: int = 0
     """Number of the script in the mission."""
@@ -46,12 +47,12 @@ class Script:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """How to play a script from now on."""
+    """Changes to a script that is being flown."""
 
     paused: bool = False
-    """Stop on the path."""
+    """Whether to stop on the path."""
     go_past: int = 0
-    """Waits before this segment index have ended."""
+    """Index of a segment; waits before it have ended."""
     appended: tuple[Segment, ...] = ()
     """Segments added to the end of the script."""
 
@@ -63,18 +64,20 @@ class Played:
     number: int = 0
     """Number of the script."""
     index: int = 0
-    """Index of the current segment; equal to the number of segments: all are flown, the end is held."""
+    """Index of the current segment. If it equals the number of segments, all segments are flown and the end
+    position is held."""
     t_s: float = 0.0
     """Mission time since the start of the segment; it stops while paused."""
     rate: float = 1.0
     """Rate of mission time: 1 is as planned, 0 is stopped."""
     approaching: bool = False
-    """Flies to the start of the first segment."""
+    """Whether the vehicle is flying to the start of the first segment."""
     waiting: bool = False
-    """Holds at a wait that has not ended."""
+    """Whether the vehicle holds at a wait that has not ended."""
     diverted: bool = False
-    """A velocity or attitude was interrupted; the vehicle holds where it stopped, away from its path."""
+    """Whether a velocity or attitude segment was interrupted; the vehicle holds where it stopped, away from
+    its path."""
     position_ned_m: Vector3 | None = None
     """The position setpoint; None: no position is sent."""
     held_back: bool = False
-    """The vehicle is too far behind on its path, so mission time has stopped."""
+    """Whether mission time has stopped because the vehicle is too far behind on its path."""

@@ -16,16 +16,17 @@ from missions.runner.requests import Notify, Play, Request, Steer
 from missions.runner.script import Played, Steering
 
 AHEAD_S = 60.0
-"""Segments are sent to the stream this far ahead, so that a stalled event loop does not affect the flight."""
+"""Segments are sent to the stream this long before they are flown, so that a stalled event loop does not
+affect the flight [s]."""
 HELD_BACK_REPORTED_S = 2.0
-"""A vehicle that is held back for this long is reported."""
+"""Time after which a vehicle that is held back is reported [s]."""
 RENEW_S = 0.5
 """Period in which the stream is renewed."""
 STARTS_WITHIN_S = 40.0
 
 
 class SetpointPart(Part):
-    """From the current segment to the next take-off or landing, or to the end."""
+    """The part from the current segment to the next take-off or landing, or to the end."""
 
     def __init__(self, flight: Flight) -> None:
         super().__init__(flight)
@@ -51,7 +52,8 @@ class SetpointPart(Part):
     # --- requests of clients ----------------------------------------------------------------------
 
     def answer(self) -> bool:
-        """Continues after a wait for the operator; False: there is no such wait."""
+        """Continues after a wait for the operator. Returns False if the mission is not waiting for the
+        operator."""
         if self.question is None:
             return False
         self._answered = True
@@ -76,7 +78,7 @@ class SetpointPart(Part):
         self.flight.paused = False
 
     def resume(self) -> None:
-        """Resumes along the path; away from the path, with the next segment."""
+        """Resumes along the path, or with the next segment if the vehicle is away from the path."""
         self.flight.paused = False
         if self._played is not None and self._played.diverted:
             self._stop_for = self.flight.index + 1
@@ -123,7 +125,7 @@ class SetpointPart(Part):
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
         dt_s, self._last_s = now_s - self._last_s, now_s
-        played = self._look(now_s, reading)
+        played = self._update_progress(now_s, reading)
         if played is None or self.failure is not None:
             return []
         requests: list[Request] = []
@@ -168,8 +170,8 @@ class SetpointPart(Part):
         segments = self.flight.course.segments[self.flight.index : end_index]
         return next((s for s in segments if not isinstance(s, HoldSegment | WaitSegment)), None)
 
-    def _look(self, now_s: float, reading: Reading) -> Played | None:
-        """Progress of the script; None while it is not flown."""
+    def _update_progress(self, now_s: float, reading: Reading) -> Played | None:
+        """Progress of the script; None while the script is not being flown."""
         if self._local is not None:
             self._local.at(now_s)
             self._played = self._local.played

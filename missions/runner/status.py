@@ -23,7 +23,7 @@ class RunnerStatus:
 
     state: str
     """ready, taking_off, starting, flying, waiting, pausing, paused, landing, suspended, done, aborted,
-    stopped. `suspended`: not in charge until an operator resumes it; the last three are final."""
+    stopped. A suspended mission sends nothing until an operator resumes it; the last three are final."""
     place: str | None
     """Current step: "step 3", "step 4.2"."""
     title: str | None

@@ -1,4 +1,4 @@
-"""Slows mission time to zero and back to normal, so that a pausing vehicle stays on its path.
+"""Slows mission time down to zero and back to normal, so that a vehicle stays on its path when it pauses.
 
 With mission time s, ds/dt = r, the path p(s) is flown with velocity p' r and acceleration p'' r² + p' dr/dt.
 The change of r is chosen so that the vehicle stays within its limits of acceleration and jerk.
@@ -12,13 +12,14 @@ from missions.frames import Vector3
 from missions.runner.script import Pace
 
 MAX_RATE_CHANGE = 1.0
-"""Largest change of the rate [1/s], for slow vehicles too."""
+"""Largest derivative of the rate [1/s], also for slow vehicles."""
 MAX_RATE_JERK = 4.0
-"""Largest change of that change [1/s²]."""
+"""Largest second derivative of the rate [1/s²]."""
 BRAKING = 1.1
-"""Factor on the acceleration for braking, needed on a path at the limit (a circle)."""
+"""Factor on the acceleration limit while braking, needed on a path that is already at the limit (a
+circle)."""
 MARGIN = 0.8
-"""Fraction of the jerk used near the goal, because of the finite time steps."""
+"""Fraction of the jerk limit that is used near the goal, because time steps are finite."""
 NEAR = 2e-3
 MAX_STEP_S = 0.05
 """Longer time steps are split [s]."""

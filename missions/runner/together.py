@@ -37,15 +37,16 @@ class Together:
         """Starts all roles; they wait for each other at their common start.
 
         Raises:
-            CannotDo: One role cannot start; then none starts.
+            CannotDo: One role cannot start. No role is started.
         """
         for role, runner in self.runners.items():
             self._check_role(role, runner.require_startable, readings[role])
         return {role: runner.start(now_s, readings[role]) for role, runner in self.runners.items()}
 
-    def look(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
-        """Requests in addition to those of each runner."""
-        left = {role: why for role, runner in self.runners.items() if (why := runner.left_early) is not None}
+    def update(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
+        """Requests in addition to those of the runners; called after all runners were updated."""
+        reasons = {role: runner.early_end_reason for role, runner in self.runners.items()}
+        left = {role: why for role, why in reasons.items() if why is not None}
         if left:
             role, why = next(iter(left.items()))
             return self.stop(readings, f"{role} has left the mission ({why.rstrip('.')}): all others hold")
@@ -60,7 +61,7 @@ class Together:
         return {}
 
     def stop(self, readings: Mapping[str, Reading], reason: str) -> Requests:
-        """Ends the mission; the vehicles that still fly hold."""
+        """Ends the mission; the vehicles that are still flying hold."""
         return {role: runner.stop(readings[role], reason) for role, runner in self.runners.items()}
 
     # --- requests of clients ----------------------------------------------------------------------
@@ -78,7 +79,7 @@ class Together:
         """Resumes all roles.
 
         Raises:
-            CannotDo: One role cannot be resumed; then none is.
+            CannotDo: One role cannot be resumed. No role is resumed.
         """
         self._require_not_over("resume")
         for role, runner in self.runners.items():

@@ -22,8 +22,8 @@ def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimat
     return next((each.replace("_", " ") for each in needed if each not in reading.estimates), None)
 
 
-def who_took_over(reading: Reading) -> str:
-    """Text about who took the vehicle over from the mission, and with which mode."""
+def takeover_reason(reading: Reading) -> str:
+    """A message that names who took over control of the vehicle, and the new mode."""
     name = (reading.mode or "another mode").capitalize()
     who = {
         "command": reading.mode_text or "A command",
@@ -39,7 +39,7 @@ class FlightWatch:
 
     Args:
         flight: the flight to check.
-        low_battery_share: at or below this charge the mission's action for low battery is executed.
+        low_battery_share: battery charge at which the mission's low-battery action is executed.
     """
 
     def __init__(self, flight: Flight, low_battery_share: float) -> None:
@@ -57,7 +57,7 @@ class FlightWatch:
         """Resets the checks for a new part of the flight."""
         self._estimate_lost_s = None
 
-    def look(self, now_s: float, reading: Reading, *, by_setpoints: bool) -> Iterator[Failure]:
+    def problems(self, now_s: float, reading: Reading, *, by_setpoints: bool) -> Iterator[Failure]:
         """Yields each current problem; the caller may stop after the first.
 
         Args:

@@ -17,13 +17,11 @@ from missions.route import Step, follow, is_flown_to
 from missions.terrain.ground import Floats, Ground, between
 
 CLEARANCE_M = 10.0
-"""A smaller clearance is a finding: elevation models have errors of some metres, and most do not include
-trees."""
+"""Minimum clearance [m]: elevation models have errors of a few metres, and most do not include trees."""
 OUTDATED_M = 1.0
-HOME_OFF_M = 10.0
+HOME_TOLERANCE_M = 10.0
 MIN_LEG_M = 1.0
-"""A leg with a shorter horizontal distance climbs, descends or holds, and is not checked; the leg before it
-is."""
+"""Shortest horizontal length of a checked leg [m]; on a shorter leg the vehicle climbs, descends or holds."""
 
 Position = tuple[float, float, float]
 """Latitude, longitude [deg], altitude AMSL [m]."""
@@ -45,7 +43,7 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
     home_amsl_m = None if home is None else home.alt_amsl_m
     if home is not None:
         found_m = ground.one(home.lat_deg, home.lon_deg)
-        if found_m is not None and abs(found_m - home.alt_amsl_m) > HOME_OFF_M:
+        if found_m is not None and abs(found_m - home.alt_amsl_m) > HOME_TOLERANCE_M:
             message = (
                 f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; the ground there is at {found_m:.0f} m "
                 "by the elevation data."
@@ -88,7 +86,7 @@ def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]
     if abs(above_m - altitude.value_m) > OUTDATED_M:
         message = (
             f"{name(step.row, step.item)} would be {above_m:.0f} m above the ground, not "
-            f"{altitude.value_m:.0f} m: it was moved, or the elevation data changed."
+            f"{altitude.value_m:.0f} m: the item was moved, or the elevation data changed."
         )
         yield Finding("terrain_outdated", message, step.row, fix="Resolve the altitudes again.")
 

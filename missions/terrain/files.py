@@ -1,4 +1,4 @@
-"""The operator's elevation files (GeoTIFF, HGT): the area that each covers, and the ground of an area.
+"""The operator's elevation files (GeoTIFF, HGT): the area of each file, and the ground altitudes in an area.
 
 Altitudes are metres above mean sea level, as in SRTM, Copernicus DEM and national models. GDAL (rasterio)
 reads the files. It resamples files in other coordinate systems to latitude and longitude.
@@ -33,7 +33,7 @@ LOWEST_M, HIGHEST_M = -1_000.0, 9_000.0
 """Range of land altitudes on earth; a value outside means no data."""
 WGS84 = CRS.from_epsg(4326)
 DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT"}
-"""GDAL driver by suffix; GDAL tries no other drivers, because some of them follow links to other files."""
+"""GDAL driver by suffix. Other drivers are not used, because some of them follow links to other files."""
 FIX = "Use a GeoTIFF or HGT file with one band of altitudes in metres."
 
 
@@ -97,7 +97,7 @@ class Elevation:
     """The operator's readable elevation files."""
 
     files: tuple[tuple[Path, ElevationFile], ...]
-    """Finest first."""
+    """The files, sorted from the finest grid to the coarsest."""
     problems: tuple[str, ...]
     """Messages about files that cannot be used."""
 
@@ -117,8 +117,8 @@ class Elevation:
         return cls(tuple(files), tuple(problems))
 
     def ground(self, area: Area) -> Ground | None:
-        """The ground of an area, each cell from the finest file that covers it; None: no file covers the
-        area.
+        """The ground of an area; each cell is taken from the finest file that covers it. None: no file covers
+        the area.
 
         Raises:
             PlanError: a file cannot be read.
@@ -156,7 +156,7 @@ class _Grid:
 
 
 def _overlap(file: ElevationFile, area: Area) -> bool:
-    """Whether a file and an area overlap, also if their longitudes differ by 360 degrees."""
+    """Whether a file and an area overlap, even if their longitudes differ by 360 degrees."""
     if file.north_deg < area.south_deg or file.south_deg > area.north_deg:
         return False
     return any(

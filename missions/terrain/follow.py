@@ -22,7 +22,7 @@ DEFAULT_TOLERANCE_M = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class GroundFollowing:
     """A plan with resolved altitudes above the ground."""
 
     plan: Plan
@@ -34,18 +34,18 @@ class Followed:
     """Number of waypoints added between others."""
 
 
-def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None = None) -> Followed:
+def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None = None) -> GroundFollowing:
     """Resolves all altitudes above the ground in a plan.
 
     Args:
         plan: any waypoint plan.
         ground: elevation data of the plan's area; None: no data.
-        tolerance_m: waypoints are added between two items above the ground until the straight lines keep
-            their height above the ground within this tolerance. That height is interpolated between both
-            ends. None: no waypoints are added.
+        tolerance_m: waypoints are added between two items with altitudes above the ground, until the height
+            of the straight lines is within this tolerance of the height interpolated between both items.
+            None: no waypoints are added.
 
     Raises:
-        PlanError: it would have more items than PX4 can store.
+        PlanError: the plan would have more items than PX4 can store.
     """
     resolved = unknown = added = 0
 
@@ -96,7 +96,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     if count > MAX_ITEMS:
         reason = f"following the ground needs {count} items, the maximum is {MAX_ITEMS}"
         raise PlanError("the plan", reason, "Raise the tolerance, or split the plan.")
-    return Followed(
+    return GroundFollowing(
         plan.model_copy(
             update={
                 "items": tuple(_with_new_target(item, first_of) for item in items) if added else tuple(items),
@@ -110,7 +110,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
 
 
 def _with_new_target(item: PlanItem, first_of: Sequence[int]) -> PlanItem:
-    """The item; if it is a jump, with the new index of its target."""
+    """The item; a jump gets the new index of its target."""
     if isinstance(item, Jump) and item.target_index < len(first_of):
         return item.model_copy(update={"target_index": first_of[item.target_index]})
     return item

@@ -13,8 +13,8 @@ from missions.geodesy import EARTH_RADIUS_M, distance_m
 
 Floats = NDArray[np.float64]
 MAX_SAMPLES = 2_000
-"""Limit for one line."""
-LEAST_SPACING_M = 1.0
+"""Maximum number of positions on one line."""
+MIN_SPACING_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +38,8 @@ class Ground:
         return math.radians(self.step_lat_deg) * EARTH_RADIUS_M
 
     def at(self, lat_deg: Floats, lon_deg: Floats) -> Floats:
-        """Altitudes AMSL [m], interpolated between four grid points; NaN outside the grid, and where one of
-        the four is unknown.
+        """Altitudes AMSL [m], interpolated between four grid points; NaN outside the grid or if one of the
+        four is unknown.
 
         Args:
             lat_deg: (N,).
@@ -77,7 +77,7 @@ def between(start: tuple[float, float], end: tuple[float, float], spacing_m: flo
         spacing_m: greatest distance between two positions, unless the line would need more than 2,000.
     """
     length_m = distance_m(*start, *end)
-    count = min(MAX_SAMPLES, 2 + math.ceil(length_m / max(spacing_m, LEAST_SPACING_M)))
+    count = min(MAX_SAMPLES, 2 + math.ceil(length_m / max(spacing_m, MIN_SPACING_M)))
     share = np.linspace(0.0, 1.0, count)
     delta_lon_deg = math.remainder(end[1] - start[1], 360.0)
     return np.column_stack((start[0] + (end[0] - start[0]) * share, start[1] + delta_lon_deg * share, share))

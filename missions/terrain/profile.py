@@ -67,7 +67,8 @@ def _lines(places: Sequence[tuple[float, float]], ground: Ground) -> Iterable[tu
 
 
 def _thinned(lines: Iterable[tuple[Floats, Floats]], zero_amsl_m: float) -> Profile:
-    """At most `MAX_POINTS` points; each is the highest of those that it replaces."""
+    """Reduces a profile to at most `MAX_POINTS` points; each point is the highest of those that it
+    replaces."""
     parts = list(lines)
     if not parts:
         return ()

@@ -1,4 +1,5 @@
-"""A trajectory that can be sampled at any time; arrays without state, which can be sent to another process.
+"""A trajectory that can be sampled at any time. It consists of constant arrays, so it can be sent to another
+process.
 
 Position, velocity, acceleration, yaw and yaw rate are continuous; the jerk is limited, but not continuous.
 The trajectory starts and ends at rest.

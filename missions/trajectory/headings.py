@@ -1,4 +1,4 @@
-"""The yaw of a trajectory, as the fourth coordinate of its path, so that the yaw rate can limit the speed.
+"""The yaw of a trajectory is the fourth coordinate of its path, so that the yaw rate can limit the speed.
 
 On each piece the yaw is a cubic polynomial with the wanted heading and its derivative at both ends.
 """
@@ -18,7 +18,7 @@ PART_RAD = 0.2
 MAX_PARTS = 64
 MAX_HALVINGS = 16
 NEAREST_M = 0.5
-"""Horizontal distance to the position to look at, below which the vehicle keeps its heading."""
+"""Horizontal distance to the target below which the vehicle keeps its heading [m]."""
 TURN_RAD = 1e-6
 """Smaller heading differences need no turn on the spot."""
 
@@ -42,7 +42,7 @@ def through_points(pieces: Pieces, yaws: list[float | None]) -> Pieces:
     """The yaws of the points; between them the yaw turns in the shorter direction, with zero rate at each
     point.
 
-    A point without a yaw has an interpolated one. Before the first and after the last yaw the yaw is
+    The yaw of a point without one is interpolated. Before the first and after the last given yaw it is
     constant.
     """
     ends = np.concatenate(([0.0], np.cumsum(pieces.spans)))

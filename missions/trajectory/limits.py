@@ -60,7 +60,8 @@ class MotionLimits:
 
     @property
     def horizontal_acceleration_m_s2(self) -> float:
-        """The smaller of the limit and of what the tilt allows while the vehicle accelerates downwards."""
+        """The smaller of the limit and the acceleration at maximum tilt while the vehicle accelerates
+        downwards."""
         lift_m_s2 = GRAVITY_M_S2 - min(self.vertical_acceleration_m_s2, 0.9 * GRAVITY_M_S2)
         return min(self.acceleration_m_s2, lift_m_s2 * math.tan(self.tilt_rad))
 

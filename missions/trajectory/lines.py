@@ -14,15 +14,16 @@ from missions.trajectory.points import SAME_POINT_M, PassPoint
 REVERSAL = math.cos(math.radians(170.0))
 """The vehicle stops at sharper turns, because a bend would be nearly a cusp."""
 STRAIGHT = 1e-9
-"""Smaller changes of direction are no corner."""
+"""Smaller changes of direction do not count as corners."""
 SHORTEST_CORNER_M = 0.01
 BEND = 0.1
-"""Position of the third control point of a bend, as a fraction of its cut. 0.1 gave the shortest flight times
-for bends of 30° to 150°."""
+"""Position of the third control point of a bend, as a fraction of the length that the bend cuts off the leg.
+0.1 gave the shortest flight times for bends of 30° to 150°."""
 NEAR = (1.0 + BEND) / 2.0
 """The second control point is halfway, so that the curvature starts at zero."""
 DEVIATION = (1.0 + 5.0 * NEAR + 10.0 * BEND) / 32.0
-"""Distance of a bend's middle from the corner, divided by its cut and by the difference of the directions."""
+"""Distance of a bend's middle from the corner, divided by the cut length and by the difference of the
+directions."""
 PARTS = 4
 """Parts of each leg of a smooth curve; each part has its own speed limit."""
 

@@ -32,10 +32,10 @@ class Pieces:
     stops: NDArray[np.bool_]
     """Whether the vehicle stops before each piece, and after the last one, (N + 1,)."""
     marks: NDArray[np.int64]
-    """For each given point, its index between the pieces, 0 to N."""
+    """For each given point, the number of pieces before it, 0 to N."""
 
     def split(self, counts: NDArray[np.int64]) -> Pieces:
-        """The same path with piece n cut into `counts[n]` equal parts."""
+        """The same path, with piece n cut into `counts[n]` equal parts."""
         owner = np.repeat(np.arange(len(self.spans)), counts)
         first = np.concatenate(([0], np.cumsum(counts)))
         part = np.arange(len(owner)) - first[owner]

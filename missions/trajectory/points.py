@@ -22,11 +22,12 @@ class PassPoint:
 
     position_ned_m: Vector3
     yaw_ned_rad: float | None = None
-    """Heading at the point; None: interpolated between the points previous and after."""
+    """Heading at the point; None: interpolated between the neighbouring points."""
     stop: bool = False
     """Whether the vehicle stops exactly at the point."""
     corner_m: float = 1.0
-    """Largest distance of a bend from the point; 0: stop at the point. A slow bend also becomes a stop."""
+    """Largest distance of a bend from the point; 0: stop at the point. If a stop is faster than the bend, the
+    vehicle stops."""
 
 
 def check_points(points: Sequence[PassPoint]) -> None:

@@ -1,11 +1,10 @@
-"""The speed profile of a path: speed along its parameter, within all limits, from stop to stop.
+"""The speed profile of a path: its speed at each path parameter, within all limits, from stop to stop.
 
-The path is divided into zones. Each zone has one maximum speed, one acceleration and one jerk, which keep all
-limits of the vehicle anywhere in the zone; the acceleration is zero at both ends. The speeds between zones
-are the highest from which the vehicle can still brake (one pass backwards) and which it can reach (one pass
-forwards). On a straight leg between two stops this is the jerk-limited optimum. Several variants (`VARIANTS`)
-are computed, which differ in the acceleration and jerk for bends and in the zones; between every two stops
-the fastest variant is used.
+The path is divided into zones. Each zone has one maximum speed, one acceleration and one jerk. With these the
+vehicle stays within its limits anywhere in the zone; the acceleration is zero at both ends. The speed between
+two zones is limited by braking (computed in one backward pass) and by acceleration (one forward pass). On a
+straight leg between two stops this is the jerk-limited optimum. Several variants (`VARIANTS`) are computed
+with different zones, accelerations and jerks. The fastest variant between two stops is used.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ VARIANTS = (
     (1.0, 1.0, 2.0), (0.9, 0.4, 2.0), (0.9, 0.8, 0.9), (0.8, 0.3, 0.95), (0.7, 0.3, 0.9), (0.8, 0.6, 0.75),
     (0.6, 0.4, 0.5), (0.4, 0.3, 0.0),
 )  # fmt: skip
-"""Fraction of acceleration and of jerk for bends, and smallest ratio of the maximum speeds in one zone (2:
-one zone for each piece, 0: one zone from stop to stop)."""
+"""Fractions of acceleration and jerk reserved for bends, and smallest ratio of the maximum speeds in one zone
+(2: one zone for each piece, 0: one zone from stop to stop)."""
 MARGIN = 1.05
-"""A bend is used unless it takes this factor more time than a stop."""
+"""A bend is used unless it takes longer than a stop by this factor."""
 COUPLING = 0.5
 """Fraction of the remaining jerk that may change the speed within a bend."""
 COARSE, FINE = 10, 48
-"""Bisections for the peak speed of a zone: to compare variants, and for the one that is flown."""
+"""Number of bisections for the peak speed of a zone: to compare variants, and for the chosen variant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,7 +252,7 @@ def _phases(zones: _Zones) -> TimeLaw:
 def slow_bends(pieces: Pieces, limits: MotionLimits) -> set[int]:
     """The points (index in `marks`) whose bends, of two pieces each, take longer than a stop would.
 
-    The function compares the time lost relative to passing at the speed of the legs.
+    Both times are relative to passing the point at the speed of the legs.
     """
     bounds = Bounds.of(pieces)
     ceilings = _ceilings(bounds, limits, 1.0, 1.0)

@@ -33,7 +33,8 @@ def through(
         points: one or more; a single point gives a hold without duration.
         limits: limits of the motion.
         exact: pass every point exactly, on one smooth curve; otherwise straight legs with bends.
-        heading: only if no point has a yaw; None without any yaw: not controlled.
+        heading: heading of the path; allowed only if no point has a yaw. None: the points' yaws, or not
+            controlled.
 
     Raises:
         PlanError: A point cannot be flown to; names the point and the fix.

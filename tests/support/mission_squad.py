@@ -47,7 +47,7 @@ class Squad:
         for one in self.of.values():
             one.step()
         self.now_s = next(iter(self.of.values())).now_s
-        self.do(self.together.look(self.now_s, self.readings()))
+        self.do(self.together.update(self.now_s, self.readings()))
 
     def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> Squad:
         """Flies until then.

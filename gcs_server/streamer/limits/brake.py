@@ -31,7 +31,7 @@ from gcs_server.streamer.limits.braking import (
     MARGIN_M,
     braking_speed,
 )
-from missions.avoidance.scans import NARROWEST_RAD, STEEP, Scan, fresh
+from missions.avoidance.scans import DEFAULT_HALF_ANGLE_RAD, LEVEL_MAX_SINE, Scan, fresh
 from missions.fence import NorthEast
 from missions.frames import Vector3
 
@@ -96,7 +96,7 @@ def _level(scan: Scan) -> Points:
     points = [
         (n * far_m, e * far_m)
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
-        if far_m is not None and abs(d) <= STEEP
+        if far_m is not None and abs(d) <= LEVEL_MAX_SINE
     ]
     return np.array(points) if points else NOTHING
 
@@ -226,9 +226,9 @@ class ObstacleBrake:
         """Range of the sensor that covers this direction; infinite if none does."""
         best: float | None = None
         for scan in self._scans:
-            least = math.cos(max(scan.half_angle_rad, NARROWEST_RAD))
+            least = math.cos(max(scan.half_angle_rad, DEFAULT_HALF_ANGLE_RAD))
             for n, e, d in scan.directions_ned:
-                if abs(d) <= STEEP and n * un + e * ue >= least * math.hypot(n, e):
+                if abs(d) <= LEVEL_MAX_SINE and n * un + e * ue >= least * math.hypot(n, e):
                     best = scan.range_m if best is None else max(best, scan.range_m)
                     break
         return math.inf if best is None else best
@@ -240,7 +240,7 @@ class ObstacleBrake:
                 -d * far_m
                 for scan in self._scans
                 for (_, _, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
-                if far_m is not None and d < -STEEP
+                if far_m is not None and d < -LEVEL_MAX_SINE
             ),
             default=math.inf,
         )

@@ -76,7 +76,7 @@ class JointMission:
                 f"{RENEWAL_TIMEOUT_S:g} s: all hold"
             )
         else:
-            self._do(self._runner.look(self._now_s, readings))
+            self._do(self._runner.update(self._now_s, readings))
         if self._runner.over:
             self._watched = False
             self._streams.unwatch(self.name)

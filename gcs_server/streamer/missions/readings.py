@@ -7,7 +7,7 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.vehicle.samples import Battery, DistanceSensors, Gps, Wind
 from gcs_server.vehicle.vehicle import Vehicle
-from missions.avoidance.scans import STEEP
+from missions.avoidance.scans import LEVEL_MAX_SINE
 from missions.runner.reading import Reading, StreamPhase
 from missions.setpoints import Estimate
 
@@ -35,7 +35,7 @@ def distance_m(vehicle: Vehicle) -> float | None:
         return None
     if vehicle.clock.monotonic_s() - sample.received_monotonic_s > DISTANCE_FRESH_S:
         return None
-    down = [each for each in sample.value.sensors if each.direction_frd[2] > STEEP]
+    down = [each for each in sample.value.sensors if each.direction_frd[2] > LEVEL_MAX_SINE]
     measured = (
         each.distance_m
         for each in down or sample.value.sensors

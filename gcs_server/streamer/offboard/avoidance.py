@@ -11,7 +11,7 @@ from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.vehicle.samples import DistanceSensors, ObstacleDistance
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.avoider import FRESH_S
-from missions.avoidance.scans import STEEP, fresh, measures_level
+from missions.avoidance.scans import LEVEL_MAX_SINE, fresh, measures_level
 from missions.avoidance.values import AvoidanceWay
 
 TOPICS = {
@@ -118,7 +118,7 @@ class AvoidanceControl:
             if isinstance(value, ObstacleDistance):
                 return True
             if isinstance(value, DistanceSensors) and any(
-                each.direction_frd[2] <= STEEP for each in value.sensors
+                each.direction_frd[2] <= LEVEL_MAX_SINE for each in value.sensors
             ):
                 return True
         return False

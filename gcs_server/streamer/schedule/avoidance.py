@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.avoider import Avoider
-from missions.avoidance.values import Adjusted, Allowed, AvoidanceState, AvoidanceWay, Here, Wanted
+from missions.avoidance.values import (
+    AdjustedMotion,
+    AvoidanceState,
+    AvoidanceWay,
+    DetourLimits,
+    MotionState,
+    WantedMotion,
+)
 from missions.fence import FenceArea
 from missions.frames import Vector3
 from missions.setpoints import (
@@ -96,7 +103,7 @@ class AvoidanceStage:
             zeros_for_none(ordered.velocity_ned_m_s) if isinstance(ordered, Trajectory) else (0.0, 0.0, 0.0)
         )
         yaw = getattr(ordered, "yaw_ned_rad", None)
-        wanted = Wanted(target, feed, yaw, _ahead(now_s, later, snapshot))
+        wanted = WantedMotion(target, feed, yaw, _ahead(now_s, later, snapshot))
         adjusted = self._avoider.adjust(now_s, motion, wanted, snapshot.scans, _allowed(snapshot, fence))
         self._report(Avoiding(adjusted.state, adjusted.text))
         return _flown(ordered, adjusted)
@@ -115,7 +122,7 @@ class AvoidanceStage:
             )
 
 
-def _flown(ordered: DirectSetpoint, adjusted: Adjusted) -> DirectSetpoint:
+def _flown(ordered: DirectSetpoint, adjusted: AdjustedMotion) -> DirectSetpoint:
     if adjusted.motion is not None:
         return adjusted.motion
     if adjusted.yaw_ned_rad is None:
@@ -145,16 +152,16 @@ def _ahead(now_s: float, later: Later | None, snapshot: Snapshot) -> tuple[Vecto
     )
 
 
-def _motion(now_s: float, snapshot: Snapshot) -> Here | None:
+def _motion(now_s: float, snapshot: Snapshot) -> MotionState | None:
     position, velocity, yaw = snapshot.position_at(now_s), snapshot.velocity_ned_m_s, snapshot.yaw_ned_rad
     if position is None:
         return None
-    return Here(position, velocity or (0.0, 0.0, 0.0), yaw or 0.0)
+    return MotionState(position, velocity or (0.0, 0.0, 0.0), yaw or 0.0)
 
 
-def _allowed(snapshot: Snapshot, fence: FenceArea | None) -> Allowed:
+def _allowed(snapshot: Snapshot, fence: FenceArea | None) -> DetourLimits:
     bounds = snapshot.bounds
-    return Allowed(
+    return DetourLimits(
         min(bounds.speed_m_s, bounds.approach_m_s),
         min(bounds.climb_m_s, bounds.approach_climb_m_s),
         min(bounds.sink_m_s, bounds.approach_sink_m_s),

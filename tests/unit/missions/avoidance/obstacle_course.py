@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from missions.avoidance.avoider import Avoider
 from missions.avoidance.scans import Scan
-from missions.avoidance.values import Adjusted, Allowed, Here, Wanted
+from missions.avoidance.values import AdjustedMotion, AvoidanceWay, DetourLimits, MotionState, WantedMotion
+from missions.frames import Vector3
 from missions.setpoints import Position
+
+Array = NDArray[np.float64]
 
 STEP_S = 0.05
 SCAN_EVERY = 4
@@ -37,7 +42,7 @@ class Block:
     east_m: tuple[float, float]
     height_m: float
 
-    def distance_m(self, at_ned_m) -> float:
+    def distance_m(self, at_ned_m: Array) -> float:
         """From a place to its nearest surface; zero inside."""
         n, e, d = at_ned_m
         return math.hypot(
@@ -46,7 +51,7 @@ class Block:
             max(-d - self.height_m, 0.0),
         )
 
-    def met_m(self, at_ned_m, directions) -> np.ndarray:
+    def met_m(self, at_ned_m: Array, directions: Array) -> Array:
         """(R,) along rays (R, 3); infinite where they pass."""
         low = np.array([self.north_m[0], self.east_m[0], -self.height_m])
         high = np.array([self.north_m[1], self.east_m[1], 0.0])
@@ -55,6 +60,11 @@ class Block:
         near = np.nanmax(np.minimum(first, second), axis=1)
         far = np.nanmin(np.maximum(first, second), axis=1)
         return np.where((far >= near) & (far >= 0.0), np.maximum(near, 0.0), np.inf)
+
+
+def _vector(array: Array) -> Vector3:
+    n, e, d = array.tolist()
+    return n, e, d
 
 
 class Course:
@@ -66,19 +76,28 @@ class Course:
         down: whether a sensor measures below.
     """
 
-    def __init__(self, blocks, *, start=(0.0, 0.0, -2.0), around=True, down=True, way="over", allowed=None):
+    def __init__(
+        self,
+        blocks: Iterable[Block],
+        *,
+        start: Vector3 = (0.0, 0.0, -2.0),
+        around: bool = True,
+        down: bool = True,
+        way: AvoidanceWay = "over",
+        allowed: DetourLimits | None = None,
+    ) -> None:
         self.blocks = tuple(blocks)
         self.avoider = Avoider(way)
-        self.allowed = allowed or Allowed()
+        self.allowed = allowed or DetourLimits()
         self.at, self.velocity, self.yaw = np.array(start, float), np.zeros(3), 0.0
         self.now_s, self.steps = 100.0, 0
         self.around, self.down, self.blind = around, down, False
         self.scans: tuple[Scan, ...] = ()
         self.nearest_m, self.highest_m = math.inf, -math.inf
         self.told: list[str] = []
-        self.adjusted = Adjusted("clear")
+        self.adjusted = AdjustedMotion("clear")
 
-    def _measure(self, directions) -> tuple[float | None, ...]:
+    def _measure(self, directions: Array) -> tuple[float | None, ...]:
         found = np.full(len(directions), np.inf)
         for block in self.blocks:
             found = np.minimum(found, block.met_m(self.at, directions))
@@ -94,15 +113,15 @@ class Course:
         if self.down:
             self.scans += (self._seen(DOWN, 0.0),)
 
-    def _seen(self, directions, half_angle_rad) -> Scan:
+    def _seen(self, directions: Array, half_angle_rad: float) -> Scan:
         rays = tuple((float(n), float(e), float(d)) for n, e, d in directions)
         return Scan(self.now_s, rays, self._measure(directions), RANGE_M, half_angle_rad)
 
-    def step(self, wanted: Wanted) -> None:
+    def step(self, wanted: WantedMotion) -> None:
         """Flies on for one step."""
         if self.steps % SCAN_EVERY == 0 and not self.blind:
             self._scan()
-        here = Here(tuple(self.at.tolist()), tuple(self.velocity.tolist()), self.yaw)
+        here = MotionState(_vector(self.at), _vector(self.velocity), self.yaw)
         self.adjusted = self.avoider.adjust(self.now_s, here, wanted, self.scans, self.allowed)
         motion = self.adjusted.motion or Position(wanted.position_ned_m)
         if isinstance(motion, Position):
@@ -128,13 +147,13 @@ class Course:
         self.now_s += STEP_S
         self.steps += 1
 
-    def fly(self, goal, seconds=60.0, yaw=0.0) -> None:
+    def fly(self, goal: Vector3, seconds: float = 60.0, yaw: float = 0.0) -> None:
         """To a place, until it is reached as wanted or the time is over."""
         for _ in range(round(seconds / STEP_S)):
-            self.step(Wanted(goal, yaw_ned_rad=yaw))
+            self.step(WantedMotion(goal, yaw_ned_rad=yaw))
             if self.adjusted.state == "clear" and math.dist(self.at, goal) < 0.3:
                 return
 
-    def reached(self, goal) -> bool:
+    def reached(self, goal: Vector3) -> bool:
         """Whether it is there."""
         return math.dist(self.at, goal) < 0.5

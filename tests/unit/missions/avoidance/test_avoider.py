@@ -6,9 +6,10 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from missions.avoidance.avoider import CLIMB_MOST_M
-from missions.avoidance.values import Allowed, Wanted
+from missions.avoidance.avoider import MAX_CLIMB_M
+from missions.avoidance.values import AvoidanceWay, DetourLimits, WantedMotion
 from missions.fence import Circle, Region
+from missions.frames import Vector3
 from tests.unit.missions.avoidance.obstacle_course import STEP_S, Block, Course
 
 BOX = Block((4.25, 5.75), (-2.0, 2.0), 4.0)
@@ -17,7 +18,7 @@ START = (0.0, 0.0, -1.0)
 
 
 @pytest.mark.parametrize("around", [True, False])
-def test_it_climbs_over_the_box_and_comes_down_behind(around):
+def test_it_climbs_over_the_box_and_comes_down_behind(around: bool):
     course = Course([BOX], start=START, around=around)
     course.fly(GOAL)
     assert course.told == ["over", "back", "clear"]
@@ -30,7 +31,7 @@ def test_it_comes_down_behind_the_box_and_not_at_the_goal():
     course = Course([BOX], start=START)
     goal = (40.0, 0.0, -1.0)
     while course.adjusted.state != "back" or course.at[2] < -1.5:
-        course.step(Wanted(goal, yaw_ned_rad=0.0))
+        course.step(WantedMotion(goal, yaw_ned_rad=0.0))
     assert 5.75 < course.at[0] < 9.0
 
 
@@ -48,12 +49,12 @@ def test_what_is_too_high_to_climb_over_is_flown_around():
     course.fly((20.0, 0.0, -2.0), seconds=90.0)
     assert course.told[:2] == ["over", "around"]
     assert course.reached((20.0, 0.0, -2.0))
-    assert course.highest_m < 2.0 + CLIMB_MOST_M + 1.0
+    assert course.highest_m < 2.0 + MAX_CLIMB_M + 1.0
     assert course.nearest_m > 0.5
 
 
 def test_below_an_altitude_limit_it_goes_around_instead():
-    course = Course([BOX], start=START, allowed=Allowed(region=Region(down_min_m=-4.0)))
+    course = Course([BOX], start=START, allowed=DetourLimits(region=Region(down_min_m=-4.0)))
     course.fly(GOAL)
     assert course.reached(GOAL)
     assert course.highest_m < 4.0
@@ -62,7 +63,7 @@ def test_below_an_altitude_limit_it_goes_around_instead():
 def test_without_a_way_over_or_around_it_stops_and_says_why():
     tube = Region(down_min_m=-4.0, circles=(Circle((0.0, 0.0), 6.0, "the fence"),))
     wall = Block((3.0, 4.0), (-20.0, 20.0), 30.0)
-    course = Course([wall], start=START, allowed=Allowed(region=tube))
+    course = Course([wall], start=START, allowed=DetourLimits(region=tube))
     course.fly(GOAL, seconds=60.0)
     assert course.adjusted.state == "stopped"
     assert "no clear way around" in course.adjusted.text
@@ -90,7 +91,7 @@ def test_without_a_sensor_below_it_stays_above_the_path():
 
 def test_it_turns_the_nose_into_the_direction_of_travel_where_the_sensor_looks_ahead_alone():
     course = Course([BOX], start=(12.0, 0.0, -1.0), around=False)  # the box is behind it
-    course.step(Wanted(START, yaw_ned_rad=0.0))
+    course.step(WantedMotion(START, yaw_ned_rad=0.0))
     assert course.adjusted.state == "turning"
     course.fly(START)
     assert course.reached(START)
@@ -101,10 +102,10 @@ def test_it_turns_the_nose_into_the_direction_of_travel_where_the_sensor_looks_a
 def test_sensors_that_fall_silent_stop_it_and_it_flies_on_when_they_are_back():
     course = Course([BOX], start=START)
     for _ in range(round(3.0 / STEP_S)):
-        course.step(Wanted(GOAL, yaw_ned_rad=0.0))
+        course.step(WantedMotion(GOAL, yaw_ned_rad=0.0))
     course.blind = True
     for _ in range(round(6.0 / STEP_S)):
-        course.step(Wanted(GOAL, yaw_ned_rad=0.0))
+        course.step(WantedMotion(GOAL, yaw_ned_rad=0.0))
     assert course.adjusted.state == "stopped"
     assert "No obstacle measurement" in course.adjusted.text
     assert math.hypot(*course.velocity) < 0.1
@@ -141,14 +142,14 @@ def test_a_moving_path_is_met_again_behind_the_obstacle():
     course = Course([BOX], start=START)
     speed, begin_s = 1.5, course.now_s
 
-    def at(time_s):
+    def at(time_s: float) -> Vector3:
         return (min(speed * (time_s - begin_s), 40.0), 0.0, -1.0)
 
     for _ in range(round(40.0 / STEP_S)):
         place = at(course.now_s)
         feed = (speed, 0.0, 0.0) if place[0] < 40.0 else (0.0, 0.0, 0.0)
         ahead = tuple(at(course.now_s + dt) for dt in (0.5, 1.0, 2.0, 3.0))
-        course.step(Wanted(place, feed, 0.0, ahead))
+        course.step(WantedMotion(place, feed, 0.0, ahead))
     assert course.told == ["over", "back", "clear"]
     assert course.reached((40.0, 0.0, -1.0))
     assert course.nearest_m > 0.5
@@ -161,7 +162,7 @@ def test_a_flight_past_a_wall_is_left_alone():
 
 
 @st.composite
-def blocks(draw):
+def blocks(draw: st.DrawFn) -> Block:
     north = draw(st.floats(5.0, 35.0))
     east = draw(st.floats(-8.0, 8.0))
     deep, left, right = draw(st.floats(1.0, 5.0)), draw(st.floats(1.0, 4.0)), draw(st.floats(1.0, 4.0))
@@ -173,7 +174,9 @@ def blocks(draw):
     max_examples=5, deadline=None, phases=[Phase.generate], suppress_health_check=[HealthCheck.too_slow]
 )
 @given(st.lists(blocks(), min_size=1, max_size=5), st.sampled_from(("over", "around")))
-def test_among_any_boxes_it_keeps_its_distance_and_comes_back_to_the_path(standing, way):
+def test_among_any_boxes_it_keeps_its_distance_and_comes_back_to_the_path(
+    standing: list[Block], way: AvoidanceWay
+):
     goal = (45.0, 0.0, -2.0)
     course = Course(standing, start=(0.0, 0.0, -2.0), way=way)
     course.fly(goal, seconds=150.0)

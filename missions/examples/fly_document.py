@@ -1,4 +1,4 @@
-"""Shared by the examples of offboard missions: flies a document of this folder and prints the progress."""
+"""Common code of the offboard mission examples: flies a document of this folder and prints the progress."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any
 from gcs_server.client import Gcs, Vehicle
 from missions.examples.arguments import parse
 
-OVER = ("done", "aborted", "stopped", "suspended")
+ENDED_STATES = ("done", "aborted", "stopped", "suspended")
 
 
 async def fly(server: str, vehicle: str | None, document: str, *, yes: bool) -> None:
-    """Flies from ready to disarmed.
+    """Waits until the vehicle is ready, flies the mission, and returns once the vehicle is disarmed.
 
     Args:
         server: address of the ground station.
         vehicle: id of the vehicle; None: the first connected one.
         document: name of the file.
-        yes: answer each question of the mission with yes.
+        yes: answer each question of the mission with yes, without asking on the terminal.
 
     Raises:
         SystemExit: the mission ended early.
@@ -43,7 +43,7 @@ async def follow(drone: Vehicle, *, yes: bool) -> dict[str, Any]:
     while True:
         state = await drone.offboard_mission.state()
         assert state is not None
-        if state["state"] in OVER:
+        if state["state"] in ENDED_STATES:
             return state
         if state["place"] is not None and (state["place"], state["title"]) != shown:
             shown = (state["place"], state["title"])
