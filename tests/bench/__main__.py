@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 from . import (
+    browser_cost,
     consumers,
     dry_run,
     faults,
@@ -36,6 +37,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "spread": ("Simulated flights beside each other / real PX4's", flight_spread.table),
     "dry_run": ("Dry runs", dry_run.table),
     "consumers": ("Server CPU beside its peers, same feed", consumers.table),
+    "browser_cost": ("What one open browser costs the server", browser_cost.table),
     "slow_browser": ("A browser that does not read", slow_browser.table),
     "telemetry": ("Telemetry of one vehicle", telemetry_bytes.table),
     "trajectories": ("Trajectories, our solver beside libraries", trajectories.table),

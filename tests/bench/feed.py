@@ -1,11 +1,13 @@
 """A feed of many vehicles' telemetry, encoded beforehand so that sending costs next to nothing.
 
-`python -m tests.bench.feed PORT VEHICLES SECONDS` sends from a process of its own and prints how many frames
-it sent; every consumer of a comparison is given the same one.
+`python -m tests.bench.feed PORT[,PORT …] VEHICLES SECONDS [moving]` sends from a process of its own and
+prints how many frames it sent to each port; every consumer of a comparison is given the same one. With
+`moving` each vehicle flies a circle, so that a 3D view has something to draw.
 """
 
 from __future__ import annotations
 
+import math
 import socket
 import sys
 import time
@@ -19,11 +21,16 @@ MESSAGES_PER_S = 100
 BURST = 2
 """PX4's 50 Hz streams come out together: of 100 messages a second, two every 20 ms."""
 PERIOD_S = BURST / MESSAGES_PER_S
+RADIUS_M = 12.0
+LOOP_S = 64
+"""The feed repeats itself after this time, in which a moving vehicle flies its circle twice [s]."""
 
 
-def _mix(mav: mavlink.MAVLink, system_id: int, index: int) -> bytes:
-    """The `index`-th frame of a second of telemetry (0–99)."""
+def _mix(mav: mavlink.MAVLink, system_id: int, index: int, angle_rad: float = 0.0) -> bytes:
+    """The `index`-th frame of a second of telemetry (0–99), `angle_rad` along the circle."""
     boot_ms = 10_000 + index * 10
+    north_m, east_m = RADIUS_M * math.sin(angle_rad), RADIUS_M * (1 - math.cos(angle_rad))
+    roll_rad, pwm = 0.2 * math.sin(5 * angle_rad), round(40 * math.sin(7 * angle_rad))
     if index == 0:
         message = mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 157, 50593792, mavlink.MAV_STATE_ACTIVE, 3
@@ -40,24 +47,43 @@ def _mix(mav: mavlink.MAVLink, system_id: int, index: int) -> bytes:
         message = mavlink.MAVLink_vfr_hud_message(0.5, 3.2, 40, 49, 501.0, 0.1)
     elif index % 5 == 0:
         message = mavlink.MAVLink_global_position_int_message(
-            boot_ms, 473977420 + system_id * 1000, 85455940 + index, 501000, 12000, 10, 20, -5, 4000
+            boot_ms,
+            473977420 + system_id * 1000 + round(north_m * 90),
+            85455940 + index + round(east_m * 133),
+            501000,
+            12000,
+            10,
+            20,
+            -5,
+            4000,
         )
     elif index % 5 == 1:
-        message = mavlink.MAVLink_local_position_ned_message(boot_ms, 1.0, 2.0, -12.0, 0.1, 0.2, 0.0)
+        message = mavlink.MAVLink_local_position_ned_message(
+            boot_ms, 1.0 + north_m, 2.0 + east_m, -12.0, 0.1, 0.2, 0.0
+        )
     elif index % 5 == 2:
-        message = mavlink.MAVLink_servo_output_raw_message(boot_ms, 0, 1490, 1500, 1480, 1510, 0, 0, 0, 0)
+        message = mavlink.MAVLink_servo_output_raw_message(
+            boot_ms, 0, 1490 + pwm, 1500 - pwm, 1480, 1510, 0, 0, 0, 0
+        )
     elif index % 5 == 3:
-        message = mavlink.MAVLink_attitude_quaternion_message(boot_ms, 1.0, 0.01, 0.02, 0.0, 0.1, 0.0, 0.0)
+        message = mavlink.MAVLink_attitude_quaternion_message(
+            boot_ms, math.cos(angle_rad / 2), 0.5 * roll_rad, 0.02, math.sin(angle_rad / 2), 0.1, 0.0, 0.0
+        )
     else:
-        message = mavlink.MAVLink_attitude_message(boot_ms, 0.01, 0.02, 0.3, 0.1, 0.0, 0.0)
+        message = mavlink.MAVLink_attitude_message(boot_ms, roll_rad, 0.02, 0.3, 0.1, 0.0, 0.0)
     return message.pack(mav)
 
 
-def encode(system_id: int) -> list[bytes]:
+def encode(system_id: int, *, moving: bool = False) -> list[bytes]:
     """Frames whose sequence numbers run on when the list is repeated: 64 seconds, 6,400 = 25 × 256 frames."""
     mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=1)
-    second = [(_mix(mav, system_id, index)) for index in range(MESSAGES_PER_S)]
-    return [_restamped(second[index % MESSAGES_PER_S], index % 256) for index in range(64 * MESSAGES_PER_S)]
+    count = LOOP_S * MESSAGES_PER_S
+    if moving:
+        angles = (4 * math.pi * index / count for index in range(count))
+        frames = [_mix(mav, system_id, i % MESSAGES_PER_S, angle) for i, angle in enumerate(angles)]
+    else:
+        frames = [_mix(mav, system_id, index) for index in range(MESSAGES_PER_S)] * LOOP_S
+    return [_restamped(frame, index % 256) for index, frame in enumerate(frames)]
 
 
 def _restamped(frame: bytes, sequence: int) -> bytes:
@@ -69,10 +95,14 @@ def _restamped(frame: bytes, sequence: int) -> bytes:
     return frame[:1] + body + checksum.to_bytes(2, "little")
 
 
-def send(port: int, vehicles: int, seconds: float) -> int:
-    """Sends the feed, each vehicle from a socket of its own as vehicles do; returns how many frames."""
+def send(ports: list[int], vehicles: int, seconds: float, *, moving: bool = False) -> int:
+    """Sends the feed, each vehicle from a socket of its own as vehicles do.
+
+    Returns:
+        How many frames each port was sent.
+    """
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(vehicles)]
-    frames = [encode(1 + vehicle) for vehicle in range(vehicles)]
+    frames = [encode(1 + vehicle, moving=moving) for vehicle in range(vehicles)]
     print("sending", flush=True)
     start = time.monotonic()
     sent = 0
@@ -82,7 +112,8 @@ def send(port: int, vehicles: int, seconds: float) -> int:
             if wait > 0:
                 time.sleep(wait)
             for index in range(period * BURST, (period + 1) * BURST):
-                own.sendto(stream[index % len(stream)], ("127.0.0.1", port))
+                for port in ports:
+                    own.sendto(stream[index % len(stream)], ("127.0.0.1", port))
                 sent += 1
     for own in sockets:
         own.close()
@@ -90,4 +121,5 @@ def send(port: int, vehicles: int, seconds: float) -> int:
 
 
 if __name__ == "__main__":
-    print(send(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])))
+    to_ports = [int(port) for port in sys.argv[1].split(",")]
+    print(send(to_ports, int(sys.argv[2]), float(sys.argv[3]), moving="moving" in sys.argv[4:]))

@@ -38,11 +38,17 @@ CAMERA = {
 CASES = (("nobody", 0, 0), ("one that reads", 1, 0), ("one that reads, one that does not", 1, 1))
 
 
-def _open(url: str) -> tuple[ClientConnection, ClientConnection]:
-    """A page's two streams: everything at 20 Hz, and the 3D view."""
+def open_telemetry(url: str) -> ClientConnection:
+    """Everything of all vehicles at 20 Hz."""
     base = url.replace("http://", "ws://")
     telemetry = connect(f"{base}/api/v1/telemetry", max_size=None, max_queue=1, ping_interval=None)
     telemetry.send(json.dumps({"type": "subscribe", "vehicles": "*", "topics": "*", "rate_hz": 20}))
+    return telemetry
+
+
+def open_scene(url: str) -> ClientConnection:
+    """The stream of the 3D view."""
+    base = url.replace("http://", "ws://")
     scene = connect(
         f"{base}/scene/",
         max_size=None,
@@ -51,7 +57,7 @@ def _open(url: str) -> tuple[ClientConnection, ClientConnection]:
         subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
     )
     scene.send(msgspec.msgpack.encode(CAMERA))
-    return telemetry, scene
+    return scene
 
 
 def _read(connection: ClientConnection) -> None:
@@ -71,7 +77,7 @@ def _measure(readers: int, sleepers: int) -> tuple[float, float, float]:
             feed.stdout.readline()  # it has encoded its frames and begins
             time.sleep(WARM_UP_S)
             for index in range(readers + sleepers):
-                for stream in _open(url):
+                for stream in (open_telemetry(url), open_scene(url)):
                     open_ones.callback(stream.socket.close)  # no farewell: who does not read hears none
                     if index < readers:
                         threading.Thread(target=_read, args=(stream,), daemon=True).start()

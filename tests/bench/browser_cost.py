@@ -1,0 +1,130 @@
+"""What one open browser costs the server, beside another version of the project in the same run.
+
+`python -m tests.bench.browser_cost [ROUNDS [OTHER_TREE]]`: OTHER_TREE is a checkout with its own `.venv`.
+Both servers get the same moving feed at the same time, and their processor time is read over the same
+windows, so that the machine's other work changes both alike.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection
+
+from tests.station import answers, free_port, running, server_command, wait_until
+
+from .process import family_cpu_s, load_average
+from .slow_browser import VEHICLES, open_scene, open_telemetry
+
+WARM_UP_S = 3.0
+WINDOW_S = 6.0
+ROUNDS = 5
+FEED_S = 3600.0
+
+OPENS: dict[str, tuple[Callable[[str], ClientConnection], ...]] = {
+    "nothing": (),
+    "telemetry of all at 20 Hz": (open_telemetry,),
+    "the 3D view": (open_scene,),
+    "both": (open_telemetry, open_scene),
+}
+"""What the browser has open; each is measured once a round."""
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """A running server of one version."""
+
+    name: str
+    url: str
+    pid: int
+
+
+def _start(stack: contextlib.ExitStack, name: str, python: str, tree: Path | None, port: int) -> Version:
+    data = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+    http_port = free_port(socket.SOCK_STREAM)
+    _, *arguments = server_command(http_port, [f"udpin://127.0.0.1:{port}"], data)
+    process = stack.enter_context(running([python, *arguments], cwd=tree))
+    url = f"http://127.0.0.1:{http_port}"
+    wait_until(lambda: answers(url), f"the start of the server {name}", 60)
+    return Version(name, url, process.pid)
+
+
+def _read(connection: ClientConnection) -> None:
+    with contextlib.suppress(ConnectionClosed):
+        for _ in connection:
+            pass
+
+
+def _shares(versions: Sequence[Version], opened: str) -> dict[str, float]:
+    """CPU share of each server with its processes over one window, by name."""
+    with contextlib.ExitStack() as stack:
+        for version in versions:
+            for opens in OPENS[opened]:
+                connection = opens(version.url)
+                stack.callback(connection.socket.close)
+                threading.Thread(target=_read, args=(connection,), daemon=True).start()
+        time.sleep(WARM_UP_S)
+        before = [family_cpu_s(version.pid) for version in versions]
+        began_s = time.monotonic()
+        time.sleep(WINDOW_S)
+        after = [family_cpu_s(version.pid) for version in versions]
+        took_s = time.monotonic() - began_s
+    return {v.name: (b - a) / took_s for v, a, b in zip(versions, before, after, strict=True)}
+
+
+def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, float]]]:
+    """For each round and each case: the CPU share of each version."""
+    trees = {"now": (sys.executable, None)}
+    if other is not None:
+        trees = {"before": (str(other / ".venv/bin/python"), other), **trees}
+    ports = [free_port() for _ in trees]
+    feed = [sys.executable, "-m", "tests.bench.feed", ",".join(map(str, ports)), str(VEHICLES), str(FEED_S)]
+    with contextlib.ExitStack() as stack:
+        versions = [
+            _start(stack, name, python, tree, port)
+            for (name, (python, tree)), port in zip(trees.items(), ports, strict=True)
+        ]
+        sending = stack.enter_context(running([*feed, "moving"], stdout=subprocess.PIPE))
+        assert sending.stdout is not None
+        sending.stdout.readline()  # it has encoded its frames and begins
+        for _ in range(rounds):
+            yield {opened: _shares(versions, opened) for opened in OPENS}
+
+
+def table(rounds: int = ROUNDS, other: Path | None = None) -> Iterator[str]:
+    """Rows of Markdown: medians over the rounds of what the browser adds, in points of one core."""
+    added: dict[str, dict[str, list[float]]] = {}
+    for one in measure(rounds, other):
+        print(one, load_average(), file=sys.stderr, flush=True)
+        for opened, shares in one.items():
+            for name, share in shares.items():
+                plus = share - (one["nothing"][name] if opened != "nothing" else 0.0)
+                added.setdefault(opened, {}).setdefault(name, []).append(plus * 100)
+    yield f"{VEHICLES} × 100 msg/s, moving; {rounds} rounds of {WINDOW_S:.0f} s, load {load_average()}.\n"
+    yield "| the browser has | before | now | ratio: median (range) |"
+    yield "|---|---|---|---|"
+    for opened, by_name in added.items():
+        now, before = by_name["now"], by_name.get("before")
+        cells = ["–", f"{statistics.median(now):.1f}", "–"]
+        if before is not None:
+            ratios = [n / b for n, b in zip(now, before, strict=True)]
+            cells[0] = f"{statistics.median(before):.1f}"
+            cells[2] = f"{statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+        yield f"| {opened} | {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    rounds_wanted = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
+    for row in table(rounds_wanted, Path(sys.argv[2]) if len(sys.argv) > 2 else None):
+        print(row, flush=True)
