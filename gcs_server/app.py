@@ -6,6 +6,7 @@ import logging
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -39,6 +40,7 @@ from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanChange, PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
+from gcs_server.ros2.url import ros2_link
 from gcs_server.scene import OffboardTarget, Scene, SceneClick, SceneGizmo
 from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
@@ -87,6 +89,7 @@ class Server:
                 signing_dir=folder.signing,
                 recording_dir=folder.recordings if settings.record else None,
             ),
+            {"ros2": partial(ros2_link, own_system_id=settings.system_id)},
         )
         self.fleet = Fleet(clock, self.supervisor, self.router)
         streams = StreamProcess(

@@ -38,6 +38,7 @@ examples:
   gcs                                      server, page and one simulated vehicle on http://localhost:8080
   gcs serve --sim 3                        the same with three vehicles
   gcs serve --no-sim --link udpin://0.0.0.0:14550        listen for real vehicles on all addresses
+  gcs serve --no-sim --link ros2://0                     PX4's ROS 2 topics in DDS domain 0, on loopback
   gcs serve --no-sim --link 'serial:///dev/ttyUSB0?baud=57600'   a telemetry radio
   gcs serve --link udpin://127.0.0.1:14650 --sim-args='--gcs-remote-port 14650 --gcs-local-port 18670'
                                            a simulated vehicle on other ports
@@ -76,7 +77,7 @@ def build_parser() -> argparse.ArgumentParser:
         dest="links",
         action="append",
         metavar="URL",
-        help="MAVLink link to open instead of udpin://127.0.0.1:14550; may be given several times",
+        help="link to open instead of udpin://127.0.0.1:14550; may be given several times",
     )
     simulated = serve.add_mutually_exclusive_group()
     simulated.add_argument("--sim", type=int, metavar="N", help="simulated vehicles to start (default 1)")

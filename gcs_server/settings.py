@@ -30,7 +30,7 @@ class Settings(BaseModel):
     host: str = Field(default="127.0.0.1", description="Address to listen on.")
     port: int = Field(default=8080, ge=0, le=65535, description="Port of the page and the API; 0 takes any.")
     links: tuple[str, ...] = Field(
-        default=("udpin://127.0.0.1:14550",), description="MAVLink links to open, as URLs."
+        default=("udpin://127.0.0.1:14550",), description="Links to open, as URLs."
     )
     sim: int = Field(default=1, ge=0, le=50, description="Simulated vehicles to start; 0 starts none.")
     sim_args: tuple[str, ...] = Field(

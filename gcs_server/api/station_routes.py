@@ -15,7 +15,6 @@ from gcs_server.api.responses import answer
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.link_guard import LinkGuard
 from gcs_server.links.names import shown_url
-from gcs_server.links.url import make_link
 from gcs_server.telemetry.wire import SCHEMA_VERSION
 from gcs_server.version import __version__
 
@@ -59,7 +58,7 @@ async def add_link(body: models.LinkRequest, station: StationDep, principal: Pri
     """
     arguments: dict[str, object] = {**body.model_dump(exclude_none=True), "url": shown_url(body.url)}
     with authorized_command(station, principal, "links/add", None, arguments):
-        link = make_link(body.url, body.name)
+        link = station.router.make_link(body.url, body.name)
         if link.forward:
             _guard(station).may_forward(principal)
         return answer(station.router.add(link), 201)

@@ -6,6 +6,7 @@
     tcpin://127.0.0.1:5790             listens
     serial:///dev/ttyACM0?baud=57600   or serial:/dev/ttyACM0:57600
     tlog:///path/to/flight.tlog?speed=1    0: as fast as it goes
+    ros2://0/px4_1                     a DDS domain (docs/links.md)
 
 `forward=1` on a network link marks another ground station: it gets the vehicles' messages, and the vehicles
 get its messages. `key=NAME` on any link except a recording signs sent frames and checks received ones with
@@ -17,8 +18,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from urllib.parse import parse_qs, unquote, urlsplit
+from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.base import Link, SigningOptions
@@ -32,28 +34,32 @@ LOOPBACK = "127.0.0.1"
 ANY_LIVE = frozenset({"forward", "key", "signing"})
 """Options of all links except recordings."""
 KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial", "tlog")
+LinkMaker = Callable[[str, str | None, SplitResult, dict[str, str]], Link]
+"""(url, name, its parts, its options) → link. Raises as `make_link`."""
+NO_OTHERS: Mapping[str, LinkMaker] = {}
 REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev/ttyACM0?baud=57600."
 
 
-def make_link(url: str, name: str | None = None) -> Link:
+def make_link(url: str, name: str | None = None, others: Mapping[str, LinkMaker] = NO_OTHERS) -> Link:
     """Makes the link of a URL, not yet started.
 
     Args:
         url: a link URL.
         name: name of the link; None: derived from the URL.
+        others: further kinds of links, by the beginning of their URL.
 
     Raises:
         InvalidRequest: the URL is not understood, or the name cannot be one.
-        LinkError: the recording does not exist.
+        LinkError: the recording does not exist, or software that the link needs is missing.
     """
     for given in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
         checked_key_name(unquote(given))  # first, because the messages below repeat the URL
-    link = _link(url, name)
+    link = _link(url, name, others)
     link.signing = _signing(url)
     return link
 
 
-def _link(url: str, name: str | None) -> Link:
+def _link(url: str, name: str | None, others: Mapping[str, LinkMaker]) -> Link:
     if name is not None:
         checked_name(name)
     try:
@@ -62,11 +68,14 @@ def _link(url: str, name: str | None) -> Link:
     except ValueError as error:
         raise InvalidRequest("url", f"{url!r} is not a link: {error}.", remedy=REMEDY) from None
     kind = parts.scheme
-    if kind not in KINDS:
-        raise InvalidRequest(
-            "url", f"{url!r} is not a link: it must begin with one of {', '.join(KINDS)}.", remedy=REMEDY
-        )
     options = _options(parts.query)
+    if kind in others:
+        return others[kind](url, name, parts, options)
+    if kind not in KINDS:
+        kinds = ", ".join((*KINDS, *others))
+        raise InvalidRequest(
+            "url", f"{url!r} is not a link: it must begin with one of {kinds}.", remedy=REMEDY
+        )
     allowed = {"serial": {"baud", *ANY_LIVE}, "tlog": {"speed"}}.get(kind, ANY_LIVE)
     for key in options.keys() - allowed:
         raise InvalidRequest("url", f"{url!r}: {kind} links have no option {key!r}.", remedy=REMEDY)

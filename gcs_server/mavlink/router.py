@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, UnknownLink
 from gcs_server.links.base import Link, LinkInfo, Peer
-from gcs_server.links.url import make_link
+from gcs_server.links.url import NO_OTHERS, LinkMaker, make_link
 from gcs_server.mavlink import dialect
 from gcs_server.mavlink.codec import Frame, encode_payload
 from gcs_server.mavlink.connection import Connection
@@ -52,10 +52,21 @@ class FrameSink:
 
 
 class Router:
-    """All links of the server."""
+    """All links of the server.
 
-    def __init__(self, clock: Clock, supervisor: Supervisor, settings: RouterSettings) -> None:
+    Args:
+        others: kinds of links other than those of MAVLink, by the beginning of their URL.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        supervisor: Supervisor,
+        settings: RouterSettings,
+        others: Mapping[str, LinkMaker] = NO_OTHERS,
+    ) -> None:
         self.settings = settings
+        self._others = others
         self._own_system_id = settings.system_id
         self.sink = FrameSink()
         self._clock = clock
@@ -92,13 +103,21 @@ class Router:
         self._supervisor.start("signing", self._keep_signing_time)
 
     def add_link(self, url: str, name: str | None = None) -> LinkInfo:
-        """Opens a link: udpin, udpout, tcp, tcpin, serial, tlog; options as in `links/url.py`.
+        """Makes and opens the link of a URL.
 
         Raises:
             InvalidRequest: the URL is not understood, or the name is taken.
-            LinkError: the recording to replay does not exist.
+            LinkError: the recording to replay does not exist, or software that the link needs is missing.
         """
-        return self.add(make_link(url, name))
+        return self.add(self.make_link(url, name))
+
+    def make_link(self, url: str, name: str | None = None) -> Link:
+        """Makes the link of a URL, not yet opened: a kind of `links/url.py`, or one of the others.
+
+        Raises:
+            InvalidRequest, LinkError: see `add_link`.
+        """
+        return make_link(url, name, self._others)
 
     def add(self, link: Link) -> LinkInfo:
         """Opens an existing link.

@@ -1,0 +1,47 @@
+"""The vehicle's time since its boot, from the timestamps of its ROS 2 messages.
+
+With time synchronization (`UXRCE_DDS_SYNCT`, the default) PX4 sends its timestamps in microseconds since 1970
+on the agent's clock, and the offset to its own time once a second (`timesync_status`). Without it timestamps
+count from the boot.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+LONGEST_UPTIME_US: Final = 10 * 365 * 86_400 * 1_000_000
+"""Larger timestamps count from 1970."""
+PATIENCE_S: Final = 3.0
+"""After this time without `timesync_status` the first timestamp is used as the time of the boot."""
+LARGEST_OFFSET_US: Final = 2**62
+
+
+class BootTime:
+    """Time since boot of one vehicle."""
+
+    def __init__(self) -> None:
+        self._offset_us: int | None = None
+        self._first: tuple[float, int] | None = None
+        """When the first timestamp since 1970 arrived [s, monotonic], and the timestamp [µs]."""
+
+    def synchronize(self, estimated_offset_us: int) -> None:
+        """Applies `timesync_status`: this offset is added to a timestamp."""
+        if abs(estimated_offset_us) < LARGEST_OFFSET_US:
+            self._offset_us = estimated_offset_us
+
+    def ms(self, timestamp_us: int, now_s: float) -> int | None:
+        """Time since boot, in 32 bits as in MAVLink [ms]; None while it is not known.
+
+        Args:
+            timestamp_us: a message's timestamp.
+            now_s: time of the server [s, monotonic].
+        """
+        if timestamp_us < LONGEST_UPTIME_US:
+            return timestamp_us // 1000 & 0xFFFFFFFF
+        if self._offset_us is None:
+            if self._first is None:
+                self._first = now_s, timestamp_us
+            if now_s - self._first[0] < PATIENCE_S:
+                return None
+            self._offset_us = -self._first[1]
+        return max(0, timestamp_us + self._offset_us) // 1000 & 0xFFFFFFFF

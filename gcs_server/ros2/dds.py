@@ -1,0 +1,270 @@
+"""DDS for the `ros2://` links, by Cyclone DDS, which is optional.
+
+Cyclone's own threads discover vehicles and receive their messages. `VehiclePort.take` only fetches what they
+have received, and `send` hands over to the socket (best effort); neither waits.
+"""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Final
+from xml.sax.saxutils import quoteattr
+
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import DDSException
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from gcs_server.ros2.dds_types import Sample, idl_type
+from gcs_server.ros2.message_types import MESSAGES, MessageType
+from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS, Subscription, wire_name
+
+LOOPBACK: Final = "lo"
+MAX_PARTICIPANTS: Final = 99
+"""On loopback: without multicast, discovery uses one port for each participant."""
+MAX_PUBLICATIONS: Final = 200
+"""Most announcements of writers read at once."""
+MAX_WRITERS: Final = 64
+"""Writers of one topic whose participant is remembered."""
+SILENT_S: Final = 3.5
+"""After this silence of the participant in use, another one with the same topics is used."""
+
+BEST_EFFORT: Final = Policy.Reliability.BestEffort
+
+
+class DdsUnavailable(Exception):
+    """DDS is not available in this domain or on this interface."""
+
+
+def configuration(interface: str | None) -> str:
+    """Cyclone's settings: loopback with unicast only, or one interface with multicast.
+
+    Without an interface no message leaves the machine, whatever `CYCLONEDDS_URI` contains.
+    """
+    general = discovery = ""
+    if interface is None:
+        general = "<AllowMulticast>false</AllowMulticast>"
+        discovery = (
+            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{MAX_PARTICIPANTS}"
+            '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers>'
+        )
+    network = f"<Interfaces><NetworkInterface name={quoteattr(interface or LOOPBACK)}/></Interfaces>"
+    return (
+        f"<CycloneDDS><Domain><General>{network}{general}</General>"
+        f"<Discovery>{discovery}</Discovery></Domain></CycloneDDS>"
+    )
+
+
+class SharedDomain:
+    """A DDS domain of this process; Cyclone allows one of each number, so links share it."""
+
+    def __init__(self, domain_id: int, interface: str | None) -> None:
+        self.domain_id, self.interface = domain_id, interface
+        self._domain = Domain(domain_id, configuration(interface))
+
+
+_domains: weakref.WeakValueDictionary[int, SharedDomain] = weakref.WeakValueDictionary()
+_domains_lock = threading.Lock()
+
+
+def open_domain(domain_id: int, interface: str | None) -> SharedDomain:
+    """The domain of this number; it closes when its last user drops it.
+
+    Raises:
+        DdsUnavailable: no such interface, or the domain is open on another one.
+    """
+    with _domains_lock:
+        shared = _domains.get(domain_id)
+        if shared is not None and shared.interface != interface:
+            raise DdsUnavailable(
+                f"DDS domain {domain_id} is already used on {_place(shared.interface)}. "
+                "Use the same interface for all links of a domain."
+            )
+        if shared is None:
+            try:
+                shared = _domains[domain_id] = SharedDomain(domain_id, interface)
+            except DDSException as problem:
+                raise DdsUnavailable(_not_opened(domain_id, interface, problem)) from None
+        return shared
+
+
+def _place(interface: str | None) -> str:
+    return f"interface {interface}" if interface else f"the loopback interface {LOOPBACK}"
+
+
+def _not_opened(domain_id: int, interface: str | None, problem: DDSException) -> str:
+    return (
+        f"DDS domain {domain_id} could not be opened on {_place(interface)} ({problem.msg}). Check the "
+        "interface's name and that no more than a hundred programs use the domain."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """A writer that DDS discovered."""
+
+    topic: str
+    type: str
+
+
+class DdsPort:
+    """This server's participant in a domain.
+
+    Raises:
+        DdsUnavailable: DDS cannot create it.
+    """
+
+    def __init__(self, domain_id: int, interface: str | None) -> None:
+        self._domain = open_domain(domain_id, interface)
+        try:
+            self.participant = DomainParticipant(domain_id)
+            self._publications = BuiltinDataReader(self.participant, BuiltinTopicDcpsPublication)
+        except DDSException as problem:
+            raise DdsUnavailable(_not_opened(domain_id, interface, problem)) from None
+
+    def discovered(self) -> list[Publication]:
+        """Writers that appeared since the last call, a bounded number; also the known ones that changed."""
+        try:
+            found = self._publications.take(MAX_PUBLICATIONS)
+        except DDSException:
+            return []
+        return [Publication(each.topic_name, each.type_name) for each in found if hasattr(each, "topic_name")]
+
+    def vehicle(self, namespace: str) -> VehiclePort:
+        """Subscribes to the topics of a vehicle.
+
+        Raises:
+            DdsUnavailable: DDS cannot create a reader or a writer.
+        """
+        try:
+            return VehiclePort(self.participant, namespace)
+        except DDSException as problem:
+            raise DdsUnavailable(
+                f"The topics of {namespace or 'the vehicle'} cannot be opened ({problem.msg})."
+            ) from None
+
+
+class Writers:
+    """Writers for topics that a vehicle subscribes to; created when they are first used.
+
+    Args:
+        participant: this process's.
+        namespace: the vehicle's; may be empty.
+    """
+
+    def __init__(self, participant: DomainParticipant, namespace: str) -> None:
+        self._participant, self._namespace = participant, namespace
+        self._writers: dict[str, tuple[type[Sample], Any]] = {}
+
+    def prepare(self, topic: str, message: MessageType) -> None:
+        """Creates the writer of a topic, so that DDS connects it before it is used.
+
+        Raises:
+            DDSException: DDS cannot create it.
+        """
+        if topic not in self._writers:
+            kind = idl_type(message)
+            qos = Qos(BEST_EFFORT, Policy.Durability.Volatile, Policy.History.KeepLast(1))
+            where = Topic(self._participant, wire_name(topic, self._namespace), kind)
+            self._writers[topic] = kind, DataWriter(self._participant, where, qos=qos)
+
+    def send(self, topic: str, data: bytes) -> None:
+        """Sends a message of a prepared topic.
+
+        Raises:
+            OSError: DDS cannot send it.
+        """
+        kind, writer = self._writers[topic]
+        try:
+            writer.write(kind.of(data))
+        except DDSException as problem:
+            raise OSError(f"DDS cannot send: {problem.msg}") from None
+
+
+@dataclass(slots=True)
+class _Reader:
+    subscription: Subscription
+    reader: Any
+    next_s: float = 0.0
+    participants: dict[int, str] = field(default_factory=dict)
+    """Participant of each writer, by the writer's handle."""
+
+    def participant_of(self, sample: Any) -> str:
+        """The participant that sent a sample; empty if DDS has already forgotten it."""
+        handle = sample.sample_info.publication_handle
+        known = self.participants.get(handle)
+        if known is None:
+            data = self.reader.get_matched_publication_data(handle)
+            if data is None:
+                return ""
+            if len(self.participants) >= MAX_WRITERS:
+                self.participants.clear()
+            known = self.participants[handle] = str(data.participant_key)
+        return known
+
+
+class VehiclePort:
+    """The topics of one namespace.
+
+    A vehicle is one participant. If several publish the same topics (vehicles without a namespace of their
+    own), only one is read, so that their states never mix.
+    """
+
+    def __init__(self, participant: DomainParticipant, namespace: str) -> None:
+        self._readers = [_Reader(each, _open_reader(participant, each, namespace)) for each in SUBSCRIPTIONS]
+        self.writers = Writers(participant, namespace)
+        self.writers.prepare("/fmu/in/vehicle_command", MESSAGES["VehicleCommand"])
+        self._source: str | None = None
+        """The participant that is read."""
+        self._source_s = 0.0
+        """When its last message was read."""
+        self.others_s = float("-inf")
+        """When another participant's vehicle status was last ignored."""
+
+    def take(self, now_s: float) -> Iterable[tuple[str, bytes]]:
+        """Messages received since the last call, a bounded number of each topic that is due."""
+        taken: list[tuple[str, bytes]] = []
+        for each in self._readers:
+            subscription = each.subscription
+            if now_s < each.next_s:
+                continue
+            each.next_s = now_s + subscription.every_s * 0.9  # a reading that is a little early counts
+            try:
+                samples = each.reader.take(subscription.depth)
+            except DDSException:
+                continue
+            # When a writer ends, Cyclone delivers an `InvalidSample`.
+            for sample in samples:
+                if isinstance(sample, Sample) and self._is_from_vehicle(each, sample, now_s):
+                    taken.append((subscription.name, sample.cdr))
+        return taken
+
+    @property
+    def heard(self) -> bool:
+        """Whether a vehicle status has arrived."""
+        return self._source is not None
+
+    def _is_from_vehicle(self, each: _Reader, sample: Sample, now_s: float) -> bool:
+        participant = each.participant_of(sample)
+        is_status = each.subscription.name == STATUS
+        if is_status and (self._source is None or now_s - self._source_s > SILENT_S):
+            self._source = participant
+        if participant != self._source:
+            if is_status:
+                self.others_s = now_s
+            return False
+        if is_status:
+            self._source_s = now_s
+        return True
+
+
+def _open_reader(participant: DomainParticipant, each: Subscription, namespace: str) -> Any:
+    topic = Topic(participant, wire_name(each.name, namespace), idl_type(each.message))
+    qos = Qos(BEST_EFFORT, Policy.Durability.TransientLocal, Policy.History.KeepLast(each.depth))
+    return DataReader(participant, topic, qos=qos)

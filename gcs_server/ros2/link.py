@@ -1,0 +1,231 @@
+"""The `ros2://` link: PX4's topics over DDS, read by a thread of its own.
+
+The thread finds vehicles and converts their messages; the event loop only receives MAVLink frames. While the
+loop is busy the thread reads nothing more: then DDS keeps only the newest samples.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from gcs_server.links.base import Link, Peer
+from gcs_server.links.writer import LinkWriter
+from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.ros2.topics import STATUS, STATUS_VERSION, vehicle_of, wire_type
+from gcs_server.ros2.vehicle_link import VehicleLink
+
+if TYPE_CHECKING:
+    from gcs_server.ros2.dds import DdsPort, Publication, VehiclePort
+
+READ_EVERY_S: Final = 0.02
+DISCOVER_EVERY_S: Final = 0.25
+REPORT_EVERY_S: Final = 1.0
+FIRST_REPORT_S: Final = 5.0
+"""No vehicle is reported as missing before this time."""
+MAX_VEHICLES: Final = 64
+"""Namespaces read by one link."""
+MAX_OTHERS: Final = 16
+"""Remembered topics of vehicles that cannot be read."""
+NO_NAMESPACE: Final = "fmu"
+"""Name of the peer without a namespace."""
+OTHERS_S: Final = 10.0
+OpenPort = Callable[[int, "str | None"], "DdsPort"]
+
+
+def peer_name(namespace: str) -> str:
+    """Name of the peer of a namespace."""
+    return namespace or NO_NAMESPACE
+
+
+class Ros2Link(Link):
+    """The vehicles of a DDS domain, each a peer.
+
+    Args:
+        domain_id: number of the DDS domain.
+        namespace: the only namespace that is read; None: all vehicles of the domain.
+        interface: network interface; None: loopback.
+        own_system_id: the server's system id.
+        open_port: opens DDS.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        url: str,
+        domain_id: int,
+        namespace: str | None,
+        interface: str | None,
+        open_port: OpenPort,
+        own_system_id: int = 255,
+    ) -> None:
+        super().__init__(name, url)
+        self.domain_id, self.namespace, self.interface = domain_id, namespace, interface
+        self.own_system_id = own_system_id
+        self._open_port = open_port
+        self._sender = LinkWriter(None, self._write, self._counts, self.faults, lambda: self.now_s())
+        self._run: _Run | None = None
+
+    def _open(self) -> None:
+        self._run = _Run(self, asyncio.get_running_loop(), self._open_port)
+        self._run.thread.start()
+
+    def _close(self) -> None:
+        if self._run is not None:
+            self._run.stop.set()
+            self._run = None
+
+    async def close(self) -> None:
+        """Closes the link; returns when DDS has released its sockets."""
+        run = self._run
+        await super().close()
+        if run is not None:
+            await asyncio.to_thread(run.thread.join, 5.0)
+
+    def _writer(self, peer: Peer) -> LinkWriter | None:
+        return self._sender
+
+    def _write(self, data: bytes, peer: Peer) -> int:
+        run = self._run
+        vehicle = None if run is None else run.vehicles.get(peer.name)
+        if vehicle is None:
+            raise OSError(f"{peer.name} is not connected")
+        vehicle.sent(data, time.time_ns() // 1000)
+        return len(data)
+
+    # --- in the event loop, called by the thread --------------------------------------------------------
+
+    def ready(self, run: _Run) -> None:
+        """DDS is open."""
+        if run is self._run:
+            self._opened()
+
+    def failed(self, run: _Run, why: str) -> None:
+        """DDS cannot be used."""
+        if run is self._run:
+            self._lost(why)
+
+    def report(self, run: _Run, detail: str) -> None:
+        """What is wrong at present; empty if there is no problem."""
+        if run is self._run:
+            self._set_state("open", detail)
+
+    def frames(self, run: _Run, batch: list[tuple[str, bytes]], taken_s: float) -> None:
+        """MAVLink frames of vehicles, by peer name."""
+        run.delivered.set()
+        if run is not self._run:
+            return
+        for name, data in batch:
+            peer = self._peers.get(name)
+            if peer is None:
+                peer = self._peers[name] = Peer(name)
+                self._changed()
+            self._received(data, peer, taken_s)
+
+
+class _Run:
+    """The thread of an open link."""
+
+    def __init__(self, link: Ros2Link, loop: asyncio.AbstractEventLoop, open_port: OpenPort) -> None:
+        self._link, self._loop, self._open_port = link, loop, open_port
+        self.stop = threading.Event()
+        self.delivered = threading.Event()
+        """Set while the event loop has no unread batch."""
+        self.delivered.set()
+        self.vehicles: dict[str, VehicleLink] = {}
+        """By peer name; only the thread adds."""
+        self._ports: dict[str, VehiclePort] = {}
+        self._found_s: dict[str, float] = {}
+        self._others: dict[str, str] = {}
+        """By topic: why a vehicle cannot be read."""
+        self._began_s = loop.time()
+        self._discover_s = self._report_s = 0.0
+        self.thread = threading.Thread(target=self._main, name=f"link {link.name}", daemon=True)
+
+    def _main(self) -> None:
+        try:
+            port = self._open_port(self._link.domain_id, self._link.interface)
+            self._post(self._link.ready)
+            while not self.stop.wait(READ_EVERY_S):
+                if self.delivered.is_set():
+                    self._step(port, self._loop.time())
+        except Exception as problem:
+            self._post(self._link.failed, str(problem))
+        finally:
+            self.vehicles.clear()
+            self._ports.clear()  # Cyclone's entities end with the last reference
+
+    def _step(self, port: DdsPort, now_s: float) -> None:
+        if now_s >= self._discover_s:
+            self._discover_s = now_s + DISCOVER_EVERY_S
+            for publication in port.discovered():
+                self._found(port, publication, now_s)
+        batch: list[tuple[str, bytes]] = []
+        for name, vehicle_port in self._ports.items():
+            try:  # a fault affects this vehicle only
+                data = self.vehicles[name].received(vehicle_port.take(now_s), now_s)
+            except Exception as error:
+                self._link.faults.add(error, f"reading {name}")
+                continue
+            if data:
+                batch.append((name, data))
+        if batch:
+            self.delivered.clear()
+            self._post(self._link.frames, batch, now_s)
+        if now_s >= self._report_s:
+            self._report_s = now_s + REPORT_EVERY_S
+            self._post(self._link.report, self._detail(now_s))
+
+    def _found(self, port: DdsPort, publication: Publication, now_s: float) -> None:
+        found = vehicle_of(publication.topic)
+        if found is None or self._link.namespace not in (None, found[0]):
+            return
+        namespace, version = found
+        topic = publication.topic.removeprefix("rt")
+        expected = wire_type(MESSAGES["VehicleStatus"])
+        if version != STATUS_VERSION:
+            self._cannot_read(
+                topic, f"{topic} is of another version of PX4; only vehicle_status_v1 (v1.16) is read"
+            )
+        elif publication.type != expected:
+            self._cannot_read(topic, f"{topic} has the type {publication.type} instead of {expected}")
+        elif peer_name(namespace) not in self._ports:
+            if len(self._ports) >= MAX_VEHICLES:
+                self._cannot_read(topic, f"{topic} is not read: the link has {MAX_VEHICLES} vehicles already")
+                return
+            opened = port.vehicle(namespace)
+            name = peer_name(namespace)
+            self.vehicles[name] = VehicleLink(namespace, opened.writers, self._link.own_system_id)
+            self._ports[name], self._found_s[name] = opened, now_s
+
+    def _cannot_read(self, topic: str, why: str) -> None:
+        if len(self._others) < MAX_OTHERS:
+            self._others[topic] = why[:300]
+
+    def _detail(self, now_s: float) -> str:
+        texts = [f"{why}." for why in self._others.values()]
+        for name, port in self._ports.items():
+            texts += self.vehicles[name].problems(now_s)
+            if not port.heard and now_s - self._found_s[name] > FIRST_REPORT_S:
+                texts.append(f"{name} has a writer of {STATUS}, but sends no message of PX4 v1.16's type.")
+            if now_s - port.others_s < OTHERS_S:
+                texts.append(
+                    f"Several vehicles publish the topics of {name}; only the first is read. Give each a "
+                    "namespace of its own (uxrce_dds_client start -n NAME)."
+                )
+        if not self._ports and not texts and now_s - self._began_s > FIRST_REPORT_S:
+            where = self._link.interface or "loopback"
+            topic = f"/{self._link.namespace}{STATUS}" if self._link.namespace else STATUS
+            texts.append(
+                f"No vehicle publishes {topic} in DDS domain {self._link.domain_id} on {where}. "
+                "Check the agent, the domain and the interface."
+            )
+        return " ".join(texts[:4])
+
+    def _post(self, call: Callable[..., None], *arguments: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the event loop has ended, and the server with it
+            self._loop.call_soon_threadsafe(call, self, *arguments)

@@ -1,0 +1,322 @@
+"""Converts a vehicle's ROS 2 messages to the MAVLink messages that PX4 makes of the same data.
+
+PX4 fills its MAVLink messages from the topics that it bridges to ROS 2 (`src/modules/mavlink/streams` of PX4
+v1.16). This module does the same, so that state, page, recordings and replays of a vehicle do not depend on
+the link. A message is made only of valid values; what ROS 2 does not carry is marked as unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.dialect import MAVLink_message
+from gcs_server.ros2.boot_time import BootTime
+from gcs_server.ros2.failsafe_texts import problems
+from gcs_server.ros2.message_types import MalformedMessage, Values
+from gcs_server.vehicle.modes import BY_NAME, BY_NAV_STATE
+
+ARMED: Final = 2
+"""VehicleStatus.ARMING_STATE_ARMED."""
+HIL_STATE_ON: Final = 1
+NAV_TAKEOFF, NAV_LAND, NAV_DESCEND, NAV_PRECLAND = 17, 18, 12, 20
+EVERY_S: Final = 1.0
+"""Period of ESTIMATOR_STATUS while its flags do not change."""
+UNKNOWN_U16: Final = 0xFFFF
+PREARM, AHRS, RC = (
+    d.MAV_SYS_STATUS_PREARM_CHECK,
+    d.MAV_SYS_STATUS_AHRS,
+    d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
+)
+LATCHED: Final = {
+    d.MAVLINK_MSG_ID_HOME_POSITION: "/fmu/out/home_position",
+    d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: "/fmu/out/position_setpoint_triplet",
+}
+"""Messages from topics that PX4 publishes only when they change: the newest one is still valid."""
+Made = Iterator[MAVLink_message]
+
+
+class MavlinkConverter:
+    """Converts the messages of one vehicle; keeps what a MAVLink message needs of other topics."""
+
+    def __init__(self) -> None:
+        self.boot_time = BootTime()
+        self._status: Values | None = None
+        self._landed: bool | None = None
+        self._flags: Values | None = None
+        self._rates_frd_rad_s = (math.nan,) * 3
+        self._local: Values | None = None
+        self._home: Values | None = None
+        self._assumed_home = False
+        self._latched: dict[int, MAVLink_message] = {}
+        self._estimator = (-math.inf, 0)
+        """When ESTIMATOR_STATUS was last made, and its flags."""
+        self._by_topic: dict[str, Callable[[Values, float], Made]] = {
+            "/fmu/out/timesync_status": self._timesync,
+            "/fmu/out/vehicle_status_v1": self._vehicle_status,
+            "/fmu/out/vehicle_land_detected": self._land_detected,
+            "/fmu/out/failsafe_flags": self._failsafe_flags,
+            "/fmu/out/home_position": self._home_position,
+            "/fmu/out/position_setpoint_triplet": self._triplet,
+            "/fmu/out/vehicle_odometry": self._odometry,
+            "/fmu/out/vehicle_attitude": self._attitude,
+            "/fmu/out/vehicle_local_position": self._local_position,
+            "/fmu/out/vehicle_global_position": self._global_position,
+            "/fmu/out/vehicle_gps_position": self._gps,
+            "/fmu/out/battery_status": self._battery,
+        }
+
+    @property
+    def address(self) -> tuple[int, int] | None:
+        """The vehicle's system and component id; None before its first status."""
+        status = self._status
+        return None if status is None else (status["system_id"], status["component_id"])
+
+    def convert(self, topic: str, values: Values, now_s: float) -> list[MAVLink_message]:
+        """The MAVLink messages that a ROS 2 message results in; none before the first vehicle status.
+
+        Raises:
+            MalformedMessage: values that no vehicle can have.
+        """
+        made = list(self._by_topic[topic](values, now_s))
+        return made if self._status is not None else []
+
+    def latched(self, msg_id: int) -> MAVLink_message | None:
+        """The answer to a request for a message whose topic is published only when it changes."""
+        return self._latched.get(msg_id)
+
+    @property
+    def nav_state(self) -> int:
+        """The present mode; 0 before the first status."""
+        return 0 if self._status is None else self._status["nav_state"]
+
+    def problems(self, nav_state: int) -> list[str]:
+        """Texts of the failsafe flags that prevent arming or flying in a mode."""
+        return [] if self._flags is None else list(dict.fromkeys(problems(self._flags, nav_state)))
+
+    # --- state ------------------------------------------------------------------------------------
+
+    def _timesync(self, values: Values, _now_s: float) -> Made:
+        self.boot_time.synchronize(values["estimated_offset"])
+        yield from ()
+
+    def _vehicle_status(self, values: Values, _now_s: float) -> Made:
+        if not 1 <= values["system_id"] <= 254 or not values["component_id"]:
+            raise MalformedMessage(f"system id {values['system_id']}/{values['component_id']} is not valid")
+        self._status = values
+        armed = values["arming_state"] == ARMED
+        base_mode = d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        base_mode |= d.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        base_mode |= d.MAV_MODE_FLAG_HIL_ENABLED if values["hil_state"] == HIL_STATE_ON else 0
+        state = d.MAV_STATE_ACTIVE if armed else d.MAV_STATE_STANDBY
+        if values["calibration_enabled"]:
+            state = d.MAV_STATE_CALIBRATING
+        elif armed and values["failsafe"]:
+            state = d.MAV_STATE_CRITICAL
+        mode = _custom_mode(values["nav_state"])
+        yield d.MAVLink_heartbeat_message(
+            values["system_type"], d.MAV_AUTOPILOT_PX4, base_mode, mode, state, 3
+        )
+        yield d.MAVLink_current_mode_message(0, mode, _custom_mode(values["nav_state_user_intention"]))
+        yield from self._landed_state()
+        yield self._sys_status()
+
+    def _land_detected(self, values: Values, _now_s: float) -> Made:
+        self._landed = values["landed"]
+        yield from self._landed_state()
+
+    def _landed_state(self) -> Made:
+        if self._landed is None or self._status is None:
+            return
+        landed = d.MAV_LANDED_STATE_ON_GROUND
+        if not self._landed:
+            landed = {
+                NAV_TAKEOFF: d.MAV_LANDED_STATE_TAKEOFF,
+                NAV_LAND: d.MAV_LANDED_STATE_LANDING,
+                NAV_DESCEND: d.MAV_LANDED_STATE_LANDING,
+                NAV_PRECLAND: d.MAV_LANDED_STATE_LANDING,
+            }.get(self._status["nav_state"], d.MAV_LANDED_STATE_IN_AIR)
+        yield d.MAVLink_extended_sys_state_message(d.MAV_VTOL_STATE_UNDEFINED, landed)
+
+    def _failsafe_flags(self, values: Values, _now_s: float) -> Made:
+        self._flags = values
+        if self._status is not None:
+            yield self._sys_status()
+
+    def _sys_status(self) -> MAVLink_message:
+        """Health of the attitude estimate and manual control; PX4's pre-arm check is in the healthy mask."""
+        assert self._status is not None
+        flags, present, healthy = self._flags, AHRS, 0
+        if flags is not None and not flags["attitude_invalid"]:
+            healthy |= AHRS
+        if flags is not None and not flags["manual_control_signal_lost"]:
+            present |= RC
+            healthy |= RC
+        healthy |= PREARM if self._status["pre_flight_checks_pass"] else 0
+        return d.MAVLink_sys_status_message(
+            present, present, healthy, UNKNOWN_U16, UNKNOWN_U16, -1, -1, 0, 0, 0, 0, 0, 0
+        )
+
+    # --- home and target ----------------------------------------------------------------------------
+
+    def _home_position(self, values: Values, _now_s: float) -> Made:
+        if not (values["valid_hpos"] and values["valid_alt"]):
+            return
+        self._home, self._assumed_home = values, False
+        yield from self._home_message(values)
+
+    def _home_message(self, values: Values) -> Made:
+        message = d.MAVLink_home_position_message(
+            *_global(values), values["x"], values["y"], values["z"], (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+        )
+        self._latched[message.get_msgId()] = message
+        yield message
+
+    def _assume_home(self, values: Values) -> Made:
+        """Uses the position of a vehicle that stands disarmed on the ground as its home until PX4 sends it.
+
+        PX4 sends its home only when it changes, so a server that connects later does not receive it. PX4 sets
+        home to the vehicle's position when it arms, and sends it then.
+        """
+        unknown = self._home is None or self._assumed_home
+        status, local = self._status, self._local
+        if not unknown or status is None or status["arming_state"] == ARMED or not self._landed:
+            return
+        if local is None or not (local["xy_valid"] and local["z_valid"]):
+            return
+        first = self._home is None
+        self._home, self._assumed_home = {**values, **{axis: local[axis] for axis in "xyz"}}, True
+        made = list(self._home_message(self._home))
+        yield from made if first else ()
+
+    def _triplet(self, values: Values, now_s: float) -> Made:
+        boot_ms = self.boot_time.ms(values["timestamp"], now_s)
+        if not values["current.valid"] or boot_ms is None:
+            return
+        position = {axis: values[f"current.{axis}"] for axis in ("lat", "lon", "alt")}
+        if not all(map(math.isfinite, position.values())):
+            return
+        lat, lon, _ = _global(position)
+        message = d.MAVLink_position_target_global_int_message(
+            boot_ms, d.MAV_FRAME_GLOBAL, 0xFF8, lat, lon, position["alt"], *(0.0,) * 8
+        )
+        self._latched[message.get_msgId()] = message
+        yield message
+
+    # --- motion ---------------------------------------------------------------------------------------
+
+    def _odometry(self, values: Values, _now_s: float) -> Made:
+        self._rates_frd_rad_s = values["angular_velocity"]
+        yield from ()
+
+    def _attitude(self, values: Values, now_s: float) -> Made:
+        boot_ms = self.boot_time.ms(values["timestamp"], now_s)
+        if boot_ms is not None:
+            yield d.MAVLink_attitude_quaternion_message(boot_ms, *values["q"], *self._rates_frd_rad_s)
+
+    def _local_position(self, values: Values, now_s: float) -> Made:
+        self._local = values
+        boot_ms = self.boot_time.ms(values["timestamp"], now_s)
+        if boot_ms is None:
+            return
+        position_valid = values["xy_valid"] and values["z_valid"]
+        if position_valid and values["v_xy_valid"] and values["v_z_valid"]:
+            axes = ("x", "y", "z", "vx", "vy", "vz")
+            yield d.MAVLink_local_position_ned_message(boot_ms, *(values[axis] for axis in axes))
+        yield from self._estimator_status(values, boot_ms, now_s)
+
+    def _estimator_status(self, local: Values, boot_ms: int, now_s: float) -> Made:
+        flags = 0 if self._flags is not None and self._flags["attitude_invalid"] else d.ESTIMATOR_ATTITUDE
+        flags |= d.ESTIMATOR_VELOCITY_HORIZ if local["v_xy_valid"] else 0
+        flags |= d.ESTIMATOR_VELOCITY_VERT if local["v_z_valid"] else 0
+        flags |= d.ESTIMATOR_POS_HORIZ_REL if local["xy_valid"] else 0
+        flags |= d.ESTIMATOR_POS_HORIZ_ABS if local["xy_valid"] and local["xy_global"] else 0
+        flags |= d.ESTIMATOR_POS_VERT_ABS if local["z_valid"] else 0
+        if self._estimator[1] == flags and now_s - self._estimator[0] < EVERY_S:
+            return
+        self._estimator = now_s, flags
+        unknown, eph_m, epv_m = math.nan, local["eph"], local["epv"]
+        yield d.MAVLink_estimator_status_message(
+            boot_ms * 1000, flags, unknown, unknown, unknown, unknown, unknown, unknown, eph_m, epv_m
+        )
+
+    def _global_position(self, values: Values, now_s: float) -> Made:
+        boot_ms, local = self.boot_time.ms(values["timestamp"], now_s), self._local
+        if boot_ms is None or local is None or not (values["lat_lon_valid"] and values["alt_valid"]):
+            return
+        yield from self._assume_home(values)
+        home_alt_m = -local["z"] if self._home is None else values["alt"] - self._home["alt"]
+        north, east, down = (_bounded(local[axis] * 100, -32767, 32767, 0) for axis in ("vx", "vy", "vz"))
+        heading = math.degrees(local["heading"]) % 360 if math.isfinite(local["heading"]) else math.nan
+        yield d.MAVLink_global_position_int_message(
+            boot_ms,
+            *_global(values),
+            _bounded(home_alt_m * 1e3, -(2**31), 2**31 - 1, 0),
+            north,
+            east,
+            down,
+            _bounded(heading * 100, 0, 35_999, UNKNOWN_U16),
+        )
+
+    # --- sensors ----------------------------------------------------------------------------------------
+
+    def _gps(self, values: Values, _now_s: float) -> Made:
+        lat, lon = values["latitude_deg"], values["longitude_deg"]
+        position = _global({"lat": lat, "lon": lon, "alt": values["altitude_msl_m"]})
+        yield d.MAVLink_gps_raw_int_message(
+            values["timestamp"],
+            values["fix_type"],
+            *position,
+            _bounded(values["hdop"] * 100, 0, 65_534, UNKNOWN_U16),
+            _bounded(values["vdop"] * 100, 0, 65_534, UNKNOWN_U16),
+            _bounded(values["vel_m_s"] * 100, 0, 65_534, UNKNOWN_U16),
+            _bounded(math.degrees(values["cog_rad"]) % 360 * 100, 0, 35_999, UNKNOWN_U16),
+            min(values["satellites_used"], 254),
+            h_acc=_bounded(values["eph"] * 1e3, 0, 2**32 - 1, 0),
+            v_acc=_bounded(values["epv"] * 1e3, 0, 2**32 - 1, 0),
+        )
+
+    def _battery(self, values: Values, _now_s: float) -> Made:
+        if not values["connected"]:
+            return
+        used = [v for v in values["voltage_cell_v"] if math.isfinite(v) and v > 0.0][:10]
+        volts = used or [values["voltage_v"]]
+        cells = [_bounded(volt * 1000, 0, 65_534, UNKNOWN_U16) for volt in volts]
+        current_a, remaining = values["current_a"], values["remaining"]
+        yield d.MAVLink_battery_status_message(
+            max(0, values["id"] - 1),
+            d.MAV_BATTERY_FUNCTION_ALL,
+            d.MAV_BATTERY_TYPE_LIPO,
+            32767,
+            cells + [UNKNOWN_U16] * (10 - len(cells)),
+            _bounded(current_a * 100, 0, 32767, -1) if current_a >= 0.0 else -1,
+            _bounded(values["discharged_mah"], 0, 2**31 - 1, -1),
+            -1,
+            _bounded(math.ceil(remaining * 100), 0, 100, -1) if math.isfinite(remaining) else -1,
+            _bounded(values["time_remaining_s"], 0, 2**31 - 1, 0),
+        )
+
+
+def _custom_mode(nav_state: int) -> int:
+    """MAVLink's number of a mode; 0 for unknown modes. Descend has none, and PX4 reports it as Land."""
+    mode = BY_NAME["land"] if nav_state == NAV_DESCEND else BY_NAV_STATE.get(nav_state)
+    return 0 if mode is None else mode.custom_mode
+
+
+def _global(values: Values) -> tuple[int, int, int]:
+    """Latitude and longitude [1e-7 °] and altitude [mm].
+
+    Raises:
+        MalformedMessage: no position on the earth.
+    """
+    lat, lon, alt = values["lat"], values["lon"], values["alt"]
+    if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0 and abs(alt) < 1e6):
+        raise MalformedMessage(f"{lat:.7g}°, {lon:.7g}°, {alt:.7g} m is not a position")
+    return round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)
+
+
+def _bounded(value: float, low: int, high: int, unknown: int) -> int:
+    """A value as a whole number within these limits; `unknown` if it is not finite."""
+    return min(max(round(value), low), high) if math.isfinite(value) else unknown

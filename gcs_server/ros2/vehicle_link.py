@@ -1,0 +1,137 @@
+"""One vehicle on a `ros2://` link: its samples become MAVLink frames, the server's commands VehicleCommands.
+
+No DDS and no clock of its own. `received` runs in the link's thread, `sent` in any thread.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from typing import Final, Protocol
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame, encode_payload
+from gcs_server.mavlink.dialect import MAVLink_message
+from gcs_server.ros2.commands import command_ack, command_fields, mode_to_explain, requested_message
+from gcs_server.ros2.message_types import MESSAGES, MalformedMessage, Values
+from gcs_server.ros2.to_mavlink import MavlinkConverter
+from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, SUBSCRIPTIONS
+
+PROBLEM_S: Final = 60.0
+"""How long a problem is reported after its last occurrence."""
+MAX_REQUESTED: Final = 16
+REFUSALS: Final = (d.MAV_RESULT_TEMPORARILY_REJECTED, d.MAV_RESULT_DENIED, d.MAV_RESULT_FAILED)
+_TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
+
+
+class Sender(Protocol):
+    """Sends to the vehicle's topics."""
+
+    def send(self, topic: str, data: bytes) -> None:
+        """Raises OSError if the message cannot be sent."""
+        ...
+
+
+class VehicleLink:
+    """One vehicle.
+
+    Args:
+        namespace: its namespace; may be empty.
+        sender: sends to its topics.
+        own_system_id: the server's system id.
+    """
+
+    def __init__(self, namespace: str, sender: Sender, own_system_id: int) -> None:
+        self.namespace, self._sender, self._own_system_id = namespace, sender, own_system_id
+        self._converter = MavlinkConverter()
+        self._seq = 0
+        self._requested: set[int] = set()
+        """Messages that the server has requested; written by any thread."""
+        self._modes_to_explain: dict[int, int | None] = {}
+        """By command sent last: the mode whose requirements may explain its refusal."""
+        self._problems: dict[str, tuple[str, float]] = {}
+        """By topic: what is wrong, and when it last happened."""
+
+    def received(self, samples: Iterable[tuple[str, bytes]], now_s: float) -> bytes:
+        """MAVLink frames of received samples; a malformed sample affects only itself.
+
+        Args:
+            samples: topics with their bytes.
+            now_s: time of reception [s, monotonic].
+        """
+        made: list[MAVLink_message] = []
+        for topic, data in samples:
+            try:
+                values = _TYPES[topic].decode(data)
+                made += self._acknowledged(values) if topic == COMMAND_ACK else self._converter.convert(
+                    topic, values, now_s
+                )  # fmt: skip
+            except (MalformedMessage, ValueError, OverflowError) as problem:
+                self._problems[topic] = str(problem), now_s
+        while self._requested:
+            answer = self._converter.latched(self._requested.pop())
+            made += [] if answer is None else [answer]
+        return b"".join(self._frames(made, now_s))
+
+    def sent(self, data: bytes, unix_us: int) -> None:
+        """Sends a frame of the server to the vehicle, if ROS 2 has a message for it.
+
+        Raises:
+            OSError: ROS 2 has none, or DDS cannot send it.
+        """
+        for frame in FrameParser().feed(data, 0.0):
+            self._send(frame, unix_us)
+
+    def problems(self, now_s: float) -> list[str]:
+        """What is wrong with this vehicle's messages, as sentences."""
+        recent = [
+            f"A message on {self._name(topic)} cannot be used: {why}."
+            for topic, (why, at_s) in list(self._problems.items())
+            if now_s - at_s < PROBLEM_S
+        ]
+        return recent and [*recent[:3], "Check that the vehicle has PX4 v1.16, whose message types are used."]
+
+    def _name(self, topic: str) -> str:
+        return f"/{self.namespace}{topic}" if self.namespace else topic
+
+    def _acknowledged(self, values: Values) -> list[MAVLink_message]:
+        ack = command_ack(values, self._own_system_id)
+        if ack is None:
+            return []
+        mode = self._modes_to_explain.get(values["command"])
+        texts = [] if mode is None or values["result"] not in REFUSALS else self._converter.problems(mode)
+        return [*(_text(text) for text in texts), ack]
+
+    def _frames(self, messages: Iterable[MAVLink_message], now_s: float) -> Iterable[bytes]:
+        address = self._converter.address
+        if address is None:
+            return
+        for message in messages:
+            try:
+                payload = encode_payload(message)
+            except struct.error as problem:
+                self._problems[message.get_type()] = f"{message.get_type()}: {problem}", now_s
+                continue
+            yield encode_frame(message.get_msgId(), payload, self._seq, *address)
+            self._seq = (self._seq + 1) & 0xFF
+
+    def _send(self, frame: Frame, unix_us: int) -> None:
+        if frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
+            return  # PX4 has no such topic: DDS itself knows which programs are there
+        requested = requested_message(frame)
+        if requested is not None:
+            # PX4 v1.16 does not answer requests for messages over ROS 2
+            if self._converter.latched(requested) is not None and len(self._requested) < MAX_REQUESTED:
+                self._requested.add(requested)
+            return
+        command = command_fields(frame)
+        if command is None:
+            raise OSError(f"ROS 2 carries no message {frame.msg_id} of MAVLink")
+        if len(self._modes_to_explain) < MAX_REQUESTED or command["command"] in self._modes_to_explain:
+            mode = mode_to_explain(command, self._converter.nav_state)
+            self._modes_to_explain[command["command"]] = mode
+        self._sender.send(COMMAND, MESSAGES["VehicleCommand"].encode({**command, "timestamp": unix_us}))
+
+
+def _text(text: str) -> MAVLink_message:
+    return d.MAVLink_statustext_message(d.MAV_SEVERITY_WARNING, text.encode()[:50].ljust(50, b"\0"))

@@ -1,0 +1,238 @@
+"""The ROS 2 link on real DDS: programs of this process publish as vehicles do."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import os
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.topic import Topic
+
+from gcs_server.links.base import Peer
+from gcs_server.mavlink.codec import FrameParser
+from gcs_server.mavlink.tables import NAMES
+from gcs_server.ros2.dds import DdsPort, DdsUnavailable, configuration, open_domain
+from gcs_server.ros2.dds_types import idl_type
+from gcs_server.ros2.link import Ros2Link
+from gcs_server.ros2.message_types import HEADER, MESSAGES
+from gcs_server.ros2.topics import wire_name
+from tests.support.dds_samples import recorded
+
+DOMAIN = 49
+NAMESPACE = f"link_{os.getpid()}"
+"""Tests that run at the same time share the machine's loopback."""
+STATUS = "/fmu/out/vehicle_status_v1"
+TRANSIENT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+
+
+def in_event_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Runs a test in an event loop of its own."""
+
+    @functools.wraps(test)
+    def run(**given: Any) -> None:
+        asyncio.run(test(**given))
+
+    return run
+
+
+def _ignore(*_arguments: object) -> None:
+    """For callbacks whose calls a test does not read."""
+
+
+class Publisher:
+    """A participant that publishes as a vehicle does."""
+
+    def __init__(self, namespace: str = NAMESPACE) -> None:
+        self._namespace = namespace
+        self._participant = DomainParticipant(DOMAIN)
+        self._writers: dict[str, tuple[type, Any]] = {}
+
+    def send(self, topic: str, data: bytes, message: str = "VehicleStatus") -> None:
+        if topic not in self._writers:
+            kind = idl_type(MESSAGES[message])
+            where = Topic(self._participant, wire_name(topic, self._namespace), kind)
+            self._writers[topic] = kind, DataWriter(self._participant, where, qos=TRANSIENT)
+        kind, writer = self._writers[topic]
+        writer.write(kind.of(data))
+
+
+class Received:
+    """A running link with what it received."""
+
+    def __init__(self, namespace: str | None = NAMESPACE) -> None:
+        self.frames: dict[str, list[tuple[int, str]]] = {}
+        self.link = Ros2Link("ros2", f"ros2://{DOMAIN}", DOMAIN, namespace, None, DdsPort)
+        self._parsers: dict[str, FrameParser] = {}
+        self.link.start(self._take, lambda _peer: None, lambda: None)
+
+    def _take(self, data: bytes, peer: Peer, now_s: float) -> None:
+        parser = self._parsers.setdefault(peer.name, FrameParser())
+        found = [(frame.system_id, NAMES[frame.msg_id]) for frame in parser.feed(data, now_s)]
+        self.frames.setdefault(peer.name, []).extend(found)
+
+    def names(self, peer: str = NAMESPACE) -> set[str]:
+        return {name for _, name in self.frames.get(peer, ())}
+
+    async def until(self, reached: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
+        end_s = time.monotonic() + 10.0
+        while not reached():
+            assert time.monotonic() < end_s, (self.frames, self.link.info())
+            act()
+            await asyncio.sleep(0.02)
+
+
+def _status(**changes: object) -> bytes:
+    message = MESSAGES["VehicleStatus"]
+    return message.encode(message.decode(recorded()[STATUS]) | changes)
+
+
+@pytest.fixture(autouse=True)
+def _domain() -> Iterator[None]:
+    shared = open_domain(DOMAIN, None)
+    yield
+    assert shared
+
+
+@in_event_loop
+async def test_a_vehicle_is_found_by_its_status_and_its_messages_become_frames() -> None:
+    received, vehicle = Received(), Publisher()
+
+    def publish() -> None:
+        vehicle.send(STATUS, _status(system_id=7))
+        topic = "/fmu/out/vehicle_land_detected"
+        vehicle.send(topic, recorded()[topic], "VehicleLandDetected")
+
+    await received.until(lambda: "EXTENDED_SYS_STATE" in received.names(), publish)
+    assert {system for system, _ in received.frames[NAMESPACE]} == {7}
+    assert received.link.info().state == "open"
+    assert received.link.info().peers == (NAMESPACE,)
+    await received.link.close()
+    assert received.link.info().state == "closed"
+
+
+@in_event_loop
+async def test_every_vehicle_of_the_domain_is_a_peer_of_its_own() -> None:
+    others = [f"{NAMESPACE}_a", f"{NAMESPACE}_b"]
+    received, vehicles = Received(None), [Publisher(name) for name in others]
+
+    def publish() -> None:
+        for number, vehicle in enumerate(vehicles, 1):
+            vehicle.send(STATUS, _status(system_id=number))
+
+    await received.until(lambda: set(others) <= received.frames.keys(), publish)
+    for number, name in enumerate(others, 1):
+        assert {system for system, _ in received.frames[name]} == {number}
+    await received.link.close()
+
+
+@in_event_loop
+async def test_malformed_and_flooding_samples_cost_only_their_vehicle() -> None:
+    bad, good = f"{NAMESPACE}_bad", f"{NAMESPACE}_good"
+    received, flooding, vehicle = Received(None), Publisher(bad), Publisher(good)
+
+    def publish() -> None:
+        for _ in range(200):
+            flooding.send(STATUS, _status(system_id=0))
+        vehicle.send(STATUS, _status())
+
+    def reported() -> bool:
+        return f"/{bad}{STATUS} cannot be used" in received.link.info().detail
+
+    await received.until(lambda: "HEARTBEAT" in received.names(good) and reported(), publish)
+    assert not received.names(bad)
+    assert received.link.faults.count == 0
+    await received.link.close()
+
+
+@in_event_loop
+async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.5)
+    other = replace(MESSAGES["VehicleStatus"], fields=MESSAGES["VehicleStatus"].fields[:3])
+    monkeypatch.setitem(MESSAGES, "Other", other)
+    received, vehicle = Received(), Publisher()
+
+    def reported() -> bool:
+        return "sends no message of PX4 v1.16's type" in received.link.info().detail
+
+    await received.until(reported, lambda: vehicle.send(STATUS, HEADER + bytes(24), "Other"))
+    assert not received.frames
+    await received.link.close()
+
+
+@in_event_loop
+async def test_of_two_vehicles_without_a_namespace_of_their_own_only_the_first_is_read() -> None:
+    received, first, second = Received(), Publisher(), Publisher()
+    await received.until(
+        lambda: "HEARTBEAT" in received.names(), lambda: first.send(STATUS, _status(system_id=1))
+    )
+
+    def publish() -> None:
+        first.send(STATUS, _status(system_id=1))
+        second.send(STATUS, _status(system_id=2))
+
+    await received.until(lambda: "Several vehicles publish" in received.link.info().detail, publish)
+    assert {system for system, _ in received.frames[NAMESPACE]} == {1}
+    await received.link.close()
+
+
+@pytest.mark.parametrize(
+    ("topic", "message", "text"),
+    [
+        ("/fmu/out/vehicle_status_v2", "VehicleStatus", "of another version of PX4"),
+        ("/fmu/out/vehicle_status", "VehicleStatus", "of another version of PX4"),
+        (STATUS, "HomePosition", "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
+    ],
+)
+@in_event_loop
+async def test_an_unknown_version_or_type_is_reported_and_not_read(
+    topic: str, message: str, text: str
+) -> None:
+    received, vehicle = Received(), Publisher()
+    await received.until(
+        lambda: text in received.link.info().detail, lambda: vehicle.send(topic, bytes(100), message)
+    )
+    assert not received.frames
+    await received.link.close()
+
+
+@in_event_loop
+async def test_without_a_vehicle_the_link_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.0)
+    received = Received("nobody")
+    await received.until(lambda: received.link.info().detail)
+    assert f"No vehicle publishes /nobody{STATUS} in DDS domain {DOMAIN}" in received.link.info().detail
+    await received.link.close()
+
+
+@in_event_loop
+async def test_an_interface_that_does_not_exist_is_tried_again_and_named() -> None:
+    link = Ros2Link("ros2", "ros2://50", 50, None, "eth-none", DdsPort)
+    link.start(_ignore, _ignore, _ignore)
+    end_s = time.monotonic() + 10.0
+    while link.info().state != "waiting":
+        assert time.monotonic() < end_s
+        await asyncio.sleep(0.02)
+    assert "interface eth-none" in link.info().detail
+    await link.close()
+
+
+def test_one_domain_has_one_interface() -> None:
+    with pytest.raises(DdsUnavailable, match="already used on the loopback interface"):
+        DdsPort(DOMAIN, "eth0")
+
+
+def test_without_an_interface_nothing_leaves_the_machine() -> None:
+    assert '<NetworkInterface name="lo"/>' in configuration(None)
+    assert "<AllowMulticast>false</AllowMulticast>" in configuration(None)
+    assert '<NetworkInterface name="eth0"/>' in configuration("eth0")

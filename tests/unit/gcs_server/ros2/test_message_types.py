@@ -1,0 +1,60 @@
+"""The server's own ROS 2 message types are those of PX4 v1.16."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from gcs_server.ros2.message_types import HEADER, MESSAGES, MalformedMessage
+from tests.support.dds_samples import recorded
+
+
+def test_layouts_are_those_of_the_published_types(shared: Path) -> None:
+    published = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
+    for name, message in MESSAGES.items():
+        if name not in published:  # nested in a bridged type
+            assert name == "PositionSetpoint"
+            continue
+        fields = [(name, kind, length or 0) for name, kind, length, _offset in published[name]["fields"]]
+        assert [(each.name, each.type, each.length) for each in message.flat] == fields, name
+
+
+def test_every_recorded_sample_decodes_to_its_fields(shared: Path) -> None:
+    checked: set[str] = set()
+    for line in (shared / "px4" / "dds" / "samples.jsonl").read_text().splitlines():
+        sample = json.loads(line)
+        message = MESSAGES.get(sample["type"])
+        if message is None:
+            continue
+        values = message.decode(bytes.fromhex(sample["cdr_hex"]))
+        for name, expected in sample["fields"].items():
+            if isinstance(expected, int | bool):
+                assert values[name] == expected, (sample["topic"], name)
+            elif isinstance(expected, float):
+                assert math.isclose(values[name], expected, rel_tol=2e-6, abs_tol=1e-12)
+        checked.add(sample["type"])
+    assert len(checked) > 15
+
+
+@pytest.mark.parametrize("topic", recorded())
+def test_a_message_encodes_to_the_bytes_it_was_decoded_from(topic: str) -> None:
+    types = {"vehicle_status_v1": "VehicleStatus", "vehicle_gps_position": "SensorGps"}
+    name = topic.rsplit("/", 1)[1]
+    message = MESSAGES.get(types.get(name, name.title().replace("_", "")))
+    if message is None:
+        return  # a topic that the server does not use
+    values = message.decode(recorded()[topic])
+    assert message.decode(message.encode(values)).keys() == values.keys()
+    assert len(message.encode(values)) == len(HEADER) + message.size
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [(b"", "missing"), (b"\x00\x00\x00\x00" + bytes(200), "little-endian"), (HEADER + bytes(7), "11 bytes")],
+)
+def test_bytes_that_are_no_message_are_refused_with_the_reason(data: bytes, why: str) -> None:
+    with pytest.raises(MalformedMessage, match=why):
+        MESSAGES["VehicleStatus"].decode(data)

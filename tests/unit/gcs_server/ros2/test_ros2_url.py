@@ -1,0 +1,102 @@
+"""URLs of ROS 2 links, and names of topics."""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import partial
+
+import pytest
+
+from gcs_server.errors import InvalidRequest, LinkError
+from gcs_server.links.url import make_link
+from gcs_server.ros2.boot_time import BootTime
+from gcs_server.ros2.link import Ros2Link
+from gcs_server.ros2.topics import vehicle_of, wire_name
+from gcs_server.ros2.url import ros2_link
+
+
+def _link(url: str, name: str | None = None) -> Ros2Link:
+    link = make_link(url, name, {"ros2": partial(ros2_link, own_system_id=255)})
+    assert isinstance(link, Ros2Link)
+    return link
+
+
+@pytest.mark.parametrize(
+    ("url", "domain", "namespace", "interface", "name"),
+    [
+        ("ros2://0", 0, None, None, "ros2-0"),
+        ("ros2://42/px4_1", 42, "px4_1", None, "ros2-42-px4_1"),
+        ("ros2://232/a/b?interface=eth0", 232, "a/b", "eth0", "ros2-232-a-b"),
+    ],
+)
+def test_a_url_gives_domain_namespace_and_interface(
+    url: str, domain: int, namespace: str | None, interface: str | None, name: str
+) -> None:
+    link = _link(url)
+    assert (link.domain_id, link.namespace, link.interface, link.name) == (domain, namespace, interface, name)
+
+
+@pytest.mark.parametrize(
+    ("url", "why"),
+    [
+        ("ros2://", "domain must be a number"),
+        ("ros2://233", "domain must be a number from 0 to 232"),
+        ("ros2://-1", "domain must be a number"),
+        ("ros2://host:14550", "domain must be a number"),
+        ("ros2://0/1x", "namespace"),
+        ("ros2://0/a%20b", "namespace"),
+        ("ros2://0/" + "a" * 65, "namespace"),
+        ("ros2://0?forward=1", "no option 'forward'"),
+        ("ros2://0?key=field", "no option 'key'"),
+        ("ros2://0?interface=", "interface must be the name"),
+        ("ros2://0?interface=<x/>", "interface must be the name"),
+    ],
+)
+def test_a_wrong_url_is_refused_with_the_reason(url: str, why: str) -> None:
+    with pytest.raises(InvalidRequest, match=why):
+        _link(url)
+
+
+def test_without_cyclone_dds_the_error_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(_name: str) -> None:
+        return
+
+    monkeypatch.setattr(importlib.util, "find_spec", none)
+    with pytest.raises(LinkError) as caught:
+        _link("ros2://0")
+    assert "pip install '.[ros2]'" in (caught.value.remedy or "")
+
+
+@pytest.mark.parametrize(
+    ("topic", "found"),
+    [
+        ("rt/fmu/out/vehicle_status_v1", ("", "1")),
+        ("rt/px4_1/fmu/out/vehicle_status_v1", ("px4_1", "1")),
+        ("rt/a/b/fmu/out/vehicle_status", ("a/b", "")),
+        ("rt/fmu/out/vehicle_status_v2", ("", "2")),
+        ("rt/1 x/fmu/out/vehicle_status_v1", None),
+        ("rt/fmu/out/vehicle_attitude", None),
+        ("rt/fmu/out/vehicle_status_v1/x", None),
+    ],
+)
+def test_a_vehicle_is_found_by_its_status_topic(topic: str, found: tuple[str, str] | None) -> None:
+    assert vehicle_of(topic) == found
+
+
+def test_a_topic_has_its_namespace_on_the_wire() -> None:
+    assert wire_name("/fmu/out/home_position", "px4_1") == "rt/px4_1/fmu/out/home_position"
+    assert wire_name("/fmu/out/home_position", "") == "rt/fmu/out/home_position"
+
+
+def test_time_since_boot_follows_timesync_and_needs_none_for_times_since_boot() -> None:
+    boot = BootTime()
+    assert boot.ms(5_000_000, 0.0) == 5000
+    assert boot.ms(1_795_229_929_358_197, 0.0) is None
+    boot.synchronize(-1_795_229_923_302_197)
+    assert boot.ms(1_795_229_929_358_197, 0.1) == 6056
+
+
+def test_without_timesync_time_counts_from_the_first_message() -> None:
+    boot = BootTime()
+    assert boot.ms(1_795_000_000_000_000, 10.0) is None
+    assert boot.ms(1_795_000_003_000_000, 13.0) == 3000

@@ -1,0 +1,235 @@
+"""Recorded ROS 2 messages of a real PX4 become the state that MAVLink fills."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import encode_payload
+from gcs_server.ros2.message_types import MalformedMessage
+from gcs_server.ros2.to_mavlink import MavlinkConverter
+from gcs_server.ros2.topics import SUBSCRIPTIONS
+from gcs_server.vehicle import decoders, reducers
+from tests.support.dds_samples import recorded
+
+Decoder = Callable[[Mapping[int, bytes]], tuple[Any, float | None]]
+TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
+STATUS, LANDED = "/fmu/out/vehicle_status_v1", "/fmu/out/vehicle_land_detected"
+LOCAL, GLOBAL = "/fmu/out/vehicle_local_position", "/fmu/out/vehicle_global_position"
+HOME, FLAGS = "/fmu/out/home_position", "/fmu/out/failsafe_flags"
+
+
+def _values(topic: str, **changes: Any) -> dict[str, Any]:
+    return TYPES[topic].decode(recorded()[topic]) | changes
+
+
+class Converted:
+    """A converter with its newest MAVLink messages by name."""
+
+    def __init__(self) -> None:
+        self.converter = MavlinkConverter()
+        self.by_name: dict[str, Any] = {}
+        self.give("/fmu/out/timesync_status")
+        self.give(STATUS)
+
+    def give(self, topic: str, *, now_s: float = 0.0, **changes: Any) -> list[Any]:
+        made = self.converter.convert(topic, _values(topic, **changes), now_s)
+        self.by_name |= {message.get_type(): message for message in made}
+        return made
+
+    def sample(self, name: str, decoder: Decoder) -> tuple[Any, float | None]:
+        message = self.by_name[name]
+        return decoder({message.get_msgId(): encode_payload(message)})
+
+
+@pytest.fixture
+def converted() -> Converted:
+    return Converted()
+
+
+@pytest.mark.parametrize(
+    ("nav_state", "custom_mode"),
+    [
+        (4, 0x03040000),
+        (14, 0x00060000),
+        (17, 0x02040000),
+        (18, 0x06040000),
+        (12, 0x06040000),
+        (23, 0x0B040000),
+        (200, 0),
+    ],
+)
+def test_a_status_gives_the_mode_as_px4_does_over_mavlink(
+    converted: Converted, nav_state: int, custom_mode: int
+) -> None:
+    converted.give(STATUS, nav_state=nav_state, nav_state_user_intention=4)
+    assert converted.by_name["HEARTBEAT"].custom_mode == custom_mode
+    assert converted.by_name["CURRENT_MODE"].intended_custom_mode == 0x03040000
+
+
+@pytest.mark.parametrize(
+    ("arming_state", "failsafe", "armed", "state"),
+    [
+        (1, False, False, d.MAV_STATE_STANDBY),
+        (2, False, True, d.MAV_STATE_ACTIVE),
+        (2, True, True, d.MAV_STATE_CRITICAL),
+    ],
+)
+def test_a_status_gives_arming_and_failsafe(
+    converted: Converted, arming_state: int, failsafe: bool, armed: bool, state: int
+) -> None:
+    converted.give(STATUS, arming_state=arming_state, failsafe=failsafe)
+    payload = encode_payload(converted.by_name["HEARTBEAT"])
+    after = reducers.heartbeat(reducers.FlightState(), payload, 1.0)
+    assert (after.armed, after.system_status, after.autopilot) == (armed, state, d.MAV_AUTOPILOT_PX4)
+    assert not after.hil
+
+
+@pytest.mark.parametrize(
+    ("landed", "nav_state", "state"),
+    [(True, 4, "on_ground"), (False, 17, "taking_off"), (False, 18, "landing"), (False, 14, "in_air")],
+)
+def test_the_landed_state_depends_on_the_mode(
+    converted: Converted, landed: bool, nav_state: int, state: str
+) -> None:
+    converted.give(LANDED, landed=landed)
+    converted.give(STATUS, nav_state=nav_state)
+    payload = encode_payload(converted.by_name["EXTENDED_SYS_STATE"])
+    assert reducers.extended_sys_state(reducers.FlightState(), payload, 1.0).landed_state == state
+
+
+def test_positions_velocity_and_time_since_boot_arrive_unchanged(converted: Converted) -> None:
+    local, position = _values(LOCAL), _values(GLOBAL)
+    offset_us = _values("/fmu/out/timesync_status")["estimated_offset"]
+    converted.give(LOCAL)
+    value, boot_s = converted.sample("LOCAL_POSITION_NED", decoders.local_position)
+    assert value.position_ned_m == (local["x"], local["y"], local["z"])
+    assert value.velocity_ned_m_s == (local["vx"], local["vy"], local["vz"])
+    assert boot_s == pytest.approx((local["timestamp"] + offset_us) / 1e6, abs=1e-3)
+    converted.give(HOME)
+    converted.give(GLOBAL)
+    value, _ = converted.sample("GLOBAL_POSITION_INT", decoders.global_position)
+    assert (value.lat_deg, value.lon_deg) == pytest.approx((position["lat"], position["lon"]), abs=1e-7)
+    assert value.alt_home_m == pytest.approx(position["alt"] - _values(HOME)["alt"], abs=2e-3)
+    assert value.heading_deg == pytest.approx(math.degrees(local["heading"]) % 360, abs=0.01)
+
+
+def test_attitude_battery_gps_and_home_arrive(converted: Converted) -> None:
+    converted.give("/fmu/out/vehicle_odometry")
+    converted.give("/fmu/out/vehicle_attitude")
+    value, _ = converted.sample("ATTITUDE_QUATERNION", decoders.attitude_quaternion)
+    assert value.q_ned_frd == _values("/fmu/out/vehicle_attitude")["q"]
+    assert value.rates_frd_rad_s == _values("/fmu/out/vehicle_odometry")["angular_velocity"]
+    converted.give("/fmu/out/battery_status", remaining=0.42, current_a=3.5, voltage_v=15.8)
+    value, _ = converted.sample("BATTERY_STATUS", decoders.battery)
+    assert (value.remaining_percent, value.current_a, value.voltage_v) == (42, 3.5, 15.8)
+    converted.give("/fmu/out/vehicle_gps_position")
+    value, _ = converted.sample("GPS_RAW_INT", decoders.gps)
+    assert (value.fix_type, value.satellites, value.hdop) == (3, 10, 0.7)
+    converted.give(HOME)
+    value, _ = converted.sample("HOME_POSITION", decoders.home)
+    assert value.alt_amsl_m == pytest.approx(_values(HOME)["alt"], abs=1e-3)
+
+
+@pytest.mark.parametrize("invalid", ["xy_valid", "z_valid", "v_xy_valid", "v_z_valid"])
+def test_an_invalid_estimate_is_not_shown_and_its_flag_is_cleared(converted: Converted, invalid: str) -> None:
+    converted.give(LOCAL)
+    before = converted.by_name["ESTIMATOR_STATUS"].flags
+    made = converted.give(LOCAL, **{invalid: False})
+    assert [each.get_type() for each in made] == ["ESTIMATOR_STATUS"]
+    assert before & ~made[0].flags
+
+
+def test_health_has_the_prearm_check_and_manual_control(converted: Converted) -> None:
+    converted.give(FLAGS, attitude_invalid=False, manual_control_signal_lost=True)
+    value, _ = converted.sample("SYS_STATUS", decoders.health)
+    assert value.ready_to_arm is True
+    assert not value.sensors_present & d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    converted.give(FLAGS, manual_control_signal_lost=False)
+    converted.give(STATUS, pre_flight_checks_pass=False)
+    value, _ = converted.sample("SYS_STATUS", decoders.health)
+    assert value.ready_to_arm is False
+    assert value.sensors_healthy & d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+
+
+def test_a_vehicle_disarmed_on_the_ground_has_its_home_where_it_stands_until_px4_sends_it(
+    converted: Converted,
+) -> None:
+    converted.give(LOCAL)
+    assert not [each for each in converted.give(GLOBAL) if each.get_type() == "HOME_POSITION"]
+    converted.give(LANDED, landed=True)
+    converted.give(GLOBAL)
+    assumed = converted.by_name["HOME_POSITION"]
+    assert assumed.altitude == round(_values(GLOBAL)["alt"] * 1000)
+    converted.give(HOME, alt=500.0)
+    converted.give(GLOBAL)
+    assert converted.by_name["HOME_POSITION"].altitude == 500_000
+    assert converted.converter.latched(d.MAVLINK_MSG_ID_HOME_POSITION) is converted.by_name["HOME_POSITION"]
+
+
+def test_in_flight_no_home_is_assumed(converted: Converted) -> None:
+    converted.give(STATUS, arming_state=2)
+    converted.give(LANDED, landed=False)
+    converted.give(LOCAL)
+    converted.give(GLOBAL)
+    assert "HOME_POSITION" not in converted.by_name
+
+
+def test_a_target_of_the_navigator_is_the_goto_target(converted: Converted) -> None:
+    converted.give(
+        "/fmu/out/position_setpoint_triplet",
+        **{"current.valid": True, "current.lat": 47.4, "current.lon": 8.5, "current.alt": 500.0},
+    )
+    target = converted.by_name["POSITION_TARGET_GLOBAL_INT"]
+    assert (target.lat_int, target.lon_int, target.alt) == (474_000_000, 85_000_000, 500.0)
+    assert not converted.give("/fmu/out/position_setpoint_triplet", **{"current.valid": False})
+
+
+@pytest.mark.parametrize("changes", [{"system_id": 0}, {"system_id": 255}, {"component_id": 0}])
+def test_an_address_that_no_vehicle_has_is_malformed(changes: dict[str, int]) -> None:
+    with pytest.raises(MalformedMessage, match="not valid"):
+        MavlinkConverter().convert(STATUS, _values(STATUS, **changes), 0.0)
+
+
+@pytest.mark.parametrize("lat", [math.nan, math.inf, 91.0, -1e300])
+def test_a_position_off_the_earth_is_malformed(converted: Converted, lat: float) -> None:
+    converted.give(LOCAL)
+    with pytest.raises(MalformedMessage, match="not a position"):
+        converted.give(GLOBAL, lat=lat)
+
+
+@pytest.mark.parametrize("topic", [each.name for each in SUBSCRIPTIONS if each.type != "VehicleCommandAck"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38, -3e38])
+def test_no_number_makes_the_conversion_fail_otherwise(topic: str, value: float) -> None:
+    converted = Converted()
+    converted.give(LOCAL)
+    converted.give(LANDED, landed=True)
+    floats = [each for each in TYPES[topic].flat if each.type.startswith("float")]
+    hostile: dict[str, Any] = {each.name: (value,) * each.length if each.length else value for each in floats}
+    try:
+        made = converted.give(topic, **hostile)
+    except MalformedMessage:
+        return
+    for message in made:
+        encode_payload(message)
+
+
+def test_before_the_first_status_nothing_is_made() -> None:
+    converter = MavlinkConverter()
+    assert converter.convert(LANDED, _values(LANDED), 0.0) == []
+    assert converter.address is None
+
+
+def test_a_text_names_what_a_mode_needs(converted: Converted) -> None:
+    flags = {
+        "global_position_invalid": True,
+        "mode_req_global_position": 1 << 5,
+        "mode_req_prevent_arming": 1,
+    }
+    converted.give(FLAGS, **flags, battery_unhealthy=True)
+    assert converted.converter.problems(5) == ["no valid global position estimate", "battery unhealthy"]
+    assert "no valid global position estimate" not in converted.converter.problems(4)

@@ -1,0 +1,133 @@
+"""One vehicle of a ROS 2 link: commands and their answers, and messages that cannot be used."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import FrameParser, decode, encode_frame, encode_payload
+from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.ros2.topics import SUBSCRIPTIONS
+from gcs_server.ros2.vehicle_link import VehicleLink
+from tests.support.dds_samples import recorded
+
+STATUS, ACK, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/vehicle_command_ack", "/fmu/out/failsafe_flags"
+TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
+UNIX_US = 1_795_000_000_000_000
+
+
+class Vehicle:
+    """A vehicle link, and what it sends."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, dict[str, Any]]] = []
+        self.link = VehicleLink("px4_1", self, 255)
+        self.receive((STATUS, recorded()[STATUS]))
+
+    def send(self, topic: str, data: bytes) -> None:
+        self.sent.append((topic, MESSAGES["VehicleCommand"].decode(data)))
+
+    def receive(self, *samples: tuple[str, bytes], now_s: float = 0.0) -> list[Any]:
+        frames = FrameParser().feed(self.link.received(samples, now_s), now_s)
+        return [decode(frame) for frame in frames]
+
+    def command(self, message: d.MAVLink_message, sender: tuple[int, int] = (255, 190)) -> None:
+        self.link.sent(encode_frame(message.get_msgId(), encode_payload(message), 0, *sender), UNIX_US)
+
+    def answer(self, **values: int) -> list[Any]:
+        return self.receive((ACK, MESSAGES["VehicleCommandAck"].encode(values)))
+
+
+@pytest.fixture
+def vehicle() -> Vehicle:
+    return Vehicle()
+
+
+def _long(command: int, *params: float) -> d.MAVLink_message:
+    return d.MAVLink_command_long_message(1, 1, command, 0, *(params + (0.0,) * (7 - len(params))))
+
+
+def test_a_command_keeps_its_parameters_and_addresses(vehicle: Vehicle) -> None:
+    vehicle.command(_long(400, 1.0, 21196.0))
+    topic, sent = vehicle.sent[0]
+    assert topic == "/fmu/in/vehicle_command"
+    assert (sent["command"], sent["param1"], sent["param2"]) == (400, 1.0, 21196.0)
+    assert (sent["target_system"], sent["target_component"]) == (1, 1)
+    assert (sent["source_system"], sent["source_component"]) == (255, 192)
+    assert sent["from_external"]
+    assert sent["timestamp"] == UNIX_US
+
+
+def test_a_position_of_a_command_int_is_sent_in_degrees(vehicle: Vehicle) -> None:
+    vehicle.command(
+        d.MAVLink_command_int_message(1, 1, 0, 192, 0, 0, -1, 1, 0, math.nan, 473977420, 85455940, 500.0)
+    )
+    sent = vehicle.sent[0][1]
+    assert (sent["param5"], sent["param6"], sent["param7"]) == pytest.approx((47.397742, 8.545594, 500.0))
+    assert math.isnan(sent["param4"])
+
+
+def test_the_answer_to_our_command_has_our_mavlink_address(vehicle: Vehicle) -> None:
+    (ack,) = vehicle.answer(command=400, result=1, target_system=255, target_component=192)
+    assert (ack.command, ack.result, ack.target_system, ack.target_component) == (400, 1, 255, 190)
+    assert (ack.get_srcSystem(), ack.get_srcComponent()) == (1, 1)
+
+
+def test_the_answer_to_our_mavlink_command_is_not_repeated(vehicle: Vehicle) -> None:
+    assert vehicle.answer(command=400, result=0, target_system=255, target_component=190) == []
+
+
+def test_the_answer_to_another_station_arrives_and_that_to_a_mode_executor_does_not(vehicle: Vehicle) -> None:
+    (ack,) = vehicle.answer(command=176, result=0, target_system=254, target_component=190)
+    assert (ack.target_system, ack.target_component) == (254, 190)
+    assert vehicle.answer(command=176, result=0, target_system=1, target_component=1001) == []
+
+
+def test_a_refusal_is_explained_by_the_flags_of_the_requested_mode(vehicle: Vehicle) -> None:
+    flags = TYPES[FLAGS].decode(recorded()[FLAGS])
+    flags |= {"auto_mission_missing": True, "mode_req_mission": 1 << 3, "offboard_control_signal_lost": True}
+    vehicle.receive((FLAGS, TYPES[FLAGS].encode(flags)))
+    vehicle.command(_long(176, 1.0, 4.0, 4.0))
+    text, ack = vehicle.answer(command=176, result=1, target_system=255, target_component=192)
+    assert text.text == "no mission on the vehicle"
+    assert ack.result == 1
+    vehicle.command(_long(400, 0.0))
+    (ack,) = vehicle.answer(command=400, result=1, target_system=255, target_component=192)
+    assert ack.get_type() == "COMMAND_ACK"
+
+
+def test_a_heartbeat_and_a_request_for_a_message_are_not_sent(vehicle: Vehicle) -> None:
+    vehicle.command(d.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    vehicle.command(_long(512, 148.0))
+    assert not vehicle.sent
+
+
+def test_a_request_for_home_is_answered_from_the_newest_one(vehicle: Vehicle) -> None:
+    vehicle.receive(("/fmu/out/home_position", recorded()["/fmu/out/home_position"]))
+    vehicle.command(_long(512, 242.0))
+    assert [message.get_type() for message in vehicle.receive()] == ["HOME_POSITION"]
+    assert vehicle.receive() == []
+
+
+def test_what_ros_2_does_not_carry_is_refused(vehicle: Vehicle) -> None:
+    with pytest.raises(OSError, match="ROS 2 carries no message 21"):
+        vehicle.command(d.MAVLink_param_request_list_message(1, 1))
+
+
+def test_a_malformed_sample_affects_only_itself_and_is_reported_for_a_minute(vehicle: Vehicle) -> None:
+    status = recorded()[STATUS]
+    made = vehicle.receive((STATUS, status[:20]), (STATUS, b""), (STATUS, status), now_s=5.0)
+    assert made[0].get_type() == "HEARTBEAT"
+    problems = vehicle.link.problems(6.0)
+    assert "/px4_1/fmu/out/vehicle_status_v1" in problems[0]
+    assert "PX4 v1.16" in problems[-1]
+    assert vehicle.link.problems(70.0) == []
+
+
+def test_frames_are_numbered(vehicle: Vehicle) -> None:
+    frames = FrameParser().feed(vehicle.link.received([(STATUS, recorded()[STATUS])] * 2, 0.0), 0.0)
+    numbers = [frame.seq for frame in frames]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
