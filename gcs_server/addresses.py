@@ -1,4 +1,4 @@
-"""URLs that a person can open in a browser, from the addresses that the server listens on."""
+"""URLs of the page for browsers, computed from the addresses that the server listens on."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def links(
 
     Args:
         host: address that the server is bound to.
-        token: added to the link if one is needed.
-        own: this computer's addresses; detected unless given.
-        contained: whether this is a container, whose addresses are not reachable from outside; detected
-            unless given.
+        token: added to the URLs; None if no token is required.
+        own: this computer's addresses; default: detected.
+        contained: whether this process runs in a container, whose addresses cannot be reached from outside;
+            default: detected.
     """
     names = [host]
     if host in EVERYWHERE:

@@ -1,8 +1,8 @@
 """Access control: decides on every request and WebSocket before any other code sees it.
 
-Three checks, in this order. Is the Host one of this server's names (on loopback: against DNS
-rebinding)? Is the Origin this server's own page (against other web sites)? If a token is in force (always, if
-other computers can reach the server): does the caller have it?
+Three checks, in this order. The Host must be one of this server's names (on loopback: against DNS rebinding).
+The Origin must be this server's own page (against other web sites). If a token is required (always, if other
+computers can reach the server), the caller must send it.
 
 No I/O and no state: `guard.py` executes the decisions.
 """
@@ -41,19 +41,19 @@ class Refusal:
     detail: str
     remedy: str | None = None
     guessed: bool = False
-    """A token was given, and it is wrong."""
+    """Whether a wrong token was sent."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignedIn:
-    """The URL with the token was opened: the browser gets its cookie and is redirected to `location`."""
+    """The caller opened the URL with the token; the browser gets a cookie and is redirected to `location`."""
 
     location: str
 
 
 @dataclass(frozen=True, slots=True)
 class FormSent:
-    """The sign-in page sends a token: the request's body decides."""
+    """The sign-in page sends a token in the request's body."""
 
 
 Verdict = Refusal | SignedIn | FormSent | None
@@ -62,10 +62,10 @@ Verdict = Refusal | SignedIn | FormSent | None
 
 @dataclass(frozen=True, slots=True)
 class RequestHead:
-    """The parts of a request or WebSocket that the decision needs."""
+    """The parts of a request or WebSocket that the access checks use."""
 
     method: str
-    """`WEBSOCKET` for one."""
+    """HTTP method; `WEBSOCKET` for a WebSocket."""
     path: str
     query: str
     secure: bool
@@ -73,7 +73,7 @@ class RequestHead:
 
     @classmethod
     def of(cls, scope: Mapping[str, Any]) -> RequestHead:
-        """From an ASGI scope of type http or websocket."""
+        """Creates it from an ASGI scope of type http or websocket."""
         return cls(
             method=scope["method"] if scope["type"] == "http" else "WEBSOCKET",
             path=scope["path"],
@@ -89,7 +89,7 @@ class RequestHead:
 
     @property
     def is_navigation(self) -> bool:
-        """Whether a browser opens a document (a link, a bookmark, a typed address)."""
+        """Whether a browser is opening a document (from a link, a bookmark or a typed address)."""
         mode, dest = self.headers.get("sec-fetch-mode"), self.headers.get("sec-fetch-dest")
         return self.only_reads and mode == "navigate" and dest == "document"
 
@@ -100,10 +100,11 @@ class RequestHead:
 
 
 class Access:
-    """The rules of one server.
+    """The access rules of one server.
 
     Args:
-        loopback_only: the server is bound to loopback: it answers only to names of this machine.
+        loopback_only: whether the server is bound to loopback and therefore accepts only this machine's
+            names.
         token: the token that a caller needs; None if no token is required.
     """
 
@@ -130,7 +131,7 @@ class Access:
         return self._refuse_without_token(head)
 
     def is_token(self, given: str) -> bool:
-        """Compared in constant time."""
+        """Whether a string is the token; compared in constant time."""
         return self.token is not None and hmac.compare_digest(_bytes(given), _bytes(self.token))
 
     def cookie(self, *, secure: bool) -> str:
@@ -214,7 +215,7 @@ def cookies_named(headers: Iterable[str], name: str) -> list[str]:
 
 
 def given_by_link(query: str) -> str | None:
-    """The token in an address, if there is one."""
+    """The token in a URL's query; None if there is none."""
     return next((value for key, value in _pairs(query) if key == TOKEN_KEY), None)
 
 
@@ -232,7 +233,7 @@ def without_token(path: str, query: str) -> str:
 
 
 def own_path(address: str) -> str:
-    """A path on this server, whatever is given: `//elsewhere/` would lead to another server."""
+    """The path and query of an address; never another server, as `//elsewhere/` would be."""
     path, _, query = address.partition("?")
     where = "/" + quote(path.lstrip(_BEFORE_A_HOST), safe=_IN_PATHS + "%")
     return f"{where}?{quote(query, safe='=&%+/:@')}" if query else where
@@ -241,7 +242,7 @@ def own_path(address: str) -> str:
 def _pairs(text: str) -> list[tuple[str, str]]:
     try:
         return parse_qsl(text, keep_blank_values=True, max_num_fields=_MAX_FIELDS)
-    except ValueError:  # more fields than any page of ours has
+    except ValueError:  # more fields than any page of this server has
         return []
 
 

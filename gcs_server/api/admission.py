@@ -1,6 +1,6 @@
-"""Limits how many requests and WebSockets one client, one address and all clients may have open.
+"""Limits the number of open requests and WebSockets per client, per address and in total.
 
-For a client in control of a vehicle only its own limit applies, not those of its address and of all clients.
+Only the limit per client applies to a client in control of a vehicle.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LIMITS: dict[ConnectionKind, OpenLimits] = {
 
 
 class OpenCounts:
-    """Counts what is open now, of one kind."""
+    """Counts the open requests, or the open WebSockets."""
 
     def __init__(self, limits: OpenLimits, in_control: Callable[[str], bool]) -> None:
         self._limits = limits
@@ -50,7 +50,7 @@ class OpenCounts:
         """Counts by `client …` and `address …`."""
 
     def refusal(self, client_key: str, address: str) -> LimitRefusal | None:
-        """Why one more is refused."""
+        """Why one more is refused; None: it is allowed."""
         if self._open[f"client {client_key}"] >= self._limits.by_client:
             return refusals.TOO_MANY
         address_is_full = self._open[f"address {address}"] >= self._limits.by_address
@@ -60,7 +60,7 @@ class OpenCounts:
 
     @contextmanager
     def one(self, client_key: str, address: str) -> Generator[None]:
-        """Counts one for as long as it is open."""
+        """Counts one request or WebSocket while the block runs."""
         names = (f"client {client_key}", f"address {address}")
         self._all += 1
         self._open.update(names)
@@ -112,6 +112,6 @@ class Admission:
 
 
 def refused(refusal: LimitRefusal) -> Response:
-    """The refusal, which closes the connection."""
+    """Sends the refusal and closes the connection."""
     headers = {"Connection": "close", "Cache-Control": "no-store", "Retry-After": "2"}
     return Response(refusal.body(), refusal.status, headers, media_type="application/problem+json")

@@ -1,4 +1,5 @@
-"""Carries out a command: checks its row of the command table, times it, writes it to the journal."""
+"""Runs a command: checks the requirements in the command table, measures the duration, and writes a journal
+entry."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ DEBUG = 7
 
 
 def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportProgress:
-    """Sends a command's progress and its client to all telemetry clients; not stored as an event."""
+    """Returns a function that sends the progress of a command to all telemetry clients. Progress is not
+    stored as an event."""
 
     def tell(text: str, fraction: float | None) -> None:
         data: dict[str, object] = {
@@ -37,7 +39,7 @@ def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportP
 
 
 class Outcome:
-    """The duration of a command, known after its block."""
+    """The duration of a command; set when its block has ended."""
 
     duration_s: float = 0.0
 
@@ -52,15 +54,16 @@ def authorized_command(
     *,
     refused: NotInControl | None = None,
 ) -> Generator[Outcome]:
-    """Wraps every command: requires control as the table says, and writes the result to the journal.
+    """Wraps every command: checks control as the command table requires, and writes the result to the
+    journal.
 
     Args:
         station: the server's parts.
         principal: the caller.
         name: the command's row in `control/commands.py`.
-        vehicle_id: the commanded vehicle; None if there is not exactly one.
-        arguments: for the journal.
-        refused: the refusal, if several vehicles have already been checked together.
+        vehicle_id: the commanded vehicle; None for commands to no vehicle or to several.
+        arguments: arguments of the command, written to the journal.
+        refused: the refusal from an earlier check of several vehicles.
 
     Raises:
         NotInControl: another client holds control of the vehicle.
@@ -102,9 +105,10 @@ def _note_setpoint(
     arguments: dict[str, object],
     end: tuple[str, str | None, float],
 ) -> None:
-    """Writes a line per second for a stream of setpoints: the newest one and their number."""
+    """Writes one journal line per second for a stream of setpoints: the newest setpoint and the number of
+    setpoints."""
     now_s = station.clock.monotonic_s()
-    # a caller that changes its name for each request must not fill the memory
+    # bounded, because a caller may change its name for each request
     if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:
         station.setpoints_noted.clear()
     key = (principal.key, vehicle_id, end[0])

@@ -1,7 +1,7 @@
 """Reads the body of each request before it is handled, within limits of size, time, depth and values.
 
-A body nested deeper, or with more keys, than any valid one is refused before it is parsed: a hundred thousand
-unknown keys would make as many validation errors.
+A body that is nested deeper or has more keys than any valid body is refused before it is parsed, because each
+unknown key would produce a validation error.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from gcs_server.api.request_queue import RequestQueue
 
 MAX_DEPTH = 32
 MAX_VALUES = 100_000
-"""Counted as commas and opening brackets: a path of 5000 points has 35,000."""
+"""Values are counted as commas and opening brackets: a path of 5000 points has 35,000."""
 MAX_KEYS = 100
-"""Most keys of one object; the largest valid one has 20."""
+"""Maximum number of keys in one object; the largest valid object has 20."""
 _LONG_NUMBER = re.compile(rb"[0-9]{400}")
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 
 
 def json_fault(text: bytes) -> str | None:
-    """Why this JSON is refused; None if it may be parsed. Invalid JSON is left to the parser."""
+    """Why this JSON text is refused; None if it may be parsed. Invalid JSON is reported by the parser."""
     try:
         text.decode()
     except UnicodeDecodeError:
@@ -78,7 +78,7 @@ class Bodies:
     """ASGI middleware.
 
     Args:
-        request_queue: decides in which order requests start.
+        request_queue: starts requests in a fair order.
     """
 
     def __init__(self, app: ASGIApp, request_queue: RequestQueue) -> None:

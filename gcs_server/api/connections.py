@@ -1,10 +1,11 @@
-"""All connections of the HTTP server: limits their number, and selects which ones are closed when there are
+"""All connections of the HTTP server: limits their number and selects the connections to close when there are
 too many.
 
-A connection waits until its first request is allowed (`guard.py`), then it is busy or idle. If there are too
-many, a waiting connection is closed first, then an idle one; never one of a client in control of a vehicle.
-If none can be closed, a new connection is accepted provisionally, within a reserve: it is served only if its
-request comes from a client in control. Pure; `http_server/` has the sockets.
+A connection is waiting until its first request is allowed (`guard.py`), then busy or idle. If there are too
+many connections, waiting ones are closed first, then idle ones. Connections of clients in control of a
+vehicle are never closed. If no connection can be closed, a reserve remains for new connections, which are
+served only if their request comes from a client in control. This module does no I/O; the sockets are in
+`http_server/`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ WARNED_FOR_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """Limits of the number of connections, and of their memory."""
+    """Limits of the number and the memory of connections."""
 
     in_all: int = 512
     by_address: int = 256
@@ -32,15 +33,15 @@ class ConnectionLimits:
     reserve: int = 64
     """Extra connections for clients in control of a vehicle."""
     waiting_in_all: int = 128
-    """Connections without an allowed request so far."""
+    """Limit of connections that have not sent an allowed request yet."""
     waiting_by_address: int = 64
     body_bytes: int = 32 << 20
-    """Limit of all request bodies that are incomplete or unanswered."""
+    """Limit of the size of all request bodies that are incomplete or unanswered [bytes]."""
     unread_bytes: int = 64 << 20
-    """Limit of all answers that clients have not read yet."""
+    """Limit of the size of all answers that clients have not read yet [bytes]."""
 
     def within(self, descriptors: int) -> ConnectionLimits:
-        """The limits reduced to the number of files that the process may open."""
+        """The limits, reduced to the number of files that the process may open."""
         in_all = max(8, min(self.in_all, descriptors - self.reserve))
         share = in_all / self.in_all
         return ConnectionLimits(
@@ -58,7 +59,7 @@ class Socket(Protocol):
     """The part of a connection that this module uses."""
 
     def end(self) -> None:
-        """Closes it at once."""
+        """Closes the connection immediately."""
         ...
 
     def check(self, now_s: float) -> None:
@@ -89,7 +90,7 @@ class Connection:
     closed: bool = False
 
     def end(self) -> None:
-        """Closes it at once."""
+        """Closes the connection immediately."""
         if self.socket is not None:
             self.socket.end()
 

@@ -1,4 +1,4 @@
-"""Request bodies for control of a vehicle and for the actions that need a confirmation text."""
+"""Request bodies for control of a vehicle and for Land now."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class TakeControl(StrictBody):
 
     force: bool = Field(
         default=False,
-        description="Take it from another holder: allowed after a denial, after `answer_s` without an "
-        "answer, or where the holder cannot be asked.",
+        description="Take control from another client. Allowed after that client has denied a request, "
+        "after `answer_s` without an answer, or if that client cannot answer requests.",
     )
     on_expiry: OnControlLost | None = Field(
         default=None,
@@ -41,7 +41,7 @@ class RequestControl(StrictBody):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "I see it better from here"}]})
 
-    reason: str | None = Field(default=None, max_length=200, description="Shown to the holder.")
+    reason: str | None = Field(default=None, max_length=200, description="Shown to the client in control.")
 
 
 class AnswerControl(StrictBody):
@@ -53,6 +53,6 @@ class AnswerControl(StrictBody):
 
 
 class DenyControl(AnswerControl):
-    """The client that is denied, and why."""
+    """The denied client, and the reason."""
 
     reason: str | None = Field(default=None, max_length=200, description="Shown to the requesting client.")

@@ -27,7 +27,7 @@ async def me(station: StationDep, principal: PrincipalDep) -> Response:
 
 @router.post("/me/leave", response_model=responses.Me)
 async def leave(station: StationDep, principal: PrincipalDep) -> Response:
-    """Releases every vehicle that the caller controls; their flight is not changed."""
+    """Releases control of all vehicles; their flight does not change."""
     for vehicle_id in station.authority.held_by(principal):
         with authorized_command(station, principal, "control/release", vehicle_id, {}):
             station.authority.control(vehicle_id).lease.release(principal)
@@ -36,7 +36,8 @@ async def leave(station: StationDep, principal: PrincipalDep) -> Response:
 
 @router.get("/vehicles/{v}/control", response_model=responses.ControlView)
 async def show(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """The holder of control, since when, who requests it, and who set the vehicle's current mode."""
+    """The client in control and since when, the requests for control, and who set the vehicle's current
+    mode."""
     return _view(station.authority.control(v), principal)
 
 
@@ -44,10 +45,9 @@ async def show(v: str, station: StationDep, principal: PrincipalDep) -> Response
 async def take(
     v: str, station: StationDep, principal: PrincipalDep, body: models.TakeControl | None = None
 ) -> Response:
-    """Takes control that nobody holds; with `force` from another client, which must be asked first if it can
-    be.
-
-    The first command of a vehicle that nobody holds does the same.
+    """Takes control if no client has it, or with `force` from the client that has it. A client that can
+    answer requests must be asked first. The first command to a vehicle without a client in control takes
+    control, too.
     """
     wanted = body or models.TakeControl()
     with authorized_command(station, principal, "control/take", v, wanted.model_dump(exclude_none=True)):
@@ -60,8 +60,8 @@ async def take(
 async def request(
     v: str, station: StationDep, principal: PrincipalDep, body: models.RequestControl | None = None
 ) -> Response:
-    """Requests control from its holder, who sees client and reason; control that nobody holds is taken at
-    once."""
+    """Requests control from the client in control, which is shown the requesting client and the reason. If no
+    client has control, it is taken immediately."""
     reason = body.reason if body is not None else None
     with authorized_command(station, principal, "control/request", v, {"reason": reason} if reason else {}):
         control = station.authority.control(v)
@@ -71,7 +71,7 @@ async def request(
 
 @router.post("/vehicles/{v}/control/grant", response_model=responses.ControlView)
 async def grant(v: str, body: models.AnswerControl, station: StationDep, principal: PrincipalDep) -> Response:
-    """The holder gives control to a client that requested it; the flight is not changed."""
+    """Gives control to a client that requested it; the flight does not change."""
     with authorized_command(station, principal, "control/grant", v, body.model_dump(exclude_none=True)):
         control = station.authority.control(v)
         control.lease.grant(principal, body.client)
@@ -80,7 +80,7 @@ async def grant(v: str, body: models.AnswerControl, station: StationDep, princip
 
 @router.post("/vehicles/{v}/control/deny", response_model=responses.ControlView)
 async def deny(v: str, body: models.DenyControl, station: StationDep, principal: PrincipalDep) -> Response:
-    """The holder keeps control; the denied client may then take it by force."""
+    """Denies a request for control; the denied client may then take control by force."""
     with authorized_command(station, principal, "control/deny", v, body.model_dump(exclude_none=True)):
         control = station.authority.control(v)
         control.lease.deny(principal, body.client, body.reason)
@@ -89,7 +89,7 @@ async def deny(v: str, body: models.DenyControl, station: StationDep, principal:
 
 @router.post("/vehicles/{v}/control/release", response_model=responses.ControlView)
 async def release(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Releases control, or withdraws a request; otherwise nothing happens."""
+    """Releases control, or withdraws a request for it. Does nothing if the caller has neither."""
     with authorized_command(station, principal, "control/release", v, {}):
         control = station.authority.control(v)
         control.lease.release(principal)
@@ -98,7 +98,7 @@ async def release(v: str, station: StationDep, principal: PrincipalDep) -> Respo
 
 @router.post("/vehicles/{v}/control/renew", response_model=responses.ControlView)
 async def renew(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Renews the holder's control for another `lease_s`, as every request of the holder does; takes no
+    """Renews the caller's control for another `lease_s`, as every other request does. Does not take
     control."""
     return _view(station.authority.control(v), principal)
 

@@ -1,4 +1,4 @@
-"""Adds to each operation of the API description the answers that any call may get before its route runs."""
+"""Adds to each operation of the API description the error answers that can come before its route runs."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _OURS = ("Problem", "HTTPValidationError")
 COMMON: dict[str, str] = {
     "400": "Not valid HTTP, or not exactly one Host header.",
     "401": "The token is missing or wrong.",
-    "403": "A page of another site, a foreign name, a cookie without its page's Origin, or a role that lacks "
-    "the permission.",
+    "403": "The page belongs to another site, the Host is not this server, the Origin is missing, or the "
+    "role lacks the permission.",
     **{str(refusal.status): refusal.detail for refusal in refusals.ALL if refusal.status not in (400, 503)},
     "422": "Invalid request; names the field.",
     "503": f"The link to the vehicle was lost, or: {refusals.FULL.detail}",
@@ -26,7 +26,7 @@ COMMON: dict[str, str] = {
 
 
 def describe_refusals(described: dict[str, Any]) -> None:
-    """Errors are problem+json everywhere; those of access control and of the limits are listed at each
+    """Describes all errors as problem+json, and adds the errors of access control and of the limits to each
     operation."""
     described["components"]["responses"] = {
         f"Refused{status}": {"description": text, "content": {PROBLEM_JSON: _PROBLEM}}
@@ -79,10 +79,10 @@ def flatten_unions(described: dict[str, Any]) -> None:
 
 
 def describe_documents(described: dict[str, Any]) -> None:
-    """Describes the fields of plans by their docstrings, else by name, frame and unit."""
+    """Describes the fields of plans by their docstrings, or else by name, frame and unit."""
     schemas = described["components"]["schemas"]
     for kind in _below(Model):
-        full_name = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # where two have one name
+        full_name = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # for models that share a name
         fields = (schemas.get(kind.__name__) or schemas.get(full_name) or {}).get("properties", {})
         docs = {name: text for base in kind.__mro__[:-3] for name, text in _docs(base).items()}
         for name, field in fields.items():

@@ -16,7 +16,7 @@ from missions.offboard.document import OffboardMission
 from missions.values import HomePosition
 
 ANYWHERE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
-"""PX4's own simulated home: for a mission whose positions are all relative to its start."""
+"""Home position of PX4's own simulation, used for a mission whose positions are all relative to its start."""
 
 NO_AVOIDANCE = "The dry run flies the path as planned: obstacle avoidance is not simulated."
 
@@ -24,15 +24,17 @@ NO_AVOIDANCE = "The dry run flies the path as planned: obstacle avoidance is not
 def aircraft_of(
     vehicle: Vehicle | None, document: Document, role: str | None = None
 ) -> tuple[dict[str, Any], dict[str, float] | None, list[str]]:
-    """Returns `home`, `yaw_ned_rad`, `parameters` and `battery_share`, the local origin, and the assumptions.
+    """Returns the aircraft (`home`, `yaw_ned_rad`, `parameters`, `battery_share`), the local origin, and the
+    assumptions.
 
     Args:
         vehicle: the real vehicle; None: PX4's defaults, at the planned start.
         document: the plan.
-        role: its role in a mission of several vehicles; then the assumptions name no vehicle.
+        role: the vehicle's role in a mission of several vehicles; the assumptions then do not name the
+            vehicle.
 
     Raises:
-        InvalidRequest: the start position is not known.
+        InvalidRequest: the start position is unknown.
     """
     planned = document.home if isinstance(document, OffboardMission) else document.planned_home
     assumed = [NO_AVOIDANCE] if isinstance(document, OffboardMission) and document.avoidance else []
@@ -64,7 +66,7 @@ def aircraft_of(
 
 
 def merged_assumptions(assumed: Mapping[str, Sequence[str]]) -> list[str]:
-    """Merges the assumptions of all roles: each sentence once, with the roles whose vehicles it concerns."""
+    """Merges the assumptions of all roles: each sentence appears once, with the roles that it applies to."""
     of: dict[str, list[str]] = {}
     for role, texts in assumed.items():
         for text in texts:

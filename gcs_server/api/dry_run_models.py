@@ -40,10 +40,12 @@ class DryRunConditions(StrictBody):
 
 
 class DryRunSpread(StrictBody):
-    """Standard deviations of the conditions (normal distributions, cut at three sigma)."""
+    """Standard deviations of the conditions (normal distributions, limited to three sigma)."""
 
     wind_m_s: float = Field(default=1.5, ge=0, le=10, description="Wind on each horizontal axis [m/s].")
-    gusts: float = Field(default=0.3, ge=0, le=0.5, description="Gusts, as a fraction of their value.")
+    gusts: float = Field(
+        default=0.3, ge=0, le=0.5, description="Gusts, as a fraction of the requested gusts."
+    )
     mass: float = Field(default=0.03, ge=0, le=0.5, description="Mass, as a fraction of its value.")
     battery: float = Field(
         default=0.05, ge=0, le=0.5, description="Battery capacity, as a fraction of its value."
@@ -79,13 +81,14 @@ class DryRunRequest(StrictBody):
     vehicle: str | None = Field(
         default=None,
         max_length=32,
-        description="Use this vehicle's parameters, position, heading and battery charge, as far as known; "
+        description="Use this vehicle's parameters, position, heading and battery charge, if they are known; "
         "null: PX4's defaults, starting at the plan's home.",
     )
     vehicles: dict[Role, VehicleId] | None = Field(
         default=None,
         max_length=MAX_ROLES,
-        description="Of a mission with roles: the vehicle of each role, used like `vehicle`; null: each role "
+        description="For a mission with roles: the vehicle of each role, used like `vehicle`; null: each "
+        "role "
         "starts at its planned position.",
     )
     conditions: DryRunConditions = DryRunConditions()
@@ -126,7 +129,7 @@ QuantilesModel = model_of(Quantiles, "DryRunQuantiles")
 
 
 class DryRunStep(AnswerBody):
-    """When a step was flown; one that is flown again is listed again."""
+    """When a step was flown; a repeated step is listed each time."""
 
     place: str = Field(description="`item 3` of a waypoint plan, `step 4.2` of an offboard mission.")
     title: str = Field(description="Title of the step.")
@@ -142,13 +145,13 @@ class DryRunStep(AnswerBody):
 
 
 class DryRunFindingModel(AnswerBody):
-    """A problem that the flight has shown."""
+    """A problem that the dry run found."""
 
     code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=["fence_touched"])
     severity: Literal["error", "warning"] = Field(
         description="error: do not fly this plan; warning: check it."
     )
-    text: str = Field(description="What is wrong, as a sentence.")
+    text: str = Field(description="Message for the pilot.")
     step: str | None = Field(description="Step where it happened (its `place`).")
     t_s: float | None = Field(description="Time since the start of the flight [s].")
     position_ned_m: Vector3 | None = Field(description="Position of the vehicle, from `origin` [m].")
@@ -192,7 +195,7 @@ class DryRunFlight(AnswerBody):
     )
     steps: list[DryRunStep] = Field(description="Steps in flown order.")
     findings: list[DryRunFindingModel] = Field(description="Errors first; at most 100.")
-    path: DryRunPath | None = Field(description="Null: the flight did not start.")
+    path: DryRunPath | None = Field(description="The flown path; null: the flight did not start.")
     times_real_time: float = Field(description="Simulation speed relative to real time.")
 
 
@@ -215,7 +218,7 @@ class DryRunCorridor(AnswerBody):
 
 
 class DryRunSummary(AnswerBody):
-    """One of the flights."""
+    """Summary of one flight."""
 
     wind_ned_m_s: Vector3 = Field(description="Steady wind [m/s].")
     gusts_m_s: float = Field(description="Standard deviation of the gusts [m/s].")
@@ -241,10 +244,14 @@ class DryRunMonteCarlo(AnswerBody):
     seed: int = Field(description="Seed of the varied conditions, noise and gusts.")
     flights: list[DryRunSummary] = Field(description="All flights except the nominal one.")
     corridor: DryRunCorridor | None = Field(description="Null: the nominal flight did not start.")
-    duration_s: QuantilesModel | None = Field(description="Of finished flights [s]; null: none.")  # type: ignore[valid-type]
-    battery_end_share: QuantilesModel | None = Field(description="Charge at the end [0 to 1]; null: none.")  # type: ignore[valid-type]
-    fence_distance_m: QuantilesModel | None = Field(description="To the geofence [m].")  # type: ignore[valid-type]
-    obstacle_distance_m: QuantilesModel | None = Field(description="To obstacles [m].")  # type: ignore[valid-type]
+    duration_s: QuantilesModel | None = Field(  # type: ignore[valid-type]
+        description="Duration of the finished flights [s]; null: no flight was finished."
+    )
+    battery_end_share: QuantilesModel | None = Field(  # type: ignore[valid-type]
+        description="Battery charge at the end, 0 to 1; null: unknown."
+    )
+    fence_distance_m: QuantilesModel | None = Field(description="Smallest distance to the geofence [m].")  # type: ignore[valid-type]
+    obstacle_distance_m: QuantilesModel | None = Field(description="Smallest distance to an obstacle [m].")  # type: ignore[valid-type]
     chances: dict[str, ChanceModel] = Field(  # type: ignore[valid-type]
         description="Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), "
         "`failsafe` and `battery_reserve`."
@@ -264,26 +271,30 @@ class DryRunTogetherModel(AnswerBody):
     """All vehicles of a mission with roles, flown together; all positions are relative to one `origin`."""
 
     roles: dict[str, DryRunFlight] = Field(description="The flight of each role.")
-    closest: list[DryRunClosest] = Field(description="One entry for each pair of roles, while both flew.")
+    closest: list[DryRunClosest] = Field(
+        description="One entry for each pair of roles, from the time in which both were flying."
+    )
 
 
 class DryRunView(AnswerBody):
     """Result of a dry run."""
 
     id: str = Field(description="Id of the dry run, as in the operation's `result`.")
-    kind: Kind = Field(description="Which kind of plan was flown.")
+    kind: Kind = Field(description="Kind of the flown plan.")
     name: str | None = Field(description="Name of the stored plan.")
     plan_id: str | None = Field(description="Id of the stored plan.")
     version: int | None = Field(description="Version of the stored plan.")
     vehicle: str | None = Field(
         description="Vehicle whose parameters, position and battery charge were used."
     )
-    assumed: list[str] = Field(
-        description="Values that were not known, and the assumptions instead; sentences."
-    )
+    assumed: list[str] = Field(description="Assumptions made because values were unknown; sentences.")
     nominal: DryRunFlight = Field(
         description="The flight in the requested conditions. For a mission with roles: the flight "
         "of the first role, with the findings of all roles."
     )
-    together: DryRunTogetherModel | None = Field(description="Null: one vehicle flew.")
-    monte_carlo: DryRunMonteCarlo | None = Field(description="Null: only one flight was simulated.")
+    together: DryRunTogetherModel | None = Field(
+        description="Result of all vehicles together; null: one vehicle was simulated."
+    )
+    monte_carlo: DryRunMonteCarlo | None = Field(
+        description="Result of all flights; null: only one flight was simulated."
+    )

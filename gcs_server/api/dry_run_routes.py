@@ -1,4 +1,4 @@
-"""Dry runs: plans flown in simulation. Nothing here reaches a vehicle."""
+"""Dry runs: plans flown in simulation. These routes send nothing to a vehicle."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES)
 async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Flies a plan in simulation, once or many times; changes nothing and commands no vehicle.
 
-    An operation with progress, to be cancelled by `DELETE /operations/{id}`; when it has succeeded,
-    `GET /dry_runs/{d}` returns the result; `d` is `result.dry_run`. Two run at once at most.
+    A dry run is an operation with progress; `DELETE /operations/{id}` cancels it. After success, `GET
+    /dry_runs/{d}` returns the result; `d` is `result.dry_run` of the operation. At most two run at a time.
     """
     about_body = body.model_dump(include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True)
     with authorized_command(station, principal, "dry_runs/start", None, about_body):

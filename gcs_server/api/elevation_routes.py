@@ -14,6 +14,7 @@ router = APIRouter(prefix="/elevation", tags=["plans"], responses=RESPONSES)
 
 @router.get("", response_model=m.ElevationFiles)
 async def list_elevation_files(station: StationDep) -> Response:
-    """The elevation files in the data folder, the finest first, and those that cannot be read."""
+    """The elevation files in the data folder, from the finest grid to the coarsest, and the files that cannot
+    be read."""
     found = await station.plan_work.run("elevation_files", {}, small=False)
     return answer({"folder": str(station.plan_work.elevation), **found})

@@ -1,4 +1,4 @@
-"""The gimbals of a vehicle; without `component` and `device` the first one."""
+"""Routes of a vehicle's gimbals; without `component` and `device` they act on the first gimbal."""
 
 from __future__ import annotations
 
@@ -18,16 +18,21 @@ router = APIRouter(prefix="/vehicles/{v}/gimbal", tags=["gimbal"], responses=RES
 
 Component = Annotated[
     int | None,
-    Query(ge=1, le=255, description="MAVLink component of the gimbal's manager; default: the first."),
+    Query(
+        ge=1,
+        le=255,
+        description="MAVLink component id of the gimbal manager; default: the first gimbal manager.",
+    ),
 ]
 Device = Annotated[
-    int | None, Query(ge=1, le=255, description="Its gimbal device id, where a manager has several gimbals.")
+    int | None,
+    Query(ge=1, le=255, description="Gimbal device id, if the gimbal manager has several gimbals."),
 ]
 Which = tuple[int | None, int | None]
 
 
 def which_gimbal(component: Component = None, device: Device = None) -> Which:
-    """The gimbal that a request names."""
+    """The gimbal selected by a request."""
     return component, device
 
 
@@ -81,10 +86,10 @@ async def release(v: str, station: StationDep, principal: PrincipalDep, which: W
 async def angles(
     v: str, body: models.GimbalAngles, station: StationDep, principal: PrincipalDep, which: WhichDep
 ) -> Response:
-    """Points the camera; answers once it points there or has stopped: `limited` says where a limit stopped
-    it.
+    """Points the camera. Answers once the gimbal has reached the angles or stopped; `limited` is the angle at
+    which a limit stopped it.
 
-    Without `wait` it answers once the vehicle has acknowledged.
+    Without `wait`, answers once the vehicle has acknowledged.
     """
     return await carry_out(
         station,
@@ -133,7 +138,7 @@ async def roi(
 
 @router.post("/roi/clear", response_model=responses.CommandDone)
 async def clear_roi(v: str, station: StationDep, principal: PrincipalDep, which: WhichDep) -> Response:
-    """Clears the location that the camera looks at."""
+    """Clears the location (ROI) at which the camera is pointed."""
     return await carry_out(
         station, principal, "gimbal/roi/clear", v, _named(which), lambda x: x.gimbals.at(*which).clear_roi()
     )

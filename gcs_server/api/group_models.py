@@ -22,7 +22,7 @@ VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A veh
 
 
 class MemberBody(StrictBody):
-    """One vehicle of the group and what it flies, in its own local frame."""
+    """One vehicle of the group and its setpoint, in its own local frame."""
 
     vehicle: VehicleId
     setpoint: AnySetpoint
@@ -40,7 +40,7 @@ class _Together(Validity):
 
 
 class StartGroup(_Together):
-    """A group: flying vehicles that start together and are kept apart."""
+    """A group of flying vehicles that start together and keep a minimum separation."""
 
     model_config = example(
         members=[
@@ -52,23 +52,27 @@ class StartGroup(_Together):
     )
 
     members: Annotated[tuple[MemberBody, ...], Field(min_length=2, max_length=MAX_MEMBERS)] = Field(
-        description="Members; each vehicle once."
+        description="Members of the group; each vehicle only once."
     )
     minimum_separation_m: float = Field(
         default=5.0,
         allow_inf_nan=False,
         ge=1,
         le=100,
-        description="Minimum separation, braking distance included [m].",
+        description="Minimum separation of any two members, including braking distance [m].",
     )
     start_at_unix_s: float | None = Field(
         default=None,
         allow_inf_nan=False,
-        description="The common start [s since 1970 UTC], 3 to 300 s ahead; null: as soon as all are in "
-        "Offboard.",
+        description="Time of the common start [s since 1970 UTC], 3 to 300 s from now; null: as soon as "
+        "all members are in Offboard.",
     )
     rate_hz: float = Field(
-        default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints a second to each [Hz]."
+        default=50.0,
+        allow_inf_nan=False,
+        ge=2,
+        le=100,
+        description="Setpoints per second to each member [Hz].",
     )
     others_go_on: bool = Field(
         default=False,
@@ -104,7 +108,7 @@ class GroupSetpoints(_Together):
     )
 
     setpoints: Annotated[tuple[MemberBody, ...], Field(max_length=MAX_MEMBERS)] = Field(
-        description="Each vehicle at most once; other members continue with their setpoints."
+        description="Each vehicle at most once; the other members continue with their current setpoints."
     )
 
     @model_validator(mode="after")
@@ -131,7 +135,7 @@ GroupModel = model_of(
 
 
 class GroupStarted(GroupModel):  # type: ignore[misc,valid-type]
-    """The group that has started, and the limits of its members."""
+    """The started group and the limits of its members."""
 
     limits: dict[str, LimitsModel] = Field(  # type: ignore[valid-type]
         description="Limits by vehicle; `origin` says whether the operator's limits were restored."
@@ -144,5 +148,5 @@ class GroupList(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     groups: list[GroupModel] = Field(  # type: ignore[valid-type]
-        description="All groups, and the last ones that ended; oldest first."
+        description="All groups, including those that ended recently; oldest first."
     )

@@ -25,10 +25,10 @@ router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
 async def start(body: models.StartGroup, station: StationDep, principal: PrincipalDep) -> Response:
     """Switches all flying members to Offboard at their positions, then starts them together.
 
-    Answers when all have confirmed, with the common start time (`start_unix_s`). If a member refuses, does
-    not confirm, or would come too close to another, none moves and all are put into Hold (409
-    `not_together` with their ids). `limits` has each member's limits, and whether the operator's limits were
-    restored after a restart.
+    Answers with the common start time (`start_unix_s`) when all have confirmed. If a member refuses, does not
+    confirm, or would come too close to another, no member moves and all are put into Hold (409 `not_together`
+    with their ids). `limits` contains each member's limits, and whether the operator's limits were restored
+    after a restart.
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
@@ -40,7 +40,7 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
 
 @router.get("", response_model=models.GroupList)
 async def show_all(station: StationDep) -> Response:
-    """All groups, and the last ones that ended."""
+    """All groups, including those that ended recently."""
     return answer({"groups": station.groups.all()})
 
 
@@ -54,7 +54,8 @@ async def show(g: str, station: StationDep) -> Response:
 async def setpoints(
     g: str, body: models.GroupSetpoints, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """New setpoints for some or all members, sent together; refused if two would come too close."""
+    """Sends new setpoints to some or all members at the same time; refused if two members would come too
+    close."""
     members = station.groups.members(g)
     for index, member in enumerate(body.setpoints):
         if member.vehicle not in members:
@@ -75,8 +76,8 @@ async def setpoints(
 
 @router.post("/{g}/hold", response_model=models.GroupModel)
 async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Puts all members into Hold at once; needs no control. A vehicle that has left the group is not
-    affected."""
+    """Puts all members into Hold immediately; does not require control. A vehicle that has left the group is
+    not affected."""
     with together(station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}):
         return answer(await station.groups.hold(g, principal.name))
 
@@ -85,11 +86,11 @@ async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response
 def together(
     station: Station, principal: Principal, command: str, arguments: dict[str, dict[str, Any]]
 ) -> Generator[None]:
-    """Wraps a command to several vehicles: writes a journal line for each. If one is refused, all are, and
-    control of no vehicle is taken.
+    """Wraps a command to several vehicles and writes a journal line for each. If one vehicle is refused, all
+    are refused, and no control is taken.
 
     Raises:
-        NotInControl: another client holds control of a member; names which.
+        NotInControl: another client has control of a member; the error names the member.
     """
     refused = station.authority.refusal(principal, command, arguments)
     with ExitStack() as lines:

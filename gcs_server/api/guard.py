@@ -1,7 +1,7 @@
-"""Middleware that carries out the decisions of `access.py` before the application sees a request.
+"""Middleware that applies the decisions of `access.py` before the application handles a request.
 
-It applies to page, API, documents and 3D view alike. A refused WebSocket is closed before it is accepted; a
-program gets problem+json; a browser without the token gets the sign-in page.
+It applies to the page, the API, its documentation and the 3D view. A refused WebSocket is closed before it is
+accepted. A refused program gets problem+json, and a browser without the token gets the sign-in page.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ POLICY_VIOLATION = 1008
 MAX_FORM_LENGTH = 4096
 FORM_DEADLINE_S = 10.0
 QUIET_S = 10.0
-"""Time between two log lines about wrong tokens: guessing tokens must not fill the log."""
+"""Time between two log lines about wrong tokens, so that guessed tokens do not fill the log."""
 
 
 class Guard:
@@ -83,7 +83,7 @@ class Guard:
         return answer
 
     def _log_wrong_token(self, scope: Scope, refusal: Refusal) -> None:
-        """Logs wrong tokens. They never lock a client out, because that could be the pilot."""
+        """Logs wrong tokens. They never block a client, because that client could be the pilot."""
         if not refusal.guessed:
             return
         self._wrong_since += 1
@@ -101,8 +101,8 @@ def _refused(head: RequestHead, refusal: Refusal) -> Response:
         if head.only_reads and "text/html" in head.headers.get("accept", ""):
             page = sign_in_page(refusal, without_token(head.path, head.query))
             if head.is_navigation and head.from_elsewhere:
-                # A browser sends no cookie with another site's link, but does so when this server's page
-                # reloads.
+                # A browser does not send the cookie when another site links to this page, but does when the
+                # page reloads.
                 page.headers["Refresh"] = "0"
             return page
         failed = ' error="invalid_token"' if refusal.guessed else ""
@@ -113,7 +113,7 @@ def _refused(head: RequestHead, refusal: Refusal) -> Response:
 
 
 async def _read_form(scope: Scope, receive: Receive) -> tuple[str, str]:
-    """Token and next address; empty if the form is too long or too slow."""
+    """Token and next address from the sign-in form; empty if the form is too long or arrives too slowly."""
     body = b""
     try:
         async with asyncio.timeout(FORM_DEADLINE_S):

@@ -1,4 +1,4 @@
-"""Security headers of every answer: the browser may run and load only what this server serves.
+"""Security headers of every answer: the browser may run and load only content of this server.
 
 The 3D view has its own policy (`scene/page.py`); headers that a route has set are kept.
 """
@@ -21,7 +21,8 @@ FIXED = {
 
 
 def content_policy(host: str, *, secure: bool) -> str:
-    """Scripts, styles and connections from this server only; images may also come from the page itself."""
+    """Content security policy: scripts, styles and connections from this server only; images also from
+    `data:` and `blob:` URLs."""
     # Added because not every browser includes WebSockets in 'self'.
     stream = f" {'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
     return (

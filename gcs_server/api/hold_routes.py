@@ -23,7 +23,7 @@ router = APIRouter(tags=["commands"], responses=RESPONSES)
 
 
 class HoldRequest(StrictBody):
-    """Vehicles that are to switch to Hold."""
+    """The vehicles to switch to Hold."""
 
     model_config = example(vehicles=["1", "2"])
 
@@ -39,7 +39,7 @@ class HoldResult(BaseModel):
 
     vehicle: str = Field(description="The vehicle's id.")
     held: bool = Field(description="Whether the vehicle has reported Hold.")
-    problem: Problem | None = Field(description="Why it has not; null if it has.")
+    problem: Problem | None = Field(description="Why the vehicle has not switched to Hold; null if it has.")
 
 
 class HoldResults(BaseModel):
@@ -73,6 +73,6 @@ async def hold_several(body: HoldRequest, station: StationDep, principal: Princi
     vehicle_ids = dict.fromkeys(armed if body.vehicles is None else body.vehicles)
     results = await asyncio.gather(*map(hold, vehicle_ids), return_exceptions=True)
     for result in results:
-        if isinstance(result, BaseException):  # the error of one vehicle; the others hold
+        if isinstance(result, BaseException):  # an error of one vehicle does not stop the others
             raise result
     return answer({"results": results})

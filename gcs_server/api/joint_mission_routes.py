@@ -32,11 +32,12 @@ router = APIRouter(prefix="/offboard_missions", tags=["offboard mission"], respo
 async def start_joint_mission(
     body: m.StartJointMission, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Starts a mission with roles, a vehicle for each. All vehicles are checked first; all start, or none.
+    """Starts a mission with one vehicle for each role. All vehicles are checked first; if a check fails, none
+    starts.
 
-    409 `plan_findings` if a role, or the separation of two vehicles, has error findings, unless `despite`
-    names their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and
-    `abort` of one vehicle act on all.
+    Answers 409 `plan_findings` if a role or the separation of two vehicles has error findings, unless
+    `despite` lists their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume`
+    and `abort` of one vehicle act on all.
     """
     shared = body.model_dump(exclude={"mission"}, exclude_none=True)
     with together(station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}):
@@ -72,7 +73,7 @@ async def start_joint_mission(
 
 
 def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, str]) -> dict[str, Vehicle]:
-    """The vehicles by role, in the order of the document; all are ready.
+    """The vehicles by role, in the order of the document; all of them can be armed or are flying.
 
     Raises:
         InvalidRequest: the mission has no roles, or the named roles differ from its roles.

@@ -21,14 +21,14 @@ router = APIRouter(prefix="/maps", tags=["station"])
 
 MAX_ZOOM = 24
 FRESH = {"Cache-Control": "no-cache"}
-"""Cache header: the browser may keep a tile, but must ask whether the file has changed."""
+"""Cache header: the browser may cache a tile, but must revalidate it."""
 RANGE = re.compile(r"bytes=(?P<first>[0-9]{0,15})-(?P<last>[0-9]{0,15})")
 GZIP_MAGIC = b"\x1f\x8b"
 
 
 @router.get("", response_model=responses.Maps)
 async def list_maps(station: StationDep) -> Response:
-    """The map files in the data folder, in order of their names, and those that cannot be read."""
+    """The map files in the data folder, sorted by name, and the files that cannot be read."""
     maps, unreadable = await asyncio.to_thread(_look, station)
     return answer({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
 
@@ -46,7 +46,7 @@ async def list_maps(station: StationDep) -> Response:
 async def map_file(
     name: str, station: StationDep, range_header: Annotated[str | None, Header(alias="Range")] = None
 ) -> Response:
-    """A PMTiles file, whole or (with a Range header) a part."""
+    """A PMTiles file, or the part requested by a Range header."""
     path = await _find(station, name)
     if path is None or path.suffix != ".pmtiles":
         return _unknown(name)

@@ -32,24 +32,25 @@ class WhichPlan(StrictBody):
 
 
 class UploadRequest(WhichPlan):
-    """What to upload."""
+    """The plan to upload."""
 
     confirm: str | None = Field(
         default=None,
         max_length=100,
-        description="While the vehicle flies Mission: `vehicle {id} flies the new mission at once`.",
+        description="Required while the vehicle is in Mission mode: `vehicle {id} flies the new mission at "
+        "once`.",
     )
     wait: bool = Field(default=False, description="Answer only when the plan is uploaded and verified.")
 
 
 class DownloadRequest(StrictBody):
-    """How to download."""
+    """Options of the download."""
 
     wait: bool = Field(default=False, description="Answer only when the plan is downloaded.")
 
 
 class StartRequest(StrictBody):
-    """Where to start, and which findings the caller accepts."""
+    """The item to start at, and the findings that the caller accepts."""
 
     item: int | None = Field(
         default=None, ge=0, le=10_000, description="Index of the first item, from 0; null: the current item."
@@ -70,8 +71,8 @@ class HeldView(AnswerBody):
     """The plan on the vehicle."""
 
     state: Literal["plan", "another", "not_known"] = Field(
-        description="plan: the plan named here; another: not the plan that was uploaded last; not_known: the "
-        "server has not uploaded or compared a plan, or the vehicle reports no ids."
+        description="plan: the plan given here; another: not the plan that was uploaded last; not_known: "
+        "the server has not uploaded or compared a plan, or the vehicle reports no ids."
     )
     plan: PlanNameModel | None = Field(  # type: ignore[valid-type]
         description="The last uploaded and verified plan, to which `state` refers."
@@ -86,10 +87,10 @@ class MissionView(AnswerBody):
 
     vehicle: str = Field(description="The vehicle's id.")
     mission: MissionTopic | None = Field(  # type: ignore[valid-type]
-        description="As the topic `mission`; null: not reported yet."
+        description="As in the topic `mission`; null: not reported yet."
     )
     holds: HeldView = Field(description="The plan on the vehicle.")
-    transfer: str | None = Field(description="The running transfer; null: none.")
+    transfer: str | None = Field(description="The running transfer; null: no transfer is running.")
 
 
 class DownloadedPlan(AnswerBody):
@@ -98,13 +99,13 @@ class DownloadedPlan(AnswerBody):
     vehicle: str = Field(description="The vehicle's id.")
     plan: Plan = Field(description="Its mission, geofence and rally points.")
     plan_name: PlanNameModel | None = Field(  # type: ignore[valid-type]
-        description="The stored plan that it equals, if it was uploaded from here."
+        description="The stored plan with the same content, if the server uploaded it."
     )
     read_unix_s: float = Field(description="Time of the download [s since 1970 UTC].")
     still_held: bool | None = Field(
         description="Whether the vehicle still reports the same ids; null: no ids."
     )
-    notes: list[str] = Field(description="What the plan cannot represent; sentences.")
+    notes: list[str] = Field(description="Content that the plan cannot represent; sentences.")
 
 
 class MissionComparison(AnswerBody):
@@ -113,7 +114,7 @@ class MissionComparison(AnswerBody):
     vehicle: str = Field(description="The vehicle's id.")
     equal: bool = Field(description="True if no difference changes the flight.")
     differences: list[DifferenceModel] = Field(  # type: ignore[valid-type]
-        description="At most 50 of each part."
+        description="At most 50 each for mission, geofence and rally points."
     )
     read_unix_s: float = Field(description="Time of the download [s since 1970 UTC].")
     still_held: bool | None = Field(description="Whether the vehicle still reports the same ids.")

@@ -33,13 +33,13 @@ from missions.plan import Plan
 router = APIRouter(prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES)
 
 NOT_KNOWN = "plan_not_known"
-"""Code in `despite`: the server does not know which plan is on the vehicle."""
-CONFIRM = "Where the vehicle flies Mission: `vehicle {id} loses the mission that it flies`."
+"""Code in `despite` if the server does not know which plan is on the vehicle."""
+CONFIRM = "Required while the vehicle is in Mission mode: `vehicle {id} loses the mission that it flies`."
 
 
 @router.get("", response_model=m.MissionView)
 async def show_mission(vehicle: VehicleDep) -> Response:
-    """Progress of the vehicle's mission, and which plan is on it; sends nothing to the vehicle."""
+    """Progress of the vehicle's mission, and the plan on the vehicle. Sends nothing to the vehicle."""
     held = vehicle.mission.held
     sample = vehicle.topic("mission")
     return answer(
@@ -63,12 +63,12 @@ async def show_mission(vehicle: VehicleDep) -> Response:
     responses={200: {"model": OperationModel, "description": "With `wait`: done."}},
 )
 async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Replaces mission, geofence and rally points by those of a plan, and reads them back to verify.
+    """Replaces mission, geofence and rally points with those of a plan, and reads them back for verification.
 
-    An operation with progress, to be cancelled by `DELETE /operations/{id}`. Its `result` has the number of
-    items and `not_kept`, the parameters that the vehicle does not keep. A part that the plan does not have
-    is cleared. It starts nothing. But a vehicle in Mission mode flies the new mission at once; then `confirm`
-    is required.
+    The upload is an operation with progress; `DELETE /operations/{id}` cancels it. Its `result` contains the
+    number of items, and `not_kept`: the item parameters that the vehicle did not store. Parts that the plan
+    does not have are cleared. The upload does not start the mission. However, a vehicle in Mission mode flies
+    the new mission immediately; `confirm` is then required.
     """
     arguments = body.model_dump(exclude={"plan", "wait"}, exclude_none=True)
     with authorized_command(station, principal, "mission/upload", v, arguments):
@@ -100,7 +100,7 @@ async def download(
     principal: PrincipalDep,
     body: Annotated[m.DownloadRequest | None, Body()] = None,
 ) -> Response:
-    """Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` then has them."""
+    """Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` returns them."""
 
     async def work(report: ReportProgress) -> dict[str, object]:
         held = await vehicle.mission.download(progress=report)
@@ -131,7 +131,7 @@ async def downloaded_plan(vehicle: VehicleDep) -> Response:
 async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -> Response:
     """Differences between a plan and the items of the last download from the vehicle.
 
-    If a stored plan is equal, and the vehicle still has these items, the server takes it as the vehicle's
+    If a stored plan is equal, and the vehicle still has these items, that plan becomes the vehicle's known
     plan.
     """
     name, plan = await _chosen(station, body)
@@ -177,8 +177,8 @@ async def start(
 ) -> Response:
     """Starts the vehicle's mission at an item, or the current one; arms if needed.
 
-    Answers once the vehicle is armed in Mission. 409 `plan_findings` if the plan has error findings or is not
-    known, unless `despite` names their codes. Hold pauses it.
+    Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
+    or is unknown, unless `despite` lists their codes. Hold pauses the mission.
     """
     request = body or m.StartRequest()
     arguments = request.model_dump(exclude_none=True)
@@ -201,7 +201,7 @@ async def start(
 
 @router.post("/resume", response_model=responses.CommandDone)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Resumes the mission at its current item; for a flying vehicle."""
+    """Resumes the mission of a flying vehicle at its current item."""
 
     async def work(vehicle: Vehicle) -> None:
         vehicle.require_commandable()
@@ -220,7 +220,7 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 
 def plan_of(held: Held) -> tuple[Plan, list[str]]:
-    """The downloaded items as a plan, with notes on what the plan cannot represent."""
+    """The downloaded items as a plan, with notes on content that the plan cannot represent."""
     notes: list[str] = []
     mission = mavlink_items.items_from_wire(held.items["mission"])
     fence = rally = ()
@@ -236,7 +236,7 @@ def plan_of(held: Held) -> tuple[Plan, list[str]]:
 
 
 async def _check_start(station: Station, vehicle: Vehicle, despite: list[str]) -> None:
-    """Refuses a plan with error findings that the caller does not name."""
+    """Refuses a plan with error findings that the caller has not accepted."""
     held = vehicle.mission.held
     still_held = None if held is None else _still_held(vehicle, held)
     if held is not None and not held.items["mission"] and still_held is not False:
@@ -296,7 +296,8 @@ async def _operation_answer(station: Station, operation: Operation, wait: bool) 
 
 
 def _confirmed(vehicle: Vehicle, command: str, confirmation: str | None) -> None:
-    """A vehicle in Mission mode flies the changed mission at once: the request must confirm that."""
+    """Requires confirmation for a vehicle in Mission mode, because it flies the changed mission
+    immediately."""
     if vehicle.flight_state.armed and vehicle.status.mode == "mission":
         BY_NAME[command].require_confirmation(confirmation or "", vehicle=vehicle.id)
 
@@ -322,7 +323,7 @@ def _items(plan: Plan) -> Items:
     """The plan as MAVLink items.
 
     Raises:
-        InvalidRequest: the protocol cannot carry it.
+        InvalidRequest: the MAVLink mission protocol cannot represent the plan.
     """
     try:
         items: dict[Part, tuple[mavlink_items.WireItem, ...]] = {
@@ -346,7 +347,7 @@ def _held(vehicle: Vehicle) -> Held:
 
 
 def _still_held(vehicle: Vehicle, held: Held) -> bool | None:
-    """Whether the vehicle still reports the ids of this transfer; None: no ids."""
+    """Whether the vehicle still reports the ids of this transfer; None: it reports no ids."""
     ids = vehicle.mission.ids()
     if ids is None or not any((*ids.values(), *held.ids.values())):
         return None

@@ -62,7 +62,7 @@ class GotoRequest(StrictBody):
         allow_inf_nan=False,
         gt=0,
         le=100_000,
-        description="Refuse targets farther away than this [m]; default 1000.",
+        description="Refuse a target that is farther away than this [m]; default 1000.",
     )
 
     @model_validator(mode="after")
@@ -90,14 +90,17 @@ class GimbalAngles(StrictBody):
 
     pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180, description="Up is positive [deg].")
     yaw_deg: float = Field(
-        allow_inf_nan=False, ge=-360, le=360, description="From the nose; from north with `yaw_lock` [deg]."
+        allow_inf_nan=False,
+        ge=-360,
+        le=360,
+        description="Yaw relative to the nose, or relative to north with `yaw_lock` [deg].",
     )
     roll_deg: float | None = Field(default=None, allow_inf_nan=False, ge=-180, le=180, description="[deg]")
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
     wait: bool = Field(
         default=True,
-        description="Answer when the gimbal is there or has stopped; false: as soon as the vehicle has "
-        "acknowledged, for rapid sequences of angles.",
+        description="Answer once the gimbal has reached the angles or stopped; false: answer once the "
+        "vehicle has acknowledged, for rapid sequences of angles.",
     )
 
 
@@ -112,7 +115,7 @@ class GimbalRates(StrictBody):
 
 
 class GimbalRoi(StrictBody):
-    """A location to keep pointing at (ROI)."""
+    """A location at which the camera stays pointed (ROI)."""
 
     model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_amsl_m=488)
 
@@ -138,16 +141,18 @@ class LinkRequest(StrictBody):
         min_length=1,
         max_length=MAX_NAME_LENGTH,
         pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
-        description=f"Name of the link: {NAME_RULE}; made from the URL if left out.",
+        description=f"Name of the link: {NAME_RULE}; default: derived from the URL.",
     )
 
 
 class ReplayRequest(StrictBody):
-    """Which recording to play, and how."""
+    """The recording to replay, and playback options."""
 
     model_config = _example(recording="20260711-093000-udpin-127.0.0.1-14550.tlog")
 
-    recording: str = Field(min_length=1, max_length=255, description="A name of `GET /recordings`.")
+    recording: str = Field(
+        min_length=1, max_length=255, description="Name of a recording in `GET /recordings`."
+    )
     speed: float = Field(
         default=1.0,
         allow_inf_nan=False,
@@ -155,7 +160,7 @@ class ReplayRequest(StrictBody):
         le=FASTEST,
         description="Playback speed; 1 is real time.",
     )
-    playing: bool = Field(default=True, description="Whether it starts playing at once.")
+    playing: bool = Field(default=True, description="Whether playback starts immediately.")
 
 
 class ReplayChange(StrictBody):
@@ -164,7 +169,7 @@ class ReplayChange(StrictBody):
     model_config = _example(playing=True, speed=4, position_unix_s=1783762200)
 
     playing: bool | None = Field(
-        default=None, description="Whether it plays; at the end it restarts from the beginning."
+        default=None, description="Whether to play; at the end, playing restarts from the beginning."
     )
     speed: float | None = Field(
         default=None,

@@ -18,11 +18,13 @@ Role = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class WhichMission(StrictBody):
-    """A mission, and which of its findings the caller accepts."""
+    """A mission, and the findings that the caller accepts."""
 
     plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored offboard mission.")
     version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
-    mission: MissionBody | None = Field(default=None, description="A mission that is not stored here.")
+    mission: MissionBody | None = Field(
+        default=None, description="A mission that is not stored on the server."
+    )
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[], description="Codes of the mission's error findings that the caller accepts."
     )
@@ -37,12 +39,13 @@ class WhichMission(StrictBody):
 
 
 class StartMission(WhichMission):
-    """The mission to fly, and which findings the caller accepts."""
+    """The mission to fly, and the findings that the caller accepts."""
 
     dry_run: str | None = Field(
         default=None,
         max_length=20,
-        description="Id of a dry run of this mission with several flights: leaving its corridor is reported.",
+        description="Id of a dry run of this mission with several flights; a notice is sent if the vehicle "
+        "leaves its corridor.",
     )
 
 
@@ -60,7 +63,7 @@ class StartJointMission(WhichMission):
 
 
 class AbortMission(StrictBody):
-    """What the vehicle does after the abort."""
+    """Action of the vehicle after the abort."""
 
     then: Literal["hold", "return", "land"] = Field(default="hold", description="hold, return or land.")
 
@@ -75,7 +78,8 @@ class OffboardMissionView(BaseModel):
 
     vehicle: str = Field(description="The vehicle's id.")
     mission: OffboardMissionModel | None = Field(  # type: ignore[valid-type]
-        description="As the topic `offboard_mission`; null: none has been started since the server started."
+        description="As in the topic `offboard_mission`; null: no mission was started since the server "
+        "started."
     )
 
 

@@ -46,10 +46,10 @@ async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.post("/start", response_model=m.OffboardMissionView)
 async def start(v: str, body: m.StartMission, station: StationDep, principal: PrincipalDep) -> Response:
-    """Compiles the mission from the vehicle's position, checks it, starts it, and answers.
+    """Compiles the mission from the vehicle's position, checks it, and starts it.
 
-    409 `plan_findings` if it has error findings, unless `despite` names their codes. `if_stream_stops` is the
-    vehicle's own action if the server fails.
+    Answers 409 `plan_findings` if the mission has error findings, unless `despite` lists their codes.
+    `if_stream_stops` is the vehicle's own action if the server fails.
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_command(station, principal, "offboard_mission/start", v, arguments):
@@ -83,7 +83,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
 
 @router.post("/pause", response_model=m.OffboardMissionView)
 async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Pauses on the path, in Offboard; during take-off and landing in Hold.
+    """Pauses on the path in Offboard, or in Hold during take-off and landing.
 
     In a mission of several vehicles, pause, resume and abort act on all of them.
     """
@@ -106,7 +106,7 @@ async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response
 
 @router.post("/go_on", response_model=m.OffboardMissionView)
 async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Answers the question of a step that waits for a person."""
+    """Continues after a step that waits for the operator."""
     return steer(station, principal, "offboard_mission/go_on", v, lambda flight: flight.go_on(principal.name))
 
 
@@ -117,8 +117,8 @@ async def abort(
     principal: PrincipalDep,
     body: Annotated[m.AbortMission | None, Body()] = None,
 ) -> Response:
-    """Ends the mission; the vehicle holds, returns or lands. A vehicle that the mission does not fly is not
-    commanded."""
+    """Ends the mission; the vehicle holds, returns or lands. If the mission does not control the vehicle, no
+    command is sent."""
     then = (body or m.AbortMission()).then
     return steer(
         station,
@@ -141,7 +141,7 @@ def steer(
     do: Callable[[MissionFlight], None],
     arguments: dict[str, object] | None = None,
 ) -> Response:
-    """Commands the mission of a vehicle. The caller needs control of all vehicles of this mission."""
+    """Runs a command on the mission of a vehicle. The caller must control all vehicles of this mission."""
     vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
     with together(station, principal, command, {v: arguments or {} for v in vehicles}):
         station.fleet.get(vehicle_id).require_commandable()
@@ -172,7 +172,7 @@ def start_of(vehicle: Vehicle) -> dict[str, Any]:
     """The vehicle's position.
 
     Raises:
-    Refused: it is not known.
+    Refused: the position is unknown.
     """
     estimates = VehicleEstimates(vehicle)
     local, attitude, home = estimates.local(), estimates.attitude(), estimates.home()

@@ -1,4 +1,4 @@
-"""Request bodies of the offboard routes beside the setpoints: limits, obstacle avoidance, failsafe."""
+"""Request bodies of the offboard routes other than setpoints: limits, obstacle avoidance, failsafe."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ class LimitsRequest(StrictBody):
     fence: AnyFence | None = Field(
         default=None, description="Stay inside this fence, in addition to the vehicle's own fence."
     )
-    slew_velocity_m_s2: float | None = _limit("A sent velocity changes by no more than this [m/s²].", 0.1, 20)
+    slew_velocity_m_s2: float | None = _limit("Maximum rate of change of the sent velocity [m/s²].", 0.1, 20)
     slew_attitude_rad_s: float | None = _limit(
-        "A sent attitude turns by no more than this [rad/s].", 0.05, 10
+        "Maximum rate of change of the sent attitude [rad/s].", 0.05, 10
     )
     obstacle_brake: bool = Field(
         default=True,
@@ -92,7 +92,7 @@ class AvoidanceRequest(StrictBody):
     on: bool = Field(description="Whether avoidance is on: the vehicle flies around or over obstacles.")
     way: Literal["over", "around"] = Field(
         default="over",
-        description="Direction that is tried first: climb over an obstacle, or pass it at the same altitude.",
+        description="What to try first: climb over an obstacle, or pass it at the same altitude.",
     )
 
 
@@ -106,8 +106,8 @@ class FailsafeRequest(StrictBody):
 
     action: FAILSAFE_ACTIONS | None = Field(
         default=None,
-        description="A mode; in the three modes that need sticks the vehicle descends if there is no RC "
-        "transmitter.",
+        description="A mode. Without an RC transmitter, the vehicle descends in the three modes that need "
+        "sticks.",
     )
     after_s: float | None = Field(
         default=None,

@@ -36,8 +36,8 @@ async def show(offboard: OffboardDep) -> Response:
 async def start(v: str, body: StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
 
-    In the answer, `if_stream_stops` is the vehicle's own action if the stream stops; `limits` has the limits,
-    and whether the operator's limits were restored after a restart.
+    In the answer, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
+    limits, and whether the operator's limits were restored after a restart.
     """
     with authorized_command(station, principal, "offboard/start", v, arguments_of(body)):
         offboard = station.offboard(v)
@@ -47,13 +47,15 @@ async def start(v: str, body: StartRequest, station: StationDep, principal: Prin
 
 @router.post("/setpoint", response_model=views.OffboardModel)
 async def setpoint(v: str, body: SetpointRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """A new target, sent at once; refused (409) if no stream runs."""
+    """Replaces the setpoint of a running stream and sends the new one immediately; refused (409) if no stream
+    is running."""
     return answer(await apply(station, principal, v, body))
 
 
 @router.post("/stop", response_model=views.OffboardModel)
 async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Puts the vehicle into Hold, waits for its confirmation, then stops; does nothing without a stream."""
+    """Puts the vehicle into Hold, waits for its confirmation, then stops the stream. Does nothing if no
+    stream is running."""
     with authorized_command(station, principal, "offboard/stop", v, {}):
         return answer(await station.offboard(v).stop())
 
@@ -83,9 +85,9 @@ async def set_limits(
 async def set_avoidance(
     v: str, body: models.AvoidanceRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Switches obstacle avoidance on or off, also in flight; refused (409) if no sensor sees obstacles.
+    """Switches obstacle avoidance on or off, also in flight; refused (409) if no sensor measures obstacles.
 
-    It acts on setpoints with a position (position, trajectory, path, follow) and stays on until it is
+    Avoidance acts on setpoints with a position (position, trajectory, path, follow). It stays on until it is
     switched off or the server is shut down. The obstacle brake is a separate limit.
     """
     with authorized_command(station, principal, "offboard/avoidance", v, body.model_dump()):
@@ -110,7 +112,8 @@ async def set_failsafe(
 
 @router.websocket("/stream")
 async def stream(socket: WebSocket, v: str, station: StationDep, principal: PrincipalDep) -> None:
-    """Receives setpoints and answers each with the applied setpoint; see "Offboard stream" in docs/api.md."""
+    """Receives setpoints on a WebSocket and answers each with the applied setpoint; see "Offboard stream" in
+    docs/api.md."""
     await socket.accept()
     try:
         with station.authority.connected(principal):

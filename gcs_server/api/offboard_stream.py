@@ -1,8 +1,8 @@
 """Setpoints over a WebSocket at up to 100 Hz; each is answered with the applied setpoint.
 
-The newest setpoint wins: older ones that still wait are answered `superseded` and not sent. If a client does
-not read its answers, the oldest are dropped. Closing the socket does not stop the stream; the setpoint's
-validity does.
+Only the newest waiting setpoint is sent; older ones are answered `superseded`. If a client does not read its
+answers, the oldest are dropped. Closing the socket does not stop the stream: it continues until the setpoint
+expires.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ ANSWERS_BYTES = 131_072
 UNPARSED_BYTES = 2 << 20
 """Total size of messages that wait to be parsed."""
 LARGE = 4096
-"""A message with more characters waits for its own turn of the event loop."""
+"""A message with more characters is parsed in a separate turn of the event loop."""
 MAX_BACKLOG = 200
-"""Messages that wait to be parsed; older ones would be superseded anyway."""
+"""Maximum number of messages that wait to be parsed; older ones are superseded."""
 FLOOD_PER_S = 2000
 CLOSE_FLOOD = 1008
 
@@ -55,10 +55,10 @@ class SetpointSocket:
 
     Args:
         clock: the server's.
-        station: what the setpoints work on.
+        station: the parts of the server.
         principal: the caller.
         vehicle_id: the vehicle.
-        socket: accepted.
+        socket: an accepted WebSocket.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class SetpointSocket:
             await self._clock.sleep(next_s - self._clock.monotonic_s())
             self._received.clear()
             applied = False
-            while self._backlog:  # from the newest: an invalid setpoint must not replace a valid one
+            while self._backlog:  # newest first; an invalid setpoint must not replace a valid one
                 text = self._backlog.pop()
                 self._backlog_size -= len(text)
                 if applied:
@@ -122,7 +122,9 @@ class SetpointSocket:
                     applied = "error" not in answer
                     self._answer(answer)
             period_s = 1.0 / MAX_HZ
-            next_s = max(next_s, self._clock.monotonic_s() - period_s) + period_s  # an order may arrive early
+            next_s = (
+                max(next_s, self._clock.monotonic_s() - period_s) + period_s
+            )  # a setpoint may arrive early
 
     async def _send(self) -> None:
         while True:
@@ -176,7 +178,7 @@ async def apply(
 
 
 def arguments_of(body: BaseModel) -> dict[str, object]:
-    """Arguments for the journal; of a path only its length."""
+    """Arguments for the journal; a path is replaced by its number of points."""
     arguments: dict[str, Any] = body.model_dump(exclude_none=True)
     setpoint = arguments["setpoint"]
     if "points" in setpoint:

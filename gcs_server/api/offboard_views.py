@@ -34,7 +34,7 @@ SetpointType = Literal[
 
 
 class StreamedSetpoint(AnswerBody):
-    """The setpoint sent to the vehicle now; fields of other types are omitted."""
+    """The setpoint that is being sent to the vehicle; fields of other types are omitted."""
 
     type: SetpointType = Field(
         description="Type of the sent setpoint: path and follow are sent as trajectory."
@@ -70,14 +70,14 @@ OffboardModel = model_of(
 
 
 class FenceView(AnswerBody):
-    """The operator's fence: a polygon's corners, or a circle's middle and radius."""
+    """The operator's fence: a polygon's corners, or a circle's centre and radius."""
 
     kind: Literal["polygon", "circle"] = Field(description="Which.")
     points_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, description="Latitude and longitude of each corner [deg]."
     )
-    lat_deg: float | None = Field(default=None, description="Of the middle.")
-    lon_deg: float | None = Field(default=None, description="Of the middle.")
+    lat_deg: float | None = Field(default=None, description="Of the centre.")
+    lon_deg: float | None = Field(default=None, description="Of the centre.")
     radius_m: float | None = Field(default=None, description="[m]")
 
 
@@ -104,23 +104,24 @@ class OffboardView(OffboardModel):  # type: ignore[misc,valid-type]
     """The stream, available setpoint types, limits, and the vehicle's failsafe."""
 
     available: dict[SetpointType, AvailableModel] = Field(  # type: ignore[valid-type]
-        description="For each setpoint type: whether this vehicle on this link can fly it now, and why not."
+        description="For each setpoint type: whether this vehicle can fly it now over this link, and if "
+        "not, why."
     )
     limits: LimitsModel = Field(description="Limits of setpoints.")  # type: ignore[valid-type]
     failsafe: FailsafeModel | None = Field(  # type: ignore[valid-type]
-        description="The vehicle's own action when the stream stops; null before it is known."
+        description="The vehicle's own action when the stream stops; null if unknown."
     )
 
 
 class SetpointAck(AnswerBody):
-    """Answer to one order over the WebSocket."""
+    """Answer to one setpoint over the WebSocket."""
 
     seq: int | None = Field(default=None, description="Number from the client.")
     applied: StreamedSetpoint | None = Field(
         default=None, description="The setpoint sent, within all limits."
     )
-    limited: tuple[str, ...] | None = Field(default=None, description="Texts of what the limits reduced.")
+    limited: tuple[str, ...] | None = Field(default=None, description="What the limits changed; sentences.")
     superseded: bool | None = Field(
-        default=None, description="True: a newer order arrived first; this one was not sent."
+        default=None, description="True: a newer setpoint arrived before this one was sent."
     )
     error: dict[str, object] | None = Field(default=None, description="As problem+json, with code and field.")

@@ -26,7 +26,7 @@ class OperationList(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     operations: list[OperationModel] = Field(  # type: ignore[valid-type]
-        description="Running operations and those that ended last; oldest first."
+        description="Running operations and those that ended recently; oldest first."
     )
 
 
@@ -43,23 +43,23 @@ async def list_operations(
         str | None, Query(max_length=32, description="Only operations of this vehicle.")
     ] = None,
 ) -> Response:
-    """Running operations and those that ended last. Each change is also an `operation` event of the telemetry
-    socket."""
+    """Running operations and those that ended recently. Each change is also sent as an `operation` event on
+    the telemetry socket."""
     all_ = station.operations.all()
     return answer({"operations": [operation_view(o) for o in all_ if vehicle in (None, o.vehicle)]})
 
 
 @router.get("/{o}", response_model=OperationModel)
 async def show_operation(o: str, station: StationDep) -> Response:
-    """Progress of an operation, or how it ended."""
+    """Progress of an operation, or its result or error."""
     return answer(operation_view(station.operations.get(o)))
 
 
 @router.delete("/{o}", response_model=OperationModel)
 async def cancel_operation(o: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Cancels an operation and answers once it has cleaned up; one that has ended is not changed.
-
-    The client that started it may cancel it; another client only while nobody else controls its vehicle.
+    """Cancels an operation and answers once its clean-up is done. An ended operation does not change. The
+    client that started the operation may always cancel it. Another client may cancel it only if no one else
+    controls the operation's vehicle.
     """
     operation = station.operations.get(o)
     with authorized_command(

@@ -1,4 +1,4 @@
-"""Routes of a vehicle's parameters: lists all with their metadata, reads and sets single ones."""
+"""Routes of a vehicle's parameters: list all with metadata, read one, set one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
 
 VIEWED_AT_ONCE = 100
-"""Parameters encoded in one turn of the event loop."""
+"""Number of parameters encoded in one turn of the event loop."""
 
 FactsModel = model_of(
     ParamMetadata,
@@ -41,23 +41,25 @@ ListModel = model_of(ParamList, "ParameterList")
 class ParameterView(AnswerBody):
     """A parameter as the vehicle reports it, with its description."""
 
-    name: str = Field(description="Up to 16 of A–Z, 0–9, _.")
-    value: float | int | None = Field(description="Value in the parameter's unit; null: not a number.")
-    is_integer: bool = Field(description="Whether it is a 32-bit integer; otherwise a 32-bit float.")
+    name: str = Field(description="Up to 16 characters of A–Z, 0–9 and _.")
+    value: float | int | None = Field(description="Value in the parameter's unit; null: the value is NaN.")
+    is_integer: bool = Field(
+        description="Whether the type is a 32-bit integer; otherwise it is a 32-bit float."
+    )
     is_default: bool | None = Field(
         description="Whether the value is the firmware's default; null: not known."
     )
     facts: FactsModel | None = Field(  # type: ignore[valid-type]
-        description="From the vehicle's own metadata; null if that is not available."
+        description="The vehicle's own metadata of this parameter; null if not available."
     )
 
 
 class ParametersView(AnswerBody):
-    """All parameters that are known."""
+    """All known parameters."""
 
     vehicle: str = Field(description="The vehicle's id.")
     list: ListModel = Field(description="State of the list of parameters.")  # type: ignore[valid-type]
-    params: tuple[ParameterView, ...] = Field(description="By name.")
+    params: tuple[ParameterView, ...] = Field(description="Parameters, sorted by name.")
 
 
 class RefreshRequest(StrictBody):
@@ -66,9 +68,9 @@ class RefreshRequest(StrictBody):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     ignore_cache: bool = Field(
-        default=False, description="Read them even if the vehicle's checksum is unchanged."
+        default=False, description="Read all parameters even if the vehicle's checksum is unchanged."
     )
-    wait: bool = Field(default=False, description="Answer only once they have been read.")
+    wait: bool = Field(default=False, description="Answer only once all parameters have been read.")
 
 
 class ParamRequest(StrictBody):
@@ -78,7 +80,7 @@ class ParamRequest(StrictBody):
 
     value: float = Field(allow_inf_nan=False, description="In the parameter's own unit.")
     force: bool = Field(
-        default=False, description="Set it even if the vehicle's metadata says that it is out of range."
+        default=False, description="Set the value even if it is outside the range in the vehicle's metadata."
     )
 
 
@@ -109,7 +111,7 @@ async def all_params(vehicle: VehicleDep) -> Response:
 @router.post(
     "/{v}/params/refresh",
     response_model=ListModel,
-    responses={202: {"model": ListModel, "description": "They are being read."}},
+    responses={202: {"model": ListModel, "description": "The parameters are being read."}},
 )
 async def refresh_params(
     vehicle: VehicleDep,
@@ -117,11 +119,11 @@ async def refresh_params(
     principal: PrincipalDep,
     body: Annotated[RefreshRequest | None, Body()] = None,
 ) -> Response:
-    """Reads all parameters (929 on PX4) unless the vehicle's checksum shows that the known ones are
-    unchanged.
+    """Reads all parameters (929 on PX4), unless the vehicle's checksum shows that they are unchanged.
 
-    Answers at once with the progress, unless asked to wait; `Location` is the operation that reads them,
-    which can be followed and cancelled. Descriptions are read from the vehicle's files, once per firmware.
+    Answers immediately with the progress, or after the end with `wait`. The header `Location` is the
+    operation that reads them; it can be followed and cancelled. Descriptions are read from the vehicle's
+    files, once per firmware.
     """
     request = body or RefreshRequest()
     vehicle.require_commandable()
@@ -157,7 +159,7 @@ async def refresh_params(
 
 @router.get("/{v}/params/{name}", response_model=ParameterView)
 async def get_param(vehicle: VehicleDep, name: str) -> Response:
-    """Reads one parameter from the vehicle; for an unknown name the vehicle sends no answer (504)."""
+    """Reads one parameter from the vehicle. A vehicle does not answer for an unknown name (504)."""
     return answer(_view(vehicle, await vehicle.params.get(name)))
 
 
@@ -165,10 +167,10 @@ async def get_param(vehicle: VehicleDep, name: str) -> Response:
 async def set_param(
     v: str, name: str, body: ParamRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Sets one parameter and answers with the value that the vehicle then reports.
+    """Sets one parameter and returns the value that the vehicle reports afterwards.
 
-    Once the parameters have been read, a value outside the documented range or choices is refused (422),
-    unless forced.
+    If the parameters have been read, a value outside the documented range or choices is refused (422), except
+    with `force`.
     """
     arguments: dict[str, object] = {"name": name, "value": body.value}
     if body.force:

@@ -19,7 +19,7 @@ POLICY_VIOLATION = 1008
 
 
 def calls_of(app: FastAPI) -> Iterator[tuple[str, Callable[..., Any] | None]]:
-    """(`METHOD /path`, endpoint) of every route; `WS` for a WebSocket, no endpoint for mounted files."""
+    """(`METHOD /path`, endpoint) of every route; `WS` for a WebSocket; mounted files have no endpoint."""
     for route in iter_route_contexts(app.routes):
         if route.endpoint is None:
             yield f"GET {route.path or '/'}", None
@@ -38,9 +38,9 @@ def bind_commands(app: FastAPI) -> None:
     for call, endpoint in calls_of(app):
         command = BY_CALL.get(call)
         if command is None:
-            raise RuntimeError(f"{call} has no row in control/commands.py: say what it needs.")
+            raise RuntimeError(f"{call} has no row in control/commands.py: add one with its requirements.")
         if endpoint is not None and commands.setdefault(endpoint, command) is not command:
-            raise RuntimeError(f"{call}: its function serves {commands[endpoint].name}, too.")
+            raise RuntimeError(f"{call}: its function already serves {commands[endpoint].name}, too.")
     app.state.commands = commands
 
 
@@ -60,7 +60,7 @@ def require_permission(principal: Principal, command: Command) -> None:
 
 
 async def permitted(connection: HTTPConnection, principal: PrincipalDep) -> None:
-    """Dependency of every route; a refused command is written to the journal.
+    """Dependency of every route; a refusal is written to the journal.
 
     Raises:
         NotPermitted: the caller's role does not include the command.

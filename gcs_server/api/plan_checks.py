@@ -1,4 +1,4 @@
-"""Checks a plan with the server's data of a vehicle."""
+"""Checks a plan with the data that the server has about a vehicle."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from missions.trajectory.limits import PARAMETERS as MOTION_PARAMETERS
 from missions.vehicle import PARAMETERS
 
 SMALL_ITEMS = 300
-"""Items and corners of a plan that a thread checks or writes within some 30 ms; larger ones get a process."""
+"""Maximum number of items and corners of a plan that is checked or written in a thread, in about 30 ms;
+larger plans need a process."""
 SMALL_MISSION_BYTES = 8_192
-"""Size of a mission that a thread writes; checking a mission always runs in a process."""
+"""Maximum size of a mission that is written in a thread [bytes]; a mission is always checked in a process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +30,13 @@ class PlanContext:
     parameters: dict[str, float] = field(default_factory=dict[str, float])
     """By PX4 name."""
     home: dict[str, float] | None = None
-    """`lat_deg`, `lon_deg`, `alt_amsl_m`."""
+    """Home position: `lat_deg`, `lon_deg`, `alt_amsl_m`."""
     origin: dict[str, float] | None = None
-    """Origin of the local frame, same keys."""
+    """Origin of the local frame, with the same keys as `home`."""
     not_known: tuple[str, ...] = ()
     """Sentences about unknown values."""
     reported: tuple[str, ...] | None = None
-    """Values of conditions that it sends; None without a vehicle."""
+    """Names of the condition values that the vehicle reports; None without a vehicle."""
 
 
 async def check_document(
@@ -63,7 +64,7 @@ def text_of(document: Document) -> str:
 
 
 def is_small(document: Document) -> bool:
-    """Whether the work is short enough for a thread; longer work runs in a process."""
+    """Whether a plan is small enough for a thread; other plans need a process."""
     if isinstance(document, OffboardMission):
         return len(documents.write(document)) <= SMALL_MISSION_BYTES
     corners = sum(len(zone.polygon) for zone in document.fence if zone.shape == "polygon")
@@ -72,7 +73,7 @@ def is_small(document: Document) -> bool:
 
 
 def known_of(vehicle: Vehicle | None) -> PlanContext:
-    """A vehicle's data as far as the server knows them."""
+    """The data that the server has about a vehicle."""
     if vehicle is None:
         return PlanContext()
     not_known: list[str] = []

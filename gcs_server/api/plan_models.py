@@ -1,7 +1,6 @@
 """Bodies and answers of the routes for plans.
 
-The documents themselves are those of `missions`; `missions` checks their JSON types, and its errors name the
-item and the fix.
+The documents are defined in `missions`, which checks their JSON; its errors name the item and the fix.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ MAX_NAME_LENGTH = 100
 
 
 def _as_json(read: Callable[[str], Any]) -> BeforeValidator:
-    """Reads a part of a body by a reader of JSON text."""
+    """Reads a part of a body with a function that reads JSON text."""
 
     def convert(value: object) -> object:
         try:
@@ -56,7 +55,7 @@ MissionBody = Annotated[
 DocumentBody = Annotated[
     Document,
     _as_json(documents.read),
-    Field(description="A waypoint plan or an offboard mission, as `format` says (docs/missions.md)."),
+    Field(description="A waypoint plan or an offboard mission, depending on `format` (docs/missions.md)."),
 ]
 AnyDocument = Annotated[Plan | OffboardMission, Field(discriminator="format")]
 PatternBody = Annotated[pattern_document.PatternDocument, _as_json(pattern_document.read)]
@@ -81,9 +80,7 @@ class NewPlan(StrictBody):
 class ChangedPlan(NewPlan):
     """A plan's next version."""
 
-    base_version: int = Field(
-        ge=1, description="Version on which the change is based: must be the newest, otherwise 409."
-    )
+    base_version: int = Field(ge=1, description="Version that was changed; 409 if it is not the newest.")
 
 
 class Power(StrictBody):
@@ -102,7 +99,7 @@ class PlanToCheck(StrictBody):
 
     plan: DocumentBody
     vehicle: str | None = Field(
-        default=None, max_length=32, description="Use this vehicle's parameters and home, as far as known."
+        default=None, max_length=32, description="Use this vehicle's parameters and home if they are known."
     )
 
     power: Power | None = Field(
@@ -119,8 +116,8 @@ class PlanToFollowGround(StrictBody):
         ge=1.0,
         le=1000.0,
         allow_inf_nan=False,
-        description="Add waypoints until straight lines are within this of their height above the ground "
-        "[m]; null: none are added.",
+        description="Tolerance of the height above the ground [m]: waypoints are added until the straight "
+        "lines keep it; null: no waypoints are added.",
     )
 
 
@@ -136,7 +133,7 @@ class PlanToConvert(StrictBody):
     plan: PlanBody
     name: Name
     vehicle: str | None = Field(
-        default=None, max_length=32, description="Use this vehicle's parameters and home, as far as known."
+        default=None, max_length=32, description="Use this vehicle's parameters and home if they are known."
     )
 
 
@@ -163,7 +160,7 @@ class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
 
 
 class FindingPlace(AnswerBody):
-    """The part of the plan with the finding; all null: the whole plan."""
+    """The part of the plan that the finding is about; all null: the whole plan."""
 
     row: int | None = Field(description="Index in `items`.")
     zone: int | None = Field(description="Index in `fence`.")
@@ -176,11 +173,11 @@ class FindingModel(AnswerBody):
 
     code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=[next(iter(CODES))])
     severity: Literal["error", "warning"] = Field(
-        description="error: PX4 refuses it, or it is unsafe; warning: check it."
+        description="error: PX4 refuses the plan, or it is unsafe; warning: check the plan."
     )
-    text: str = Field(description="What is wrong, a sentence.")
-    place: FindingPlace = Field(description="Part of the plan concerned.")
-    fix: str | None = Field(description="What to do about it.")
+    text: str = Field(description="Message for the pilot.")
+    place: FindingPlace = Field(description="The part of the plan that the finding is about.")
+    fix: str | None = Field(description="How to correct it.")
 
 
 LegModel = model_of(Leg, "PlanLeg")
@@ -189,9 +186,11 @@ OriginModel = model_of(LocalOrigin, "PlanOrigin")
 
 
 class OffboardFlight(AnswerBody):
-    """An offboard mission as it will be flown, from the ground at home."""
+    """The planned flight of an offboard mission, starting on the ground at home."""
 
-    steps: list[StepTimeModel] = Field(description="Steps in order; at a branch, the longest one.")  # type: ignore[valid-type]
+    steps: list[StepTimeModel] = Field(  # type: ignore[valid-type]
+        description="Steps in flight order; at a branch, those of the longest path."
+    )
     legs: list[LegModel] = Field(description="The segments of the path, on all branches.")  # type: ignore[valid-type]
     needs: list[str] = Field(description="The estimates that the vehicle must have.")
     start_ned_m: tuple[float, float, float] = Field(description="Start position, from the local origin [m].")
@@ -204,19 +203,24 @@ class PlanCheck(AnswerBody):
     """Findings and estimates of a plan."""
 
     kind: Kind = Field(description="Which kind of plan it is.")
-    findings: list[FindingModel] = Field(description="In the order of the checks; empty: nothing is wrong.")
-    estimates: EstimateModel = Field(description="Of the whole flight.")  # type: ignore[valid-type]
-    flight: OffboardFlight | None = Field(description="Of an offboard mission.")
+    findings: list[FindingModel] = Field(
+        description="Findings in the order of the checks; empty: no problem was found."
+    )
+    estimates: EstimateModel = Field(description="Estimates of the whole flight.")  # type: ignore[valid-type]
+    flight: OffboardFlight | None = Field(
+        description="The planned flight of an offboard mission; null for a waypoint plan."
+    )
     vehicle: str | None = Field(description="Vehicle for which the plan was checked.")
     ground: list[tuple[float, float | None]] = Field(
-        description="The ground below the flight: distance along it [m], and the ground's height above home, "
-        "of an offboard mission above the start [m]; null: not known. Empty without elevation files."
+        description="The ground below the flight: distance along the flight [m], and height of the ground "
+        "above home, or above the start of an offboard mission [m]; null: unknown. Empty without elevation "
+        "files."
     )
-    not_known: list[str] = Field(description="What is not known about the vehicle or the ground; sentences.")
+    not_known: list[str] = Field(description="Unknown data of the vehicle or the ground; sentences.")
 
 
 class ImportedArea(AnswerBody):
-    """An area in a file, for a survey or a fence."""
+    """An area in a file; the user decides whether it becomes a survey or a fence."""
 
     name: str = Field(description="Name in the file.")
     outer: list[Point] = Field(description="Its corners.")
@@ -234,20 +238,22 @@ class ImportedPlan(AnswerBody):
 
 
 class ConvertedPlan(AnswerBody):
-    """An offboard mission made of a waypoint plan; nothing is saved."""
+    """An offboard mission converted from a waypoint plan; nothing is saved."""
 
     plan: OffboardMission = Field(description="The mission.")
-    notes: list[str] = Field(description="Parts of the plan that the mission does not have; sentences.")
+    notes: list[str] = Field(description="Parts of the plan that the mission does not contain; sentences.")
 
 
 class GroundPlan(AnswerBody):
     """A plan that follows the ground; nothing is saved."""
 
     plan: Plan = Field(description="The plan.")
-    resolved: int = Field(description="Items and rally points whose altitude was resolved.")
-    unknown: int = Field(description="Those whose altitude stays unresolved: no file knows the ground there.")
-    added: int = Field(description="Waypoints added between others.")
-    notes: list[str] = Field(description="Files that cannot be used, and places without ground; sentences.")
+    resolved: int = Field(description="Number of items and rally points with resolved altitudes.")
+    unknown: int = Field(
+        description="Number of items and rally points with unresolved altitudes, because no file covers them."
+    )
+    added: int = Field(description="Number of added waypoints.")
+    notes: list[str] = Field(description="Unusable files and positions without elevation data; sentences.")
 
 
 class ElevationFileModel(AnswerBody):
@@ -264,26 +270,28 @@ class ElevationFileModel(AnswerBody):
 class ElevationFiles(AnswerBody):
     """The operator's elevation files."""
 
-    folder: str = Field(description="Where to put GeoTIFF (.tif, .tiff) and HGT files.")
-    files: list[ElevationFileModel] = Field(description="The finest first.")
-    unreadable: list[str] = Field(description="Files there that cannot be used, each with the reason.")
+    folder: str = Field(description="Folder for GeoTIFF (.tif, .tiff) and HGT files.")
+    files: list[ElevationFileModel] = Field(description="Files, from the finest grid to the coarsest.")
+    unreadable: list[str] = Field(
+        description="Files in the folder that cannot be used, each with the reason."
+    )
 
 
 class PatternFigures(AnswerBody):
     """Figures of a pattern."""
 
     lines_length_m: float = Field(description="Total length of the lines with pictures [m].")
-    lower_bound_m: float = Field(description="No pattern of this spacing has shorter lines [m].")
+    lower_bound_m: float = Field(description="Smallest possible length of lines with this spacing [m].")
     photos: int = Field(description="Number of pictures.")
-    spacing_m: float = Field(description="Between neighbouring lines [m]; 0: no lines.")
-    trigger_m: float = Field(description="Between two pictures on a line [m]; 0: no pictures.")
+    spacing_m: float = Field(description="Distance between neighbouring lines [m]; 0: no lines.")
+    trigger_m: float = Field(description="Distance between two pictures on a line [m]; 0: no pictures.")
     resolution_m_px: float | None = Field(description="Ground sampling distance [m per pixel].")
-    heading_deg: float | None = Field(description="Of the lines, clockwise from north [deg].")
+    heading_deg: float | None = Field(description="Direction of the lines, clockwise from north [deg].")
 
 
 class PatternPlan(AnswerBody):
-    """The items of a pattern, as a plan without anything else."""
+    """A plan that contains only the items of a pattern."""
 
-    plan: Plan = Field(description="The items, and nothing else.")
-    lines: list[tuple[Point, Point]] = Field(description="Where pictures are taken.")
+    plan: Plan = Field(description="The plan with the items.")
+    lines: list[tuple[Point, Point]] = Field(description="The lines on which pictures are taken.")
     figures: PatternFigures = Field(description="Figures of the pattern.")

@@ -28,9 +28,9 @@ router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
 
 SMALL_FILE_BYTES = 32_768
 SMALL_YAML_BYTES = 8_192
-"""YAML is read more slowly."""
+"""Limit for YAML, which is read more slowly."""
 MAX_NOTES_LENGTH = 4000
-"""Length of the header with an export's notes."""
+"""Maximum length of the header with the notes of an export."""
 NOTES_HEADER = "X-Plan-Notes"
 MEDIA_TYPES: dict[FormatName, str] = {
     "json": "application/json",
@@ -46,7 +46,7 @@ MEDIA_TYPES: dict[FormatName, str] = {
 
 @router.get("", response_model=m.PlanList)
 async def list_plans(station: StationDep) -> Response:
-    """The newest version of each plan, without the plans themselves."""
+    """The newest version of each plan, without the documents."""
     return answer({"plans": await station.plans.all()})
 
 
@@ -62,9 +62,9 @@ async def create_plan(body: m.NewPlan, station: StationDep, principal: Principal
 async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     """Checks a plan: findings and estimates of its flight. Changes nothing.
 
-    With `vehicle`, its parameters and home are used as far as the server knows them. For values in
-    `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start on
-    the ground at home; `flight` is its path and what each step takes.
+    With `vehicle`, the vehicle's parameters and home are used if the server has them. For the values listed
+    in `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start
+    on the ground at home; `flight` contains its path and the duration of each step.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     power = None if body.power is None else body.power.model_dump()
@@ -73,7 +73,7 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
 
 @router.post("/convert", response_model=m.ConvertedPlan)
 async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
-    """The offboard mission that flies a waypoint plan by setpoints. Saves nothing.
+    """Converts a waypoint plan to an offboard mission, which flies it by setpoints. Saves nothing.
 
     With `vehicle`, its parameters are used, and its home if the plan has none.
     """
@@ -125,7 +125,7 @@ async def import_plan(
             ge=-12_000,
             le=100_000,
             allow_inf_nan=False,
-            description="Altitude of points without one [m]; without it, a file with such points is refused.",
+            description="Altitude of points that have none in the file [m]; default: such a file is refused.",
         ),
     ] = None,
     altitude_reference: Annotated[Reference, Query(description="Reference of `altitude_m`.")] = "home",
@@ -133,7 +133,7 @@ async def import_plan(
     """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
     nothing.
 
-    The body is the file as it is.
+    The body is the unchanged file.
     """
     data = await request.body()
     if not data:
@@ -153,8 +153,8 @@ async def import_plan(
     response_class=Response,
     responses={
         200: {
-            "description": "The file; `X-Plan-Notes` is a JSON list of sentences about contents "
-            "that the format cannot represent.",
+            "description": "The file. `X-Plan-Notes` is a JSON list of sentences about content that the "
+            "format cannot represent.",
             "content": {kind.partition(";")[0]: {} for kind in MEDIA_TYPES.values()},
         }
     },
@@ -170,7 +170,8 @@ async def export_plan(
         ),
     ],
 ) -> Response:
-    """The plan as a file. The header `X-Plan-Notes` lists, as JSON, what the format cannot represent."""
+    """The plan as a file. The header `X-Plan-Notes` is a JSON list of content that the format cannot
+    represent."""
     arguments = {"plan": text_of(body.plan), "format": format}
     result = await station.plan_work.run("export", arguments, small=is_small(body.plan))
     notes = [note for note in result["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
@@ -189,7 +190,8 @@ async def make_pattern(
     pattern: Annotated[m.PatternBody, Body(description="`kind` and the fields of that pattern.")],
     station: StationDep,
 ) -> Response:
-    """Items from an area, a line or a point: survey, corridor, perimeter, orbit or structure scan."""
+    """Generates items from an area, a line or a point: survey, corridor, perimeter, orbit or structure
+    scan."""
     arguments = {"pattern": pattern.model_dump_json()}
     small = isinstance(pattern, OrbitPattern | PerimeterPattern)
     result = await station.plan_work.run("pattern", arguments, small=small, field="body")
@@ -214,8 +216,8 @@ async def list_versions(plan: str, station: StationDep) -> Response:
 
 @router.put("/{plan}", response_model=m.KeptPlan)
 async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, principal: PrincipalDep) -> Response:
-    """Adds a version; 409 `conflict` if `base_version` is not the newest; names who saved the newest, and
-    when."""
+    """Adds a version. Answers 409 `conflict` if `base_version` is not the newest version, with the time and
+    the client of the newest one."""
     arguments: dict[str, object] = {"plan": plan, "name": body.name, "base_version": body.base_version}
     with authorized_command(station, principal, "plans/save", None, arguments):
         head = await station.plans.save(
@@ -234,7 +236,7 @@ async def delete_plan(
     station: StationDep,
     principal: PrincipalDep,
     base_version: Annotated[
-        int, Query(ge=1, description="Version that the caller has seen: must be the newest, otherwise 409.")
+        int, Query(ge=1, description="Version that the caller has seen; 409 if it is not the newest.")
     ],
 ) -> Response:
     """Deletes a plan with all its versions."""

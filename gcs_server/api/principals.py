@@ -1,4 +1,4 @@
-"""The only place that makes a `Principal` from a request or WebSocket."""
+"""Creates the `Principal` (the caller's identity) of each request and WebSocket."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ SCOPE_KEY = "gcs.principal"
 
 
 def principal_of(connection: HTTPConnection) -> Principal:
-    """The caller, from `X-Client` and `X-Client-Id`, else from its address; made once per request.
-
-    WebSockets of browsers have no such headers; they use `?client=` and `&client_id=`.
+    """The caller, from the headers `X-Client` and `X-Client-Id`, or else from its address; created once per
+    request. Browsers cannot send these headers with a WebSocket; they use `?client=` and `&client_id=`
+    instead.
     """
     known = connection.scope.get(SCOPE_KEY)
     if known is None:

@@ -1,4 +1,4 @@
-"""The one place where errors become HTTP: problem+json (RFC 9457) that names field, reason and remedy."""
+"""Converts all errors to HTTP answers: problem+json (RFC 9457) with field, reason and remedy."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ from missions.setpoints import KINDS
 log = logging.getLogger(__name__)
 
 UNION_TAGS = frozenset(KINDS) | {"hold", "land", "stop_stream", "polygon", "circle"}
-"""Names of union branches, which Pydantic puts into the paths of fields."""
+"""Names of union branches, which Pydantic adds to the paths of fields."""
 
 MAX_ERRORS = 20
-"""Most invalid values that one answer lists."""
+"""Maximum number of invalid values in one answer."""
 MAX_VALUE_LENGTH = 300
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
@@ -74,8 +74,8 @@ class FieldError(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    field: str = Field(description="Its path in the request, joined by dots.")
-    message: str = Field(description="What is wrong with it.")
+    field: str = Field(description="Path of the value in the request, joined by dots.")
+    message: str = Field(description="What is wrong with the value.")
 
 
 class Problem(BaseModel):
@@ -83,25 +83,30 @@ class Problem(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    type: str = Field(description="A name for this kind of problem, as a URI reference.")
+    type: str = Field(description="Identifier of this kind of problem, as a URI reference.")
     title: str = Field(description="The kind of problem in a few words.")
     status: int = Field(description="The HTTP status.")
-    code: str = Field(description="The kind of problem for programs: refused, rejected, no_reply, …")
+    code: str = Field(
+        description="Code of this kind of problem, for programs: refused, rejected, no_reply, …"
+    )
     detail: str = Field(description="What happened and why.")
     remedy: str | None = Field(default=None, description="What the operator can do about it.")
-    field: str | None = Field(default=None, description="With 422: the first field at fault.")
-    errors: list[FieldError] | None = Field(default=None, description="With 422: all fields at fault.")
+    field: str | None = Field(default=None, description="With 422: the first invalid field.")
+    errors: list[FieldError] | None = Field(default=None, description="With 422: all invalid fields.")
     reasons: list[str] | None = Field(default=None, description="Texts from the vehicle.")
-    mav_result: int | None = Field(default=None, description="MAV_RESULT of its acknowledgement.")
-    vehicle: str | None = Field(default=None, description="With an unknown vehicle: its id.")
-    holder: str | None = Field(default=None, description="With `not_in_control`: who has control.")
+    mav_result: int | None = Field(default=None, description="MAV_RESULT of the vehicle's acknowledgement.")
+    vehicle: str | None = Field(default=None, description="With an unknown vehicle: the id.")
+    holder: str | None = Field(
+        default=None, description="With `not_in_control`: name of the client in control."
+    )
     holder_key: str | None = Field(default=None, description="Distinguishes holders of the same name.")
     permission: str | None = Field(default=None, description="With `not_permitted`: the missing permission.")
     vehicles: list[str] | None = Field(
-        default=None, description="With `not_together`: vehicles because of which the group cannot fly."
+        default=None, description="With `not_together`: ids of the vehicles that prevent the group's start."
     )
     distance_m: float | None = Field(
-        default=None, description="With `not_together`: how near two of the group would come [m]."
+        default=None,
+        description="With `not_together`: the smallest distance that two members would have [m].",
     )
     plan: str | None = Field(default=None, description="With `conflict`: the plan's id.")
     version: int | None = Field(default=None, description="With `conflict`: the plan's newest version.")
@@ -110,7 +115,7 @@ class Problem(BaseModel):
         default=None, description="With `conflict`: when it was saved [s since 1970 UTC]."
     )
     codes: list[str] | None = Field(
-        default=None, description="With `plan_findings`: the codes that `despite` would have to name."
+        default=None, description="With `plan_findings`: the codes to list in `despite`."
     )
     deadline_s: float | None = Field(default=None, description="With 504: how long the server waited [s].")
 
@@ -171,13 +176,13 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
 
 
 def _follows(item: dict[str, Any], error: RequestValidationError) -> bool:
-    """Whether a list seems too short only because checking ended at its first invalid item."""
+    """Whether a list counts as too short only because validation stopped at its first invalid item."""
     path = tuple(item["loc"])
     return any(other["loc"][: len(path)] == path and other is not item for other in error.errors())
 
 
 def _short(text: str) -> str:
-    """Cuts names and values of the client, which may be of any length."""
+    """Shortens names and values from the client, which may have any length."""
     return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}…"
 
 
@@ -212,9 +217,9 @@ def install(app: FastAPI) -> None:
             "The server failed",
             "internal",
             f"{type(error).__name__} while handling {request.method} {request.url.path}.",
-            remedy="Check what the vehicle does before you try again; the server's log has the details.",
+            remedy="Check the vehicle's state before you try again; the server's log has the details.",
         )
-        answer.headers.update(security_headers(request.scope))  # this answer does not pass any middleware
+        answer.headers.update(security_headers(request.scope))  # no middleware processes this answer
         return answer
 
     app.add_exception_handler(GcsError, gcs_error)

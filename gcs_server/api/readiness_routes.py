@@ -44,9 +44,8 @@ async def readiness(vehicle: VehicleDep) -> Response:
 
 @router.post("/{v}/readiness/check", response_model=ReadinessView)
 async def check(vehicle: VehicleDep) -> Response:
-    """Has the vehicle run its checks now, and answers with their result.
-
-    The vehicle's own texts are read from its files, once per firmware, and arrive a little later.
+    """Requests the vehicle to run its checks now, and returns the result. The texts of the checks are read
+    from the vehicle's files, once per firmware, and arrive a little later.
     """
     await vehicle.health.check()
     vehicle.in_background("metadata of its events", vehicle.health.learn(vehicle.metadata))

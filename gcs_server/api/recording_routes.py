@@ -1,4 +1,4 @@
-"""Routes of recordings: list, download, and replay as vehicles that take no commands."""
+"""Routes of recordings: list, download and replay. Replayed vehicles accept no commands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ router = APIRouter(tags=["recordings"], responses={s: RESPONSES[s] for s in (404
 
 @router.get("/recordings", response_model=responses.Recordings)
 async def list_recordings(station: StationDep) -> Response:
-    """Recorded flights, newest first; `problem` and `running` mark those that are damaged or still being
+    """Recorded flights, newest first; `problem` and `running` mark recordings that are damaged or still being
     written.
     """
     return answer({"recordings": await station.replays.recordings()})
@@ -47,10 +47,9 @@ async def download_recording(name: str, station: StationDep) -> StreamingRespons
 
 @router.get("/recordings/{name}/index", response_model=responses.RecordingIndexModel)
 async def index_recording(name: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Index of a recording: start, end, and each vehicle's modes, armed spans and messages. Takes seconds the
-    first time.
-
-    The first time it is an operation, which can be followed and cancelled (409 then).
+    """Index of a recording: start, end, and each vehicle's modes, armed periods and messages. The first
+    request reads the recording, which takes seconds, as an operation that can be followed and cancelled. If
+    it is cancelled, the answer is 409.
     """
     replays = station.replays
     if not replays.is_indexed(name):
@@ -97,7 +96,7 @@ async def show_replay(name: str, station: StationDep) -> Response:
 
 @router.post("/replays/{name}", response_model=responses.ReplayModel)
 async def change_replay(name: str, body: models.ReplayChange, station: StationDep) -> Response:
-    """Plays, pauses, sets the speed or jumps to a time; answers once the vehicles have their state of that
+    """Plays, pauses, sets the speed or jumps to a time; answers once the vehicles show their state at that
     time."""
     changed = await station.replays.change(
         name, playing=body.playing, speed=body.speed, position_unix_s=body.position_unix_s
@@ -107,7 +106,7 @@ async def change_replay(name: str, body: models.ReplayChange, station: StationDe
 
 @router.get("/replays/{name}/index", response_model=responses.RecordingIndexModel)
 async def index_replay(name: str, station: StationDep) -> Response:
-    """The index of an open replay, also of one that `gcs replay FILE` has opened."""
+    """The index of an open replay, including one opened by `gcs replay FILE`."""
     return answer(await station.replays.index_of_replay(name))
 
 
@@ -124,7 +123,7 @@ def _quoted(name: str) -> str:
 
 
 async def _pieces(path: Path, size: int) -> AsyncGenerator[bytes]:
-    """No more than `size` bytes, though the file may grow."""
+    """The first `size` bytes of the file in pieces; the file may be growing."""
     left = size
     async with await anyio.open_file(path, "rb") as file:
         while left and (piece := await file.read(min(PIECE_BYTES, left))):

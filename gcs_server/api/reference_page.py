@@ -1,7 +1,5 @@
-"""The API reference at /docs: this server's own page for openapi.json, so that nothing is loaded from
-elsewhere.
-
-FastAPI's page would load its script from the internet, which a ground station in the field may not have.
+"""The API reference at /docs: a page of this server that displays openapi.json. FastAPI's own page loads its
+script from the internet, which a ground station in the field may not have.
 """
 
 from __future__ import annotations
@@ -19,24 +17,24 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/docs")
 async def page() -> FileResponse:
-    """The document."""
+    """The HTML document of the page."""
     return FileResponse(FOLDER / "index.html", headers=_FRESH)
 
 
 @router.get("/docs/reference.js")
 async def program() -> FileResponse:
-    """Its script."""
+    """The script of the page."""
     return FileResponse(FOLDER / "reference.js", media_type="text/javascript", headers=_FRESH)
 
 
 @router.get("/docs/reference.css")
 async def style() -> FileResponse:
-    """Its style sheet."""
+    """The style sheet of the page."""
     return FileResponse(FOLDER / "reference.css", headers=_FRESH)
 
 
 @router.get("/docs/")
 @router.get("/api/v1/docs")
 async def elsewhere() -> RedirectResponse:
-    """Redirects from another usual address of the reference."""
+    """Redirects from another common address of the reference."""
     return RedirectResponse("/docs", status_code=308)

@@ -1,8 +1,8 @@
 """Pydantic models of dataclasses for the OpenAPI description, so that fields, units and descriptions are
 written once.
 
-Descriptions are the attribute docstrings of the dataclass, else they are made from the name's frame and unit.
-Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
+Descriptions are the attribute docstrings of the dataclass, or else derived from the frame and unit in the
+name. Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def attribute_docs(kind: type) -> dict[str, str]:
 
 
 def model_of(kind: type, name: str | None = None, **overrides: Any) -> type[BaseModel]:
-    """A model with the dataclass's fields.
+    """Creates a model with the fields of a dataclass.
 
     Args:
         kind: the dataclass.

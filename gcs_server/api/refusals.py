@@ -8,25 +8,25 @@ from http import HTTPStatus
 from gcs_server.telemetry.wire import encode
 
 MAX_HEAD_BYTES = 32_768
-"""Request line and headers together."""
+"""Maximum size of request line and headers together."""
 MAX_URL_BYTES = 8_192
 MAX_HEADERS = 100
 MAX_BODY_BYTES = 1 << 20
-"""A path of 5000 points has some 700 kB; everything else a few kilobytes."""
+"""A path of 5000 points needs about 700 kB; other bodies have a few kilobytes."""
 MAX_MESSAGE_BYTES = 1 << 20
-"""Largest WebSocket message of a client."""
+"""Maximum size of a client's WebSocket message."""
 HEAD_DEADLINE_S = 10.0
 """Deadline for the headers, from the start of the connection or the first byte of a later request."""
 BODY_DEADLINE_S = 20.0
 UNREAD_DEADLINE_S = 20.0
-"""How long a client may leave all written data unread."""
+"""Deadline for a client to read some of the written data."""
 MAX_PIPELINED = 8
-"""Requests that wait on one connection behind the one that is being answered."""
+"""Maximum number of requests that wait on one connection while another is being answered."""
 
 
 @dataclass(frozen=True, slots=True)
 class LimitRefusal:
-    """Why the server does not serve a request that exceeds a limit."""
+    """The answer to a request that exceeds a limit."""
 
     status: int
     code: str
@@ -52,9 +52,7 @@ class LimitRefusal:
         )
 
 
-MALFORMED = LimitRefusal(
-    400, "malformed_http", "The request is not HTTP as this server reads it.", "Send HTTP/1.1."
-)
+MALFORMED = LimitRefusal(400, "malformed_http", "The request is not valid HTTP/1.1.", "Send HTTP/1.1.")
 SLOW = LimitRefusal(
     408,
     "too_slow",

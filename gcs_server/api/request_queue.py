@@ -1,9 +1,9 @@
-"""Starts requests one after the other, each in its own turn of the event loop.
+"""Starts requests one at a time, each in a separate turn of the event loop.
 
-Otherwise two hundred simultaneous requests would be answered in one turn, and all other work of the loop
-would wait for them. Clients in control of a vehicle are first, then known clients, then new ones, so that a
-client that keeps changing its name delays nobody. Within a priority, addresses take turns, and clients of an
-address take turns.
+Otherwise hundreds of simultaneous requests would be answered in one turn, and all other work of the loop
+would wait. Clients in control of a vehicle come first, then known clients, then new ones. A client that keeps
+changing its name therefore does not delay other clients. Within a priority, addresses alternate, and so do
+the clients of an address.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable
 from gcs_server.control.principal import Principal
 
 KNOWN_AFTER_S = 2.0
-"""Age of its first request from which a client no longer counts as new."""
+"""Time after its first request at which a client counts as known."""
 FORGOTTEN_AFTER_S = 60.0
 MAX_KNOWN_CLIENTS = 500
 
@@ -23,7 +23,7 @@ Waiting = deque[asyncio.Future[None]]
 
 
 class _Lane:
-    """Waiting requests of equal priority, in fair order."""
+    """Waiting requests of the same priority, in fair order."""
 
     def __init__(self) -> None:
         self._addresses: OrderedDict[str, OrderedDict[str, Waiting]] = OrderedDict()
@@ -61,7 +61,7 @@ class RequestQueue:
         """By client key: time of the first and the last request."""
 
     async def wait(self, client: Principal) -> None:
-        """Returns when it is this client's turn; at once if no other request waits."""
+        """Returns when the request may start; immediately if no other request waits."""
         loop = asyncio.get_running_loop()
         known = self._note(client.key, loop.time())
         if not self._taken:
@@ -73,7 +73,7 @@ class RequestQueue:
         await future
 
     def _note(self, key: str, now_s: float) -> bool:
-        """Whether the client is known. Known clients stay known, however many new ones arrive."""
+        """Records a request; returns whether the client is known. New clients never displace known ones."""
         if key not in self._seen and len(self._seen) >= MAX_KNOWN_CLIENTS:
             self._seen = {k: s for k, s in self._seen.items() if now_s - s[1] < FORGOTTEN_AFTER_S}
             if len(self._seen) >= MAX_KNOWN_CLIENTS:
@@ -88,7 +88,7 @@ class RequestQueue:
             if future is None:
                 self._taken = False
                 return
-            if not future.done():  # else its request was cancelled
+            if not future.done():  # otherwise the request was cancelled
                 break
         future.set_result(None)
         # It runs in the next turn of the loop, and the request after it one turn later.

@@ -1,4 +1,4 @@
-"""Answers as models for the OpenAPI description, and the functions that build them."""
+"""Models of answers for the OpenAPI description, and the functions that build the answers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from gcs_server.vehicle.services.gimbal_reach import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
 LINES_PER_TURN = 500
-"""Lines of a history that are encoded in one turn of the event loop."""
+"""Number of lines of a history that are encoded in one turn of the event loop."""
 
 
 _SEVERAL: dict[str, dict[str, Any]] = {
@@ -83,9 +83,9 @@ ControlModel = model_of(
 
 
 class ControlView(ControlModel):  # type: ignore[misc,valid-type]
-    """Control of a vehicle, with fields about the caller."""
+    """State of control of a vehicle, with fields about the caller."""
 
-    yours: bool = Field(description="Whether the caller holds it.")
+    yours: bool = Field(description="Whether the caller has control.")
     your_key: str = Field(description="The caller's key.")
 
 
@@ -94,7 +94,7 @@ class Me(AnswerBody):
 
     name: str = Field(description="Name in the journal and for other clients.")
     key: str = Field(description="Distinguishes clients of the same name; as in `holder_key`.")
-    controls: list[str] = Field(description="Vehicles that it controls.")
+    controls: list[str] = Field(description="Vehicles that the caller controls.")
 
 
 def _sample_model(name: str, value: Any) -> type[BaseModel]:
@@ -126,16 +126,16 @@ _vehicle_fields: dict[str, Any] = {
     "identity": (IdentityModel, Field(description="Identity of the vehicle.")),
     "components": (
         list[ComponentModel],
-        Field(description="Its components that have sent a heartbeat, the autopilot first."),
+        Field(description="Components that have sent a heartbeat, the autopilot first."),
     ),
     "status": (StatusModel, Field(description="State of the vehicle.")),
     "links": (
         list[str],
-        Field(description="Names of the links on which it is connected, most recent first."),
+        Field(description="Names of the links over which the vehicle is connected, most recent first."),
     ),
-    "topics": (TopicsModel, Field(description="Every topic's newest sample.")),
-    "control": (ControlModel | None, Field(description="Who controls it; null for a recording.")),  # type: ignore[operator]
-    "offboard": (OffboardModel | None, Field(description="The setpoint stream to it.")),  # type: ignore[operator]
+    "topics": (TopicsModel, Field(description="Newest sample of each topic.")),
+    "control": (ControlModel | None, Field(description="State of control; null for a recording.")),  # type: ignore[operator]
+    "offboard": (OffboardModel | None, Field(description="The vehicle's setpoint stream.")),  # type: ignore[operator]
 }
 VehicleModel = create_model(
     "Vehicle",
@@ -146,7 +146,7 @@ VehicleModel = create_model(
 
 
 class HistorySample(AnswerBody):
-    """One sample of the past."""
+    """One stored sample."""
 
     vehicle: str = Field(description="The vehicle's id.")
     topic: str = Field(description="Which topic.")
@@ -156,7 +156,7 @@ class HistorySample(AnswerBody):
 
 
 class History(AnswerBody):
-    """The last minutes at up to 4 Hz, oldest first."""
+    """The samples of the last minutes at up to 4 Hz, oldest first."""
 
     samples: list[HistorySample] = Field(description="Samples of all requested topics, by time.")
 
@@ -164,23 +164,23 @@ class History(AnswerBody):
 class Message(AnswerBody):
     """One event of a vehicle."""
 
-    index: int = Field(description="Counts up within the vehicle's feed; give it as `since`.")
+    index: int = Field(description="Number of the event, increasing for each vehicle; use it as `since`.")
     kind: str = Field(description="status_text, event, mode_changed, armed, disarmed, command, …")
     vehicle: str | None = Field(description="The vehicle's id.")
     unix_s: float = Field(description="Time of the event at the server [s since 1970 UTC].")
     severity: int = Field(description="MAV_SEVERITY: 0 emergency … 6 info, 7 debug.")
-    text: str = Field(description="For people.")
-    data: dict[str, Any] = Field(description="Further data of this kind.")
+    text: str = Field(description="Message for the pilot.")
+    data: dict[str, Any] = Field(description="Further data, depending on the kind.")
 
 
 class Messages(AnswerBody):
     """Status texts and events, oldest first."""
 
-    messages: list[Message] = Field(description="The last thousand at most.")
+    messages: list[Message] = Field(description="At most the last thousand.")
 
 
 class CommandDone(AnswerBody):
-    """The command's result: the vehicle's own state shows the change."""
+    """The result of a command that succeeded: the vehicle's own state shows the change."""
 
     vehicle: str = Field(description="The vehicle's id.")
     command: str = Field(description="The command.")
@@ -194,19 +194,19 @@ class GimbalPointed(CommandDone):
     """Result of pointing the gimbal."""
 
     limited: GimbalLimitedModel | None = Field(  # type: ignore[valid-type]
-        description="Where the gimbal stopped at its own limit; null if it reached the angles, "
-        "still moves after 3 s, or does not report its attitude."
+        description="Angles at which the gimbal stopped at its own limit; null if it reached the requested "
+        "angles, is still moving after 3 s, or does not report its attitude."
     )
 
 
 class GimbalView(AnswerBody):
-    """State of the gimbal: the first one, or the chosen one."""
+    """State of the selected gimbal; default: the first one."""
 
     vehicle: str = Field(description="The vehicle's id.")
     available: bool = Field(description="False: the vehicle has reported no gimbal.")
     in_control: bool = Field(description="Whether this server is in primary control.")
     roi: RoiModel | None = Field(  # type: ignore[valid-type]
-        description="The ROI that this server has set; null: none, or ended since."
+        description="The ROI that this server has set; null: none, or it has ended."
     )
     gimbal: GimbalModel | None = Field(description="State and limits, and who controls it.")  # type: ignore[valid-type]
 
@@ -221,9 +221,14 @@ class MapFile(AnswerBody):
     """An offline map of the operator."""
 
     name: str = Field(description="The file's name in the maps folder.")
-    url: str = Field(description="PMTiles: the file, read in parts. MBTiles: add `/{zoom}/{x}/{y}`.")
+    url: str = Field(
+        description="For PMTiles, the URL of the file, which is read in parts. For MBTiles, append "
+        "`/{zoom}/{x}/{y}`."
+    )
     format: Literal["pmtiles", "mbtiles"] = Field(description="Format of the file.")
-    tiles: Literal["raster", "vector"] = Field(description="Pictures, or shapes to be drawn.")
+    tiles: Literal["raster", "vector"] = Field(
+        description="Content of the tiles: raster images or vector shapes."
+    )
     min_zoom: int = Field(description="Smallest zoom with tiles.")
     max_zoom: int = Field(description="Largest zoom with tiles.")
     bounds_deg: tuple[float, float, float, float] | None = Field(
@@ -237,9 +242,11 @@ class MapFile(AnswerBody):
 class Maps(AnswerBody):
     """Offline maps."""
 
-    folder: str = Field(description="Where to put PMTiles and MBTiles files.")
-    maps: list[MapFile] = Field(description="Maps by name; drawn in this order, the first at the bottom.")
-    unreadable: list[str] = Field(description="Files there that cannot be shown, each with the reason.")
+    folder: str = Field(description="Folder for PMTiles and MBTiles files.")
+    maps: list[MapFile] = Field(description="Maps, sorted by name; the first is drawn at the bottom.")
+    unreadable: list[str] = Field(
+        description="Files in the folder that cannot be shown, each with the reason."
+    )
 
 
 class Recordings(AnswerBody):
@@ -251,13 +258,13 @@ class Recordings(AnswerBody):
 class Replays(AnswerBody):
     """Open replays."""
 
-    replays: list[ReplayModel] = Field(description="Empty if none is open.")  # type: ignore[valid-type]
+    replays: list[ReplayModel] = Field(description="Open replays; empty if none is open.")  # type: ignore[valid-type]
 
 
 class Journal(AnswerBody):
     """Commands, newest first."""
 
-    entries: list[JournalEntryModel] = Field(description="At most `limit`.")  # type: ignore[valid-type]
+    entries: list[JournalEntryModel] = Field(description="At most `limit` entries.")  # type: ignore[valid-type]
 
 
 class Warnings(AnswerBody):
@@ -267,18 +274,18 @@ class Warnings(AnswerBody):
 
 
 class ServerHealth(AnswerBody):
-    """The server is up."""
+    """The server is running."""
 
     status: str = Field(description="Always `ok`: a server with a problem does not answer.")
-    uptime_s: float = Field(description="Since its start [s].")
+    uptime_s: float = Field(description="Time since the server's start [s].")
     vehicles: int = Field(description="Number of known vehicles.")
 
 
 class Version(AnswerBody):
     """Version and features of the server."""
 
-    name: str = Field(description="The program.")
-    version: str = Field(description="Its version.")
+    name: str = Field(description="Name of the program.")
+    version: str = Field(description="Version of the program.")
     schema_version: int = Field(
         description="Version of the telemetry format; a page with another version cannot read it."
     )
@@ -307,7 +314,8 @@ def sample_view(sample: Sample) -> dict[str, object]:
 
 
 def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
-    """A vehicle with all parts; a part that cannot be encoded is omitted, or null if it is required."""
+    """A vehicle with all its data. Data that cannot be encoded are omitted, or null if the field is
+    required."""
 
     def part(name: str, make: Callable[[], object | None]) -> Raw | None:
         def encoded() -> Raw | None:

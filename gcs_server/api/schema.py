@@ -68,7 +68,7 @@ def api_router() -> APIRouter:
 
 
 class _DocumentedApp(FastAPI):
-    """Adds to each operation who may call it, and the answers of access control and limits."""
+    """Adds to each operation the required permission, and the errors of access control and of the limits."""
 
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
@@ -97,9 +97,8 @@ PERMITTED = [Depends(permitted)]
 
 @functools.cache
 def _routes() -> tuple[BaseRoute, ...]:
-    """The routes, read once for all applications: that takes FastAPI most of a second.
-
-    An application's own `dependency_overrides` do not reach them.
+    """The routes, created once for all applications, because FastAPI needs almost a second for this.
+    `dependency_overrides` of an application have no effect on them.
     """
     app = FastAPI(dependencies=PERMITTED, openapi_url=None, docs_url=None, redoc_url=None)
     app.include_router(api_router())
@@ -108,13 +107,14 @@ def _routes() -> tuple[BaseRoute, ...]:
 
 
 def bare_app() -> FastAPI:
-    """The application's description and routes, without a running server behind them."""
+    """An application with the description and the routes, but without a running server."""
     app = _DocumentedApp(
         dependencies=PERMITTED,
         title="Offboard GCS",
         version=__version__,
         description=(
-            "A ground-control station for PX4. Names say quantity, frame and unit; errors are problem+json. "
+            "A ground-control station for PX4. Names contain quantity, frame and unit; errors are "
+            "problem+json. "
             "A command succeeds when the vehicle's own state shows it. Name your program in "
             "`X-Client` and give it an id of its own in `X-Client-Id`: one client at a time controls a "
             "vehicle (409 `not_in_control`). "
@@ -131,7 +131,7 @@ def bare_app() -> FastAPI:
 
     @app.get(f"{API}/openapi.json", include_in_schema=False)
     async def openapi() -> Response:
-        # The first time it takes most of a second: not in the event loop.
+        # The first call takes almost a second, so it must not run in the event loop.
         return Response(await asyncio.to_thread(_description_json), media_type="application/json")
 
     return app
@@ -139,7 +139,7 @@ def bare_app() -> FastAPI:
 
 @functools.cache
 def description() -> dict[str, Any]:
-    """The OpenAPI description, which is that of every application of this process."""
+    """The OpenAPI description; all applications of this process have the same."""
     return bare_app().openapi()
 
 
@@ -149,7 +149,7 @@ def _description_json() -> bytes:
 
 
 def main() -> None:
-    """Prints JSON."""
+    """Prints the description as JSON."""
     json.dump(description(), sys.stdout, indent=1)
     sys.stdout.write("\n")
 

@@ -1,4 +1,4 @@
-"""Fields of setpoint bodies with their units and limits, and the checks that all of them share."""
+"""Fields of setpoint bodies with units and limits, and checks common to all bodies."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Thrust = Annotated[
 
 POSITION_WORDS = "North, east, down of the vehicle's local origin [m]; down is negative above it."
 VELOCITY_WORDS = "North, east, down [m/s]; each at most 20."
-ACCELERATION_WORDS = "North, east, down [m/s²], gravity left out; each at most 20."
+ACCELERATION_WORDS = "North, east, down [m/s²], without gravity; each at most 20."
 NULL_MEANING = " null: not controlled."
 
 
@@ -63,7 +63,9 @@ class YawOrRate(SetpointBody):
     """Base of setpoints with yaw or yaw rate."""
 
     yaw_ned_rad: Angle | None = Field(
-        default=None, description="Heading clockwise from north [rad]; with neither, the heading is kept."
+        default=None,
+        description="Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its "
+        "heading.",
     )
     yaw_rate_ned_rad_s: float | None = Field(
         default=None, allow_inf_nan=False, ge=-3.5, le=3.5, description="Turning rate, clockwise [rad/s]."

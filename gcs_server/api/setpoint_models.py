@@ -1,4 +1,5 @@
-"""Setpoint bodies of HTTP and WebSocket, one class per kind; each converts itself to the streamer's value."""
+"""Setpoint bodies of HTTP and WebSocket, one class per kind; `to_setpoint` converts to the streamer's
+type."""
 
 from __future__ import annotations
 
@@ -79,7 +80,7 @@ class PositionGlobalSetpoint(YawOrRate):
 
 
 class PositionBodySetpoint(SetpointBody):
-    """An offset from the vehicle's position, along its heading, both at the time when the server accepts the
+    """An offset from the vehicle's position along its heading, at the time when the server accepts the
     setpoint.
     """
 
@@ -88,7 +89,7 @@ class PositionBodySetpoint(SetpointBody):
     type: Literal["position_body"]
     offset_frd_m: PositionNed = Field(description="Forward, right, down of the heading, level [m].")
     yaw_offset_rad: Angle | None = Field(
-        default=None, description="Yaw offset, clockwise [rad]; without it the heading is kept."
+        default=None, description="Yaw offset, clockwise [rad]; default: keep the heading."
     )
 
     def to_setpoint(self) -> s.PositionBody:
@@ -108,7 +109,7 @@ class VelocitySetpoint(YawOrRate):
 
 
 class VelocityBodySetpoint(YawOrRate):
-    """A velocity along the heading, level: it turns with the vehicle."""
+    """A velocity in the level heading frame, which turns with the vehicle."""
 
     model_config = example(type="velocity_body", velocity_frd_m_s=[1, 0, 0], yaw_rate_ned_rad_s=0.2)
 
@@ -134,9 +135,8 @@ class AccelerationSetpoint(YawOrRate):
 
 
 class TrajectorySetpoint(YawOrRate):
-    """Position, velocity and acceleration in this priority, the lower ones as feed-forward.
-
-    Every axis needs at least one of them, and north and east of each go together.
+    """Position, velocity and acceleration, in this order of priority; those of lower priority are
+    feed-forward. Each axis needs at least one of them. Give north and east together, or neither.
     """
 
     model_config = example(
@@ -179,7 +179,7 @@ class AttitudeSetpoint(SetpointBody):
         allow_inf_nan=False,
         ge=-3.5,
         le=3.5,
-        description="Feed-forward for the yaw, clockwise about the earth's down [rad/s].",
+        description="Yaw rate feed-forward, clockwise about the vertical axis [rad/s].",
     )
     thrust: Thrust
 
@@ -208,7 +208,7 @@ class AttitudeSetpoint(SetpointBody):
 
 
 class RatesSetpoint(SetpointBody):
-    """Body rates with thrust: the vehicle no longer levels itself."""
+    """Body rates with thrust; the vehicle does not level itself."""
 
     model_config = example(type="rates", rates_frd_rad_s=[0, 0, 0.5], thrust=0.5)
 

@@ -1,7 +1,7 @@
-"""The one envelope of setpoints that a client sends: `{"setpoint": {…}, "valid_for_s": …, "on_expiry": {…}}`.
+"""The request format for all setpoints: `{"setpoint": {…}, "valid_for_s": …, "on_expiry": {…}}`.
 
-`offboard/start`, `offboard/setpoint` and the WebSocket take it with one setpoint; the groups' routes take the
-same `valid_for_s` and `on_expiry` with one setpoint for each member.
+`offboard/start`, `offboard/setpoint` and the WebSocket accept one setpoint. The groups' routes accept the
+same `valid_for_s` and `on_expiry`, with one setpoint for each member.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from gcs_server.streamer.values.order import OnExpiry, Order
 
 
 class HoldOnExpiry(StrictBody):
-    """Hold the position by setpoints, then switch to PX4's Hold mode; without a position estimate, land."""
+    """Hold the position by setpoints, then switch to PX4's Hold mode; land if there is no position
+    estimate."""
 
     action: Literal["hold"]
     hold_for_s: float = Field(
@@ -42,14 +43,14 @@ AnyOnExpiry = Annotated[HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry, Field(
 
 
 class Validity(StrictBody):
-    """How long setpoints are valid, and what follows."""
+    """How long setpoints are valid, and the action on expiry."""
 
     valid_for_s: float = Field(
         default=1.0,
         allow_inf_nan=False,
         ge=0.05,
         le=3600,
-        description="How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.",
+        description="Time until the setpoint expires unless renewed [s]; `on_expiry` then applies.",
     )
     on_expiry: AnyOnExpiry = Field(
         default=HoldOnExpiry(action="hold"),
@@ -64,7 +65,7 @@ class Validity(StrictBody):
 
 
 class SetpointRequest(Validity):
-    """A setpoint, sent at once; it replaces the one before."""
+    """A setpoint, sent immediately; it replaces the previous one."""
 
     model_config = example(
         setpoint={"type": "velocity", "velocity_ned_m_s": [1, 0, 0]},
@@ -91,12 +92,12 @@ class SetpointRequest(Validity):
 
 
 class StartRequest(SetpointRequest):
-    """The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed."""
+    """The first setpoint and the stream's settings; the validity starts when Offboard is confirmed."""
 
     model_config = example(
         setpoint={"type": "position", "position_ned_m": [0, 0, -10]}, valid_for_s=10, rate_hz=50
     )
 
     rate_hz: float = Field(
-        default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints a second [Hz]."
+        default=50.0, allow_inf_nan=False, ge=2, le=100, description="Setpoints per second [Hz]."
     )

@@ -1,7 +1,6 @@
-"""The sign-in page for browsers without the token: explains how to get it, and has a field for it.
-
-A single document without script: its style is inline and allowed by its hash, so nothing else is served
-without the token.
+"""The sign-in page for browsers without the token: it explains how to get the token and has a field to enter
+it. The page is a single document without scripts. Its inline style is allowed by hash, so that nothing else
+is served without the token.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ FOLDER = Path(__file__).resolve().parent / "sign_in"
 
 @functools.cache
 def _parts() -> tuple[Template, str, str]:
-    """Document, style and the content policy that allows them."""
+    """The document, its style, and the content security policy that allows both."""
     style = (FOLDER / "style.css").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = (
@@ -36,8 +35,8 @@ def sign_in_page(refusal: Refusal, location: str) -> HTMLResponse:
     """The page.
 
     Args:
-        refusal: shown at the field if the token was wrong.
-        location: address on this server to open afterwards.
+        refusal: the error to show at the field, if the token was wrong.
+        location: path on this server to open after signing in.
     """
     document, style, policy = _parts()
     error = (

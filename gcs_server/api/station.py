@@ -58,7 +58,7 @@ class Station:
     setpoints_noted: dict[tuple[str, str, str], tuple[float, int]] = field(
         default_factory=dict[tuple[str, str, str], tuple[float, int]]
     )
-    """By client key, vehicle and result: time of the last journal line, and the number of setpoints since."""
+    """Time of the last journal line and number of setpoints since then, by client key, vehicle and result."""
 
     def __post_init__(self) -> None:
         self.request_queue = RequestQueue(self.authority.controls_any)
@@ -73,7 +73,7 @@ class Station:
         return self.streamer.offboard(self.fleet.get(vehicle_id).id)
 
     def warnings(self) -> list[Notice]:
-        """All present warnings."""
+        """All current warnings."""
         notices = self.fleet.warnings()
         if self.journal.warning is not None:
             notices.append(Notice("journal", self.journal.warning))

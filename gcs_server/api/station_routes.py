@@ -1,4 +1,4 @@
-"""The server itself: health, links, journal, warnings, telemetry."""
+"""Routes of the server itself: health, links, journal, warnings, telemetry."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ router = APIRouter(tags=["station"])
 
 @router.get("/health", response_model=responses.ServerHealth)
 async def health(station: StationDep) -> Response:
-    """Answers while the server is up."""
+    """Answers while the server is running."""
     uptime_s = station.clock.monotonic_s() - station.started_s
     return answer({"status": "ok", "uptime_s": uptime_s, "vehicles": len(station.fleet.all())})
 
@@ -51,10 +51,10 @@ async def list_links(station: StationDep) -> Response:
 
 @router.post("/links", response_model=responses.LinkModel, status_code=201, responses=RESPONSES)
 async def add_link(body: models.LinkRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Opens a link. One that cannot be opened yet keeps trying and reports why.
+    """Opens a link. If it cannot be opened yet, it keeps trying and reports the reason.
 
-    A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
-    control of a vehicle: that station could command it.
+    A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while another client has
+    control of a vehicle, because that station could command the vehicle.
     """
     arguments: dict[str, object] = {**body.model_dump(exclude_none=True), "url": shown_url(body.url)}
     with authorized_command(station, principal, "links/add", None, arguments):
@@ -73,8 +73,8 @@ async def remove_link(
         str | None,
         Query(
             max_length=1000,
-            description="Needed where a vehicle in flight would lose its last link: exactly the text that "
-            "the refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`.",
+            description="Required if a vehicle in flight would lose its last link; exactly the text from "
+            "the refusal: `link {name} closes, vehicle {id} in flight loses its last link`.",
         ),
     ] = None,
 ) -> Response:
@@ -105,13 +105,13 @@ async def journal(
 
 @router.get("/warnings", response_model=responses.Warnings)
 async def warnings(station: StationDep) -> Response:
-    """Present warnings: ports in use, stopped recordings, duplicate ids, a simulator that died."""
+    """Current warnings: ports in use, stopped recordings, duplicate ids, a simulator that has ended."""
     return answer({"warnings": station.warnings()})
 
 
 @router.websocket("/telemetry")
 async def telemetry(socket: WebSocket) -> None:
-    """See "Telemetry" in docs/api.md."""
+    """Sends telemetry samples and events; see "Telemetry" in docs/api.md."""
     station: Station = socket.app.state.station
     await socket.accept()
     connection = station.authority.connected(principal_of(socket)) if has_identity(socket) else nullcontext()

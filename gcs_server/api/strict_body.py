@@ -1,7 +1,8 @@
 """Base classes of bodies. Requests with unknown fields are refused, and numbers must be JSON numbers.
 
-Pydantic would read `true` as 1.0 and `"30"` as 30, and a vehicle would climb to that altitude. Here floats
-also accept whole numbers, and every other field accepts only its own JSON type; NaN and infinity are refused.
+By default Pydantic reads `true` as 1.0 and `"30"` as 30, and a vehicle would climb to that altitude. Here
+float fields accept any JSON number, and every other field accepts only its own JSON type. NaN and infinity
+are refused.
 """
 
 from __future__ import annotations
@@ -43,6 +44,6 @@ class StrictBody(BaseModel):
 
 
 class AnswerBody(BaseModel):
-    """Base of the bodies of answers: they have only the described fields."""
+    """Base of the bodies of answers, which have only the described fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

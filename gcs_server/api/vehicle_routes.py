@@ -36,9 +36,9 @@ async def carry_out(
     *,
     result_as: str | None = None,
 ) -> Response:
-    """Runs a command under the journal; answers once the vehicle's own state shows it.
+    """Runs a command and writes it to the journal; answers once the vehicle's own state shows the result.
 
-    `result_as`: field of the answer for the result of `work`.
+    `result_as` is the answer's field for the result of `work`.
     """
     with authorized_command(station, principal, command, vehicle_id, arguments) as outcome:
         vehicle = station.fleet.get(vehicle_id)
@@ -68,10 +68,8 @@ async def show_vehicle(vehicle: VehicleDep) -> Response:
 
 @router.delete("/{v}", status_code=204)
 async def remove_vehicle(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Removes a vehicle that is no longer connected; 409 while it is connected, streamed to or controlled by
-    another.
-
-    If it connects again it is listed as a new vehicle.
+    """Removes a vehicle that is no longer connected. Answers 409 while it is connected, has a setpoint
+    stream, or is controlled by another client. If it connects again, it is listed as a new vehicle.
     """
     with authorized_command(station, principal, "vehicles/remove", None, {"vehicle": v}):
         refused = station.authority.refusal(principal, "vehicles/remove", [v])
@@ -84,7 +82,7 @@ async def remove_vehicle(v: str, station: StationDep, principal: PrincipalDep) -
 @router.get("/{v}/history", response_model=responses.History)
 async def history(
     vehicle: VehicleDep,
-    topics: Annotated[str, Query(description="Names separated by commas; default: all.")] = "",
+    topics: Annotated[str, Query(description="Names of topics, separated by commas; default: all.")] = "",
     since_unix_s: Annotated[
         float | None,
         Query(
@@ -93,7 +91,7 @@ async def history(
         ),
     ] = None,
 ) -> Response:
-    """The last minutes at up to 4 Hz, oldest first."""
+    """The samples of the last minutes at up to 4 Hz, oldest first."""
     topic_names = tuple(dict.fromkeys(name for name in topics.split(",") if name)) or tuple(TOPICS)
     unknown = [name for name in topic_names if name not in TOPICS]
     if unknown:
@@ -104,7 +102,9 @@ async def history(
     samples: list[Sample] = []
     for topic in topic_names:
         samples += vehicle.history((topic,), since)
-        await asyncio.sleep(0)  # decoding thousands of frames: the event loop does other work in between
+        await asyncio.sleep(
+            0
+        )  # decodes thousands of frames in pieces, so that the event loop can do other work in between
     samples.sort(key=lambda sample: sample.received_monotonic_s)
     pieces: list[bytes] = []
     for piece in responses.history_pieces(vehicle, samples):
@@ -236,8 +236,8 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
 async def land_now(
     v: str, body: control_models.LandNowRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
-    """Lands at the current position, whoever has control; answers once the vehicle is landing. The holder
-    keeps control."""
+    """Lands at the current position, whoever has control; answers once the vehicle is landing. Control does
+    not change."""
 
     async def work(vehicle: Vehicle) -> None:
         BY_NAME["land_now"].require_confirmation(body.confirm, vehicle=v)
@@ -248,10 +248,9 @@ async def land_now(
 
 @router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
 async def kill(v: str, body: models.KillRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Stops the motors at once, in flight too, whoever has control: the vehicle falls.
-
-    Repeated until the vehicle reports that it is disarmed, for at most 6 s; until then all other commands are
-    refused.
+    """Stops the motors immediately, even in flight and whoever has control: the vehicle falls. The command is
+    repeated until the vehicle reports that it is disarmed, for at most 6 s. All other commands are refused
+    during this time.
     """
 
     async def work(vehicle: Vehicle) -> None:

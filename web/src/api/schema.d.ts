@@ -10,7 +10,7 @@ export interface paths {
         };
         /**
          * Health
-         * @description Answers while the server is up.
+         * @description Answers while the server is running.
          */
         readonly get: operations["health_api_v1_health_get"];
         readonly put?: never;
@@ -56,10 +56,10 @@ export interface paths {
         readonly put?: never;
         /**
          * Add Link
-         * @description Opens a link. One that cannot be opened yet keeps trying and reports why.
+         * @description Opens a link. If it cannot be opened yet, it keeps trying and reports the reason.
          *
-         *     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while somebody else has
-         *     control of a vehicle: that station could command it.
+         *     A link to another ground station (`forward=1`) is refused (409 `not_in_control`) while another client has
+         *     control of a vehicle, because that station could command the vehicle.
          */
         readonly post: operations["add_link_api_v1_links_post"];
         readonly delete?: never;
@@ -120,7 +120,7 @@ export interface paths {
         };
         /**
          * Warnings
-         * @description Present warnings: ports in use, stopped recordings, duplicate ids, a simulator that died.
+         * @description Current warnings: ports in use, stopped recordings, duplicate ids, a simulator that has ended.
          */
         readonly get: operations["warnings_api_v1_warnings_get"];
         readonly put?: never;
@@ -167,10 +167,8 @@ export interface paths {
         readonly post?: never;
         /**
          * Remove Vehicle
-         * @description Removes a vehicle that is no longer connected; 409 while it is connected, streamed to or controlled by
-         *     another.
-         *
-         *     If it connects again it is listed as a new vehicle.
+         * @description Removes a vehicle that is no longer connected. Answers 409 while it is connected, has a setpoint
+         *     stream, or is controlled by another client. If it connects again, it is listed as a new vehicle.
          */
         readonly delete: operations["remove_vehicle_api_v1_vehicles__v__delete"];
         readonly options?: never;
@@ -187,7 +185,7 @@ export interface paths {
         };
         /**
          * History
-         * @description The last minutes at up to 4 Hz, oldest first.
+         * @description The samples of the last minutes at up to 4 Hz, oldest first.
          */
         readonly get: operations["history_api_v1_vehicles__v__history_get"];
         readonly put?: never;
@@ -389,8 +387,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Land Now
-         * @description Lands at the current position, whoever has control; answers once the vehicle is landing. The holder
-         *     keeps control.
+         * @description Lands at the current position, whoever has control; answers once the vehicle is landing. Control does
+         *     not change.
          */
         readonly post: operations["land_now_api_v1_vehicles__v__land_now_post"];
         readonly delete?: never;
@@ -410,10 +408,9 @@ export interface paths {
         readonly put?: never;
         /**
          * Kill
-         * @description Stops the motors at once, in flight too, whoever has control: the vehicle falls.
-         *
-         *     Repeated until the vehicle reports that it is disarmed, for at most 6 s; until then all other commands are
-         *     refused.
+         * @description Stops the motors immediately, even in flight and whoever has control: the vehicle falls. The command is
+         *     repeated until the vehicle reports that it is disarmed, for at most 6 s. All other commands are refused
+         *     during this time.
          */
         readonly post: operations["kill_api_v1_vehicles__v__kill_post"];
         readonly delete?: never;
@@ -476,7 +473,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Leave
-         * @description Releases every vehicle that the caller controls; their flight is not changed.
+         * @description Releases control of all vehicles; their flight does not change.
          */
         readonly post: operations["leave_api_v1_me_leave_post"];
         readonly delete?: never;
@@ -494,7 +491,8 @@ export interface paths {
         };
         /**
          * Show
-         * @description The holder of control, since when, who requests it, and who set the vehicle's current mode.
+         * @description The client in control and since when, the requests for control, and who set the vehicle's current
+         *     mode.
          */
         readonly get: operations["show_api_v1_vehicles__v__control_get"];
         readonly put?: never;
@@ -516,10 +514,9 @@ export interface paths {
         readonly put?: never;
         /**
          * Take
-         * @description Takes control that nobody holds; with `force` from another client, which must be asked first if it can
-         *     be.
-         *
-         *     The first command of a vehicle that nobody holds does the same.
+         * @description Takes control if no client has it, or with `force` from the client that has it. A client that can
+         *     answer requests must be asked first. The first command to a vehicle without a client in control takes
+         *     control, too.
          */
         readonly post: operations["take_api_v1_vehicles__v__control_take_post"];
         readonly delete?: never;
@@ -539,8 +536,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Request
-         * @description Requests control from its holder, who sees client and reason; control that nobody holds is taken at
-         *     once.
+         * @description Requests control from the client in control, which is shown the requesting client and the reason. If no
+         *     client has control, it is taken immediately.
          */
         readonly post: operations["request_api_v1_vehicles__v__control_request_post"];
         readonly delete?: never;
@@ -560,7 +557,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Grant
-         * @description The holder gives control to a client that requested it; the flight is not changed.
+         * @description Gives control to a client that requested it; the flight does not change.
          */
         readonly post: operations["grant_api_v1_vehicles__v__control_grant_post"];
         readonly delete?: never;
@@ -580,7 +577,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Deny
-         * @description The holder keeps control; the denied client may then take it by force.
+         * @description Denies a request for control; the denied client may then take control by force.
          */
         readonly post: operations["deny_api_v1_vehicles__v__control_deny_post"];
         readonly delete?: never;
@@ -600,7 +597,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Release
-         * @description Releases control, or withdraws a request; otherwise nothing happens.
+         * @description Releases control, or withdraws a request for it. Does nothing if the caller has neither.
          */
         readonly post: operations["release_api_v1_vehicles__v__control_release_post"];
         readonly delete?: never;
@@ -620,7 +617,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Renew
-         * @description Renews the holder's control for another `lease_s`, as every request of the holder does; takes no
+         * @description Renews the caller's control for another `lease_s`, as every other request does. Does not take
          *     control.
          */
         readonly post: operations["renew_api_v1_vehicles__v__control_renew_post"];
@@ -663,8 +660,8 @@ export interface paths {
          * Start
          * @description Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
          *
-         *     In the answer, `if_stream_stops` is the vehicle's own action if the stream stops; `limits` has the limits,
-         *     and whether the operator's limits were restored after a restart.
+         *     In the answer, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
+         *     limits, and whether the operator's limits were restored after a restart.
          */
         readonly post: operations["start_api_v1_vehicles__v__offboard_start_post"];
         readonly delete?: never;
@@ -684,7 +681,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Setpoint
-         * @description A new target, sent at once; refused (409) if no stream runs.
+         * @description Replaces the setpoint of a running stream and sends the new one immediately; refused (409) if no stream
+         *     is running.
          */
         readonly post: operations["setpoint_api_v1_vehicles__v__offboard_setpoint_post"];
         readonly delete?: never;
@@ -704,7 +702,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Stop
-         * @description Puts the vehicle into Hold, waits for its confirmation, then stops; does nothing without a stream.
+         * @description Puts the vehicle into Hold, waits for its confirmation, then stops the stream. Does nothing if no
+         *     stream is running.
          */
         readonly post: operations["stop_api_v1_vehicles__v__offboard_stop_post"];
         readonly delete?: never;
@@ -748,9 +747,9 @@ export interface paths {
         readonly get?: never;
         /**
          * Set Avoidance
-         * @description Switches obstacle avoidance on or off, also in flight; refused (409) if no sensor sees obstacles.
+         * @description Switches obstacle avoidance on or off, also in flight; refused (409) if no sensor measures obstacles.
          *
-         *     It acts on setpoints with a position (position, trajectory, path, follow) and stays on until it is
+         *     Avoidance acts on setpoints with a position (position, trajectory, path, follow). It stays on until it is
          *     switched off or the server is shut down. The obstacle brake is a separate limit.
          */
         readonly put: operations["set_avoidance_api_v1_vehicles__v__offboard_avoidance_put"];
@@ -790,7 +789,7 @@ export interface paths {
         };
         /**
          * Show All
-         * @description All groups, and the last ones that ended.
+         * @description All groups, including those that ended recently.
          */
         readonly get: operations["show_all_api_v1_groups_get"];
         readonly put?: never;
@@ -798,10 +797,10 @@ export interface paths {
          * Start
          * @description Switches all flying members to Offboard at their positions, then starts them together.
          *
-         *     Answers when all have confirmed, with the common start time (`start_unix_s`). If a member refuses, does
-         *     not confirm, or would come too close to another, none moves and all are put into Hold (409
-         *     `not_together` with their ids). `limits` has each member's limits, and whether the operator's limits were
-         *     restored after a restart.
+         *     Answers with the common start time (`start_unix_s`) when all have confirmed. If a member refuses, does not
+         *     confirm, or would come too close to another, no member moves and all are put into Hold (409 `not_together`
+         *     with their ids). `limits` contains each member's limits, and whether the operator's limits were restored
+         *     after a restart.
          */
         readonly post: operations["start_api_v1_groups_post"];
         readonly delete?: never;
@@ -841,7 +840,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Setpoints
-         * @description New setpoints for some or all members, sent together; refused if two would come too close.
+         * @description Sends new setpoints to some or all members at the same time; refused if two members would come too
+         *     close.
          */
         readonly post: operations["setpoints_api_v1_groups__g__setpoints_post"];
         readonly delete?: never;
@@ -861,8 +861,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Hold
-         * @description Puts all members into Hold at once; needs no control. A vehicle that has left the group is not
-         *     affected.
+         * @description Puts all members into Hold immediately; does not require control. A vehicle that has left the group is
+         *     not affected.
          */
         readonly post: operations["hold_api_v1_groups__g__hold_post"];
         readonly delete?: never;
@@ -942,10 +942,10 @@ export interface paths {
         readonly put?: never;
         /**
          * Angles
-         * @description Points the camera; answers once it points there or has stopped: `limited` says where a limit stopped
-         *     it.
+         * @description Points the camera. Answers once the gimbal has reached the angles or stopped; `limited` is the angle at
+         *     which a limit stopped it.
          *
-         *     Without `wait` it answers once the vehicle has acknowledged.
+         *     Without `wait`, answers once the vehicle has acknowledged.
          */
         readonly post: operations["angles_api_v1_vehicles__v__gimbal_angles_post"];
         readonly delete?: never;
@@ -1005,7 +1005,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Clear Roi
-         * @description Clears the location that the camera looks at.
+         * @description Clears the location (ROI) at which the camera is pointed.
          */
         readonly post: operations["clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post"];
         readonly delete?: never;
@@ -1045,11 +1045,11 @@ export interface paths {
         readonly put?: never;
         /**
          * Refresh Params
-         * @description Reads all parameters (929 on PX4) unless the vehicle's checksum shows that the known ones are
-         *     unchanged.
+         * @description Reads all parameters (929 on PX4), unless the vehicle's checksum shows that they are unchanged.
          *
-         *     Answers at once with the progress, unless asked to wait; `Location` is the operation that reads them,
-         *     which can be followed and cancelled. Descriptions are read from the vehicle's files, once per firmware.
+         *     Answers immediately with the progress, or after the end with `wait`. The header `Location` is the
+         *     operation that reads them; it can be followed and cancelled. Descriptions are read from the vehicle's
+         *     files, once per firmware.
          */
         readonly post: operations["refresh_params_api_v1_vehicles__v__params_refresh_post"];
         readonly delete?: never;
@@ -1067,15 +1067,15 @@ export interface paths {
         };
         /**
          * Get Param
-         * @description Reads one parameter from the vehicle; for an unknown name the vehicle sends no answer (504).
+         * @description Reads one parameter from the vehicle. A vehicle does not answer for an unknown name (504).
          */
         readonly get: operations["get_param_api_v1_vehicles__v__params__name__get"];
         /**
          * Set Param
-         * @description Sets one parameter and answers with the value that the vehicle then reports.
+         * @description Sets one parameter and returns the value that the vehicle reports afterwards.
          *
-         *     Once the parameters have been read, a value outside the documented range or choices is refused (422),
-         *     unless forced.
+         *     If the parameters have been read, a value outside the documented range or choices is refused (422), except
+         *     with `force`.
          */
         readonly put: operations["set_param_api_v1_vehicles__v__params__name__put"];
         readonly post?: never;
@@ -1116,9 +1116,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Check
-         * @description Has the vehicle run its checks now, and answers with their result.
-         *
-         *     The vehicle's own texts are read from its files, once per firmware, and arrive a little later.
+         * @description Requests the vehicle to run its checks now, and returns the result. The texts of the checks are read
+         *     from the vehicle's files, once per firmware, and arrive a little later.
          */
         readonly post: operations["check_api_v1_vehicles__v__readiness_check_post"];
         readonly delete?: never;
@@ -1136,7 +1135,7 @@ export interface paths {
         };
         /**
          * List Maps
-         * @description The map files in the data folder, in order of their names, and those that cannot be read.
+         * @description The map files in the data folder, sorted by name, and the files that cannot be read.
          */
         readonly get: operations["list_maps_api_v1_maps_get"];
         readonly put?: never;
@@ -1156,7 +1155,7 @@ export interface paths {
         };
         /**
          * Map File
-         * @description A PMTiles file, whole or (with a Range header) a part.
+         * @description A PMTiles file, or the part requested by a Range header.
          */
         readonly get: operations["map_file_api_v1_maps__name__get"];
         readonly put?: never;
@@ -1196,7 +1195,7 @@ export interface paths {
         };
         /**
          * List Recordings
-         * @description Recorded flights, newest first; `problem` and `running` mark those that are damaged or still being
+         * @description Recorded flights, newest first; `problem` and `running` mark recordings that are damaged or still being
          *     written.
          */
         readonly get: operations["list_recordings_api_v1_recordings_get"];
@@ -1237,10 +1236,9 @@ export interface paths {
         };
         /**
          * Index Recording
-         * @description Index of a recording: start, end, and each vehicle's modes, armed spans and messages. Takes seconds the
-         *     first time.
-         *
-         *     The first time it is an operation, which can be followed and cancelled (409 then).
+         * @description Index of a recording: start, end, and each vehicle's modes, armed periods and messages. The first
+         *     request reads the recording, which takes seconds, as an operation that can be followed and cancelled. If
+         *     it is cancelled, the answer is 409.
          */
         readonly get: operations["index_recording_api_v1_recordings__name__index_get"];
         readonly put?: never;
@@ -1290,7 +1288,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Change Replay
-         * @description Plays, pauses, sets the speed or jumps to a time; answers once the vehicles have their state of that
+         * @description Plays, pauses, sets the speed or jumps to a time; answers once the vehicles show their state at that
          *     time.
          */
         readonly post: operations["change_replay_api_v1_replays__name__post"];
@@ -1313,7 +1311,7 @@ export interface paths {
         };
         /**
          * Index Replay
-         * @description The index of an open replay, also of one that `gcs replay FILE` has opened.
+         * @description The index of an open replay, including one opened by `gcs replay FILE`.
          */
         readonly get: operations["index_replay_api_v1_replays__name__index_get"];
         readonly put?: never;
@@ -1333,8 +1331,8 @@ export interface paths {
         };
         /**
          * List Operations
-         * @description Running operations and those that ended last. Each change is also an `operation` event of the telemetry
-         *     socket.
+         * @description Running operations and those that ended recently. Each change is also sent as an `operation` event on
+         *     the telemetry socket.
          */
         readonly get: operations["list_operations_api_v1_operations_get"];
         readonly put?: never;
@@ -1354,16 +1352,16 @@ export interface paths {
         };
         /**
          * Show Operation
-         * @description Progress of an operation, or how it ended.
+         * @description Progress of an operation, or its result or error.
          */
         readonly get: operations["show_operation_api_v1_operations__o__get"];
         readonly put?: never;
         readonly post?: never;
         /**
          * Cancel Operation
-         * @description Cancels an operation and answers once it has cleaned up; one that has ended is not changed.
-         *
-         *     The client that started it may cancel it; another client only while nobody else controls its vehicle.
+         * @description Cancels an operation and answers once its clean-up is done. An ended operation does not change. The
+         *     client that started the operation may always cancel it. Another client may cancel it only if no one else
+         *     controls the operation's vehicle.
          */
         readonly delete: operations["cancel_operation_api_v1_operations__o__delete"];
         readonly options?: never;
@@ -1380,7 +1378,7 @@ export interface paths {
         };
         /**
          * List Plans
-         * @description The newest version of each plan, without the plans themselves.
+         * @description The newest version of each plan, without the documents.
          */
         readonly get: operations["list_plans_api_v1_plans_get"];
         readonly put?: never;
@@ -1408,9 +1406,9 @@ export interface paths {
          * Check Plan
          * @description Checks a plan: findings and estimates of its flight. Changes nothing.
          *
-         *     With `vehicle`, its parameters and home are used as far as the server knows them. For values in
-         *     `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start on
-         *     the ground at home; `flight` is its path and what each step takes.
+         *     With `vehicle`, the vehicle's parameters and home are used if the server has them. For the values listed
+         *     in `not_known`, PX4's defaults and the plan's home are used. An offboard mission is compiled for a start
+         *     on the ground at home; `flight` contains its path and the duration of each step.
          */
         readonly post: operations["check_plan_api_v1_plans_check_post"];
         readonly delete?: never;
@@ -1430,7 +1428,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Convert Plan
-         * @description The offboard mission that flies a waypoint plan by setpoints. Saves nothing.
+         * @description Converts a waypoint plan to an offboard mission, which flies it by setpoints. Saves nothing.
          *
          *     With `vehicle`, its parameters are used, and its home if the plan has none.
          */
@@ -1498,7 +1496,7 @@ export interface paths {
          * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
          *     nothing.
          *
-         *     The body is the file as it is.
+         *     The body is the unchanged file.
          */
         readonly post: operations["import_plan_api_v1_plans_import_post"];
         readonly delete?: never;
@@ -1518,7 +1516,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Export Plan
-         * @description The plan as a file. The header `X-Plan-Notes` lists, as JSON, what the format cannot represent.
+         * @description The plan as a file. The header `X-Plan-Notes` is a JSON list of content that the format cannot
+         *     represent.
          */
         readonly post: operations["export_plan_api_v1_plans_export_post"];
         readonly delete?: never;
@@ -1538,7 +1537,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Make Pattern
-         * @description Items from an area, a line or a point: survey, corridor, perimeter, orbit or structure scan.
+         * @description Generates items from an area, a line or a point: survey, corridor, perimeter, orbit or structure
+         *     scan.
          */
         readonly post: operations["make_pattern_api_v1_plans_pattern_post"];
         readonly delete?: never;
@@ -1561,8 +1561,8 @@ export interface paths {
         readonly get: operations["get_plan_api_v1_plans__plan__get"];
         /**
          * Save Plan
-         * @description Adds a version; 409 `conflict` if `base_version` is not the newest; names who saved the newest, and
-         *     when.
+         * @description Adds a version. Answers 409 `conflict` if `base_version` is not the newest version, with the time and
+         *     the client of the newest one.
          */
         readonly put: operations["save_plan_api_v1_plans__plan__put"];
         readonly post?: never;
@@ -1605,7 +1605,8 @@ export interface paths {
         };
         /**
          * List Elevation Files
-         * @description The elevation files in the data folder, the finest first, and those that cannot be read.
+         * @description The elevation files in the data folder, from the finest grid to the coarsest, and the files that cannot
+         *     be read.
          */
         readonly get: operations["list_elevation_files_api_v1_elevation_get"];
         readonly put?: never;
@@ -1629,8 +1630,8 @@ export interface paths {
          * Start Dry Run
          * @description Flies a plan in simulation, once or many times; changes nothing and commands no vehicle.
          *
-         *     An operation with progress, to be cancelled by `DELETE /operations/{id}`; when it has succeeded,
-         *     `GET /dry_runs/{d}` returns the result; `d` is `result.dry_run`. Two run at once at most.
+         *     A dry run is an operation with progress; `DELETE /operations/{id}` cancels it. After success, `GET
+         *     /dry_runs/{d}` returns the result; `d` is `result.dry_run` of the operation. At most two run at a time.
          */
         readonly post: operations["start_dry_run_api_v1_dry_runs_post"];
         readonly delete?: never;
@@ -1668,7 +1669,7 @@ export interface paths {
         };
         /**
          * Show Mission
-         * @description Progress of the vehicle's mission, and which plan is on it; sends nothing to the vehicle.
+         * @description Progress of the vehicle's mission, and the plan on the vehicle. Sends nothing to the vehicle.
          */
         readonly get: operations["show_mission_api_v1_vehicles__v__mission_get"];
         readonly put?: never;
@@ -1694,12 +1695,12 @@ export interface paths {
         readonly put?: never;
         /**
          * Upload
-         * @description Replaces mission, geofence and rally points by those of a plan, and reads them back to verify.
+         * @description Replaces mission, geofence and rally points with those of a plan, and reads them back for verification.
          *
-         *     An operation with progress, to be cancelled by `DELETE /operations/{id}`. Its `result` has the number of
-         *     items and `not_kept`, the parameters that the vehicle does not keep. A part that the plan does not have
-         *     is cleared. It starts nothing. But a vehicle in Mission mode flies the new mission at once; then `confirm`
-         *     is required.
+         *     The upload is an operation with progress; `DELETE /operations/{id}` cancels it. Its `result` contains the
+         *     number of items, and `not_kept`: the item parameters that the vehicle did not store. Parts that the plan
+         *     does not have are cleared. The upload does not start the mission. However, a vehicle in Mission mode flies
+         *     the new mission immediately; `confirm` is then required.
          */
         readonly post: operations["upload_api_v1_vehicles__v__mission_upload_post"];
         readonly delete?: never;
@@ -1719,7 +1720,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Download
-         * @description Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` then has them.
+         * @description Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` returns them.
          */
         readonly post: operations["download_api_v1_vehicles__v__mission_download_post"];
         readonly delete?: never;
@@ -1761,7 +1762,7 @@ export interface paths {
          * Compare
          * @description Differences between a plan and the items of the last download from the vehicle.
          *
-         *     If a stored plan is equal, and the vehicle still has these items, the server takes it as the vehicle's
+         *     If a stored plan is equal, and the vehicle still has these items, that plan becomes the vehicle's known
          *     plan.
          */
         readonly post: operations["compare_api_v1_vehicles__v__mission_compare_post"];
@@ -1784,8 +1785,8 @@ export interface paths {
          * Start
          * @description Starts the vehicle's mission at an item, or the current one; arms if needed.
          *
-         *     Answers once the vehicle is armed in Mission. 409 `plan_findings` if the plan has error findings or is not
-         *     known, unless `despite` names their codes. Hold pauses it.
+         *     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
+         *     or is unknown, unless `despite` lists their codes. Hold pauses the mission.
          */
         readonly post: operations["start_api_v1_vehicles__v__mission_start_post"];
         readonly delete?: never;
@@ -1805,7 +1806,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Resume
-         * @description Resumes the mission at its current item; for a flying vehicle.
+         * @description Resumes the mission of a flying vehicle at its current item.
          */
         readonly post: operations["resume_api_v1_vehicles__v__mission_resume_post"];
         readonly delete?: never;
@@ -1865,10 +1866,10 @@ export interface paths {
         readonly put?: never;
         /**
          * Start
-         * @description Compiles the mission from the vehicle's position, checks it, starts it, and answers.
+         * @description Compiles the mission from the vehicle's position, checks it, and starts it.
          *
-         *     409 `plan_findings` if it has error findings, unless `despite` names their codes. `if_stream_stops` is the
-         *     vehicle's own action if the server fails.
+         *     Answers 409 `plan_findings` if the mission has error findings, unless `despite` lists their codes.
+         *     `if_stream_stops` is the vehicle's own action if the server fails.
          */
         readonly post: operations["start_api_v1_vehicles__v__offboard_mission_start_post"];
         readonly delete?: never;
@@ -1888,7 +1889,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Pause
-         * @description Pauses on the path, in Offboard; during take-off and landing in Hold.
+         * @description Pauses on the path in Offboard, or in Hold during take-off and landing.
          *
          *     In a mission of several vehicles, pause, resume and abort act on all of them.
          */
@@ -1950,7 +1951,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Go On
-         * @description Answers the question of a step that waits for a person.
+         * @description Continues after a step that waits for the operator.
          */
         readonly post: operations["go_on_api_v1_vehicles__v__offboard_mission_go_on_post"];
         readonly delete?: never;
@@ -1970,8 +1971,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Abort
-         * @description Ends the mission; the vehicle holds, returns or lands. A vehicle that the mission does not fly is not
-         *     commanded.
+         * @description Ends the mission; the vehicle holds, returns or lands. If the mission does not control the vehicle, no
+         *     command is sent.
          */
         readonly post: operations["abort_api_v1_vehicles__v__offboard_mission_abort_post"];
         readonly delete?: never;
@@ -1991,11 +1992,12 @@ export interface paths {
         readonly put?: never;
         /**
          * Start Joint Mission
-         * @description Starts a mission with roles, a vehicle for each. All vehicles are checked first; all start, or none.
+         * @description Starts a mission with one vehicle for each role. All vehicles are checked first; if a check fails, none
+         *     starts.
          *
-         *     409 `plan_findings` if a role, or the separation of two vehicles, has error findings, unless `despite`
-         *     names their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume` and
-         *     `abort` of one vehicle act on all.
+         *     Answers 409 `plan_findings` if a role or the separation of two vehicles has error findings, unless
+         *     `despite` lists their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume`
+         *     and `abort` of one vehicle act on all.
          */
         readonly post: operations["start_joint_mission_api_v1_offboard_missions_start_post"];
         readonly delete?: never;
@@ -2010,7 +2012,7 @@ export interface components {
     schemas: {
         /**
          * AbortMission
-         * @description What the vehicle does after the abort.
+         * @description Action of the vehicle after the abort.
          */
         readonly AbortMission: {
             /**
@@ -2035,7 +2037,7 @@ export interface components {
         readonly AccelerationSetpoint: {
             /**
              * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
              */
             readonly yaw_ned_rad?: number | null;
             /**
@@ -2050,7 +2052,7 @@ export interface components {
             readonly type: "acceleration";
             /**
              * Acceleration Ned M S2
-             * @description North, east, down [m/s²], gravity left out; each at most 20.
+             * @description North, east, down [m/s²], without gravity; each at most 20.
              */
             readonly acceleration_ned_m_s2: readonly [
                 number | null,
@@ -2079,7 +2081,7 @@ export interface components {
             readonly low_battery: "continue" | "hold" | "return" | "land";
             /**
              * Link Loss
-             * @description The server lost the link to the vehicle and has it again.
+             * @description The link to the vehicle was lost and is back.
              * @default hold
              * @enum {string}
              */
@@ -2127,7 +2129,7 @@ export interface components {
          * @description An altitude with its reference.
          *
          *     `resolved_amsl_m` belongs to the reference "terrain": the altitude above mean sea level computed from
-         *     elevation data. It is uploaded instead, because PX4 refuses terrain frames.
+         *     elevation data. This altitude is uploaded, because PX4 refuses terrain frames.
          */
         readonly Altitude: {
             /**
@@ -2279,7 +2281,7 @@ export interface components {
             readonly yaw_ned_rad?: number | null;
             /**
              * Yaw Rate Ned Rad S
-             * @description Feed-forward for the yaw, clockwise about the earth's down [rad/s].
+             * @description Yaw rate feed-forward, clockwise about the vertical axis [rad/s].
              */
             readonly yaw_rate_ned_rad_s?: number | null;
             /**
@@ -2368,7 +2370,7 @@ export interface components {
             readonly on: boolean;
             /**
              * Way
-             * @description Direction that is tried first: climb over an obstacle, or pass it at the same altitude.
+             * @description What to try first: climb over an obstacle, or pass it at the same altitude.
              * @enum {string}
              */
             readonly way?: "over" | "around";
@@ -2522,8 +2524,8 @@ export interface components {
         };
         /**
          * Branch
-         * @description Fly `then` if the condition is true when the step is reached, else `otherwise`; unknown counts as
-         *     false.
+         * @description Fly `then` if the condition is true when the step starts, otherwise `otherwise`. An unknown value
+         *     counts as false.
          */
         readonly Branch: {
             /**
@@ -2802,12 +2804,12 @@ export interface components {
             readonly name: string;
             /**
              * Plan
-             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             * @description A waypoint plan or an offboard mission, depending on `format` (docs/missions.md).
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Base Version
-             * @description Version on which the change is based: must be the newest, otherwise 409.
+             * @description Version that was changed; 409 if it is not the newest.
              */
             readonly base_version: number;
         };
@@ -2839,7 +2841,7 @@ export interface components {
         };
         /**
          * CommandDone
-         * @description The command's result: the vehicle's own state shows the change.
+         * @description The result of a command that succeeded: the vehicle's own state shows the change.
          */
         readonly CommandDone: {
             /**
@@ -2862,7 +2864,7 @@ export interface components {
         };
         /**
          * CommandItem
-         * @description Any other item of a file or vehicle, kept unchanged; PX4 refuses most of them.
+         * @description Any other item of a file or vehicle, kept unchanged; PX4 refuses most such items.
          *
          *     `params` are MAVLink's seven parameters; 5 and 6 are degrees if `frame` is global; None means NaN.
          */
@@ -2970,7 +2972,7 @@ export interface components {
         };
         /**
          * Condition
-         * @description True when a value has been above or below a limit for `for_s`.
+         * @description True once a value has been above or below a limit for `for_s` seconds.
          */
         readonly Condition: {
             /**
@@ -3137,7 +3139,7 @@ export interface components {
         };
         /**
          * ControlView
-         * @description Control of a vehicle, with fields about the caller.
+         * @description State of control of a vehicle, with fields about the caller.
          */
         readonly ControlView: {
             /**
@@ -3190,7 +3192,7 @@ export interface components {
             readonly mode_cause: components["schemas"]["ModeCause"] | null;
             /**
              * Yours
-             * @description Whether the caller holds it.
+             * @description Whether the caller has control.
              */
             readonly yours: boolean;
             /**
@@ -3201,14 +3203,14 @@ export interface components {
         };
         /**
          * ConvertedPlan
-         * @description An offboard mission made of a waypoint plan; nothing is saved.
+         * @description An offboard mission converted from a waypoint plan; nothing is saved.
          */
         readonly ConvertedPlan: {
             /** @description The mission. */
             readonly plan: components["schemas"]["OffboardMission"];
             /**
              * Notes
-             * @description Parts of the plan that the mission does not have; sentences.
+             * @description Parts of the plan that the mission does not contain; sentences.
              */
             readonly notes: readonly string[];
         };
@@ -3242,7 +3244,7 @@ export interface components {
         };
         /**
          * Delay
-         * @description Wait for `delay_s`, or with -1 until a time of day in UTC.
+         * @description Wait for `delay_s`, or until a time of day in UTC if `delay_s` is -1.
          */
         readonly Delay: {
             /**
@@ -3296,7 +3298,7 @@ export interface components {
         };
         /**
          * DenyControl
-         * @description The client that is denied, and why.
+         * @description The denied client, and the reason.
          * @example {
          *       "client": "bob"
          *     }
@@ -3462,7 +3464,7 @@ export interface components {
         };
         /**
          * DownloadRequest
-         * @description How to download.
+         * @description Options of the download.
          */
         readonly DownloadRequest: {
             /**
@@ -3483,7 +3485,7 @@ export interface components {
             readonly vehicle: string;
             /** @description Its mission, geofence and rally points. */
             readonly plan: components["schemas"]["Plan"];
-            /** @description The stored plan that it equals, if it was uploaded from here. */
+            /** @description The stored plan with the same content, if the server uploaded it. */
             readonly plan_name: components["schemas"]["HeldPlanName"] | null;
             /**
              * Read Unix S
@@ -3497,7 +3499,7 @@ export interface components {
             readonly still_held: boolean | null;
             /**
              * Notes
-             * @description What the plan cannot represent; sentences.
+             * @description Content that the plan cannot represent; sentences.
              */
             readonly notes: readonly string[];
         };
@@ -3642,7 +3644,7 @@ export interface components {
         };
         /**
          * DryRunFindingModel
-         * @description A problem that the flight has shown.
+         * @description A problem that the dry run found.
          */
         readonly DryRunFindingModel: {
             /**
@@ -3659,7 +3661,7 @@ export interface components {
             readonly severity: "error" | "warning";
             /**
              * Text
-             * @description What is wrong, as a sentence.
+             * @description Message for the pilot.
              */
             readonly text: string;
             /**
@@ -3741,7 +3743,7 @@ export interface components {
              * @description Errors first; at most 100.
              */
             readonly findings: readonly components["schemas"]["DryRunFindingModel"][];
-            /** @description Null: the flight did not start. */
+            /** @description The flown path; null: the flight did not start. */
             readonly path: components["schemas"]["DryRunPath"] | null;
             /**
              * Times Real Time
@@ -3768,13 +3770,13 @@ export interface components {
             readonly flights: readonly components["schemas"]["DryRunSummary"][];
             /** @description Null: the nominal flight did not start. */
             readonly corridor: components["schemas"]["DryRunCorridor"] | null;
-            /** @description Of finished flights [s]; null: none. */
+            /** @description Duration of the finished flights [s]; null: no flight was finished. */
             readonly duration_s: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description Charge at the end [0 to 1]; null: none. */
+            /** @description Battery charge at the end, 0 to 1; null: unknown. */
             readonly battery_end_share: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description To the geofence [m]. */
+            /** @description Smallest distance to the geofence [m]. */
             readonly fence_distance_m: components["schemas"]["DryRunQuantiles"] | null;
-            /** @description To obstacles [m]. */
+            /** @description Smallest distance to an obstacle [m]. */
             readonly obstacle_distance_m: components["schemas"]["DryRunQuantiles"] | null;
             /**
              * Chances
@@ -3950,12 +3952,12 @@ export interface components {
             readonly plan?: (components["schemas"]["Plan"] | components["schemas"]["OffboardMission"]) | null;
             /**
              * Vehicle
-             * @description Use this vehicle's parameters, position, heading and battery charge, as far as known; null: PX4's defaults, starting at the plan's home.
+             * @description Use this vehicle's parameters, position, heading and battery charge, if they are known; null: PX4's defaults, starting at the plan's home.
              */
             readonly vehicle?: string | null;
             /**
              * Vehicles
-             * @description Of a mission with roles: the vehicle of each role, used like `vehicle`; null: each role starts at its planned position.
+             * @description For a mission with roles: the vehicle of each role, used like `vehicle`; null: each role starts at its planned position.
              */
             readonly vehicles?: {
                 readonly [key: string]: string;
@@ -3991,7 +3993,7 @@ export interface components {
         };
         /**
          * DryRunSpread
-         * @description Standard deviations of the conditions (normal distributions, cut at three sigma).
+         * @description Standard deviations of the conditions (normal distributions, limited to three sigma).
          */
         readonly DryRunSpread: {
             /**
@@ -4002,7 +4004,7 @@ export interface components {
             readonly wind_m_s: number;
             /**
              * Gusts
-             * @description Gusts, as a fraction of their value.
+             * @description Gusts, as a fraction of the requested gusts.
              * @default 0.3
              */
             readonly gusts: number;
@@ -4027,7 +4029,7 @@ export interface components {
         };
         /**
          * DryRunStep
-         * @description When a step was flown; one that is flown again is listed again.
+         * @description When a step was flown; a repeated step is listed each time.
          */
         readonly DryRunStep: {
             /**
@@ -4068,7 +4070,7 @@ export interface components {
         };
         /**
          * DryRunSummary
-         * @description One of the flights.
+         * @description Summary of one flight.
          */
         readonly DryRunSummary: {
             /**
@@ -4145,7 +4147,7 @@ export interface components {
             };
             /**
              * Closest
-             * @description One entry for each pair of roles, while both flew.
+             * @description One entry for each pair of roles, from the time in which both were flying.
              */
             readonly closest: readonly components["schemas"]["DryRunClosest"][];
         };
@@ -4161,7 +4163,7 @@ export interface components {
             readonly id: string;
             /**
              * Kind
-             * @description Which kind of plan was flown.
+             * @description Kind of the flown plan.
              * @enum {string}
              */
             readonly kind: "waypoint_plan" | "offboard_mission";
@@ -4187,14 +4189,14 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Assumed
-             * @description Values that were not known, and the assumptions instead; sentences.
+             * @description Assumptions made because values were unknown; sentences.
              */
             readonly assumed: readonly string[];
             /** @description The flight in the requested conditions. For a mission with roles: the flight of the first role, with the findings of all roles. */
             readonly nominal: components["schemas"]["DryRunFlight"];
-            /** @description Null: one vehicle flew. */
+            /** @description Result of all vehicles together; null: one vehicle was simulated. */
             readonly together: components["schemas"]["DryRunTogetherModel"] | null;
-            /** @description Null: only one flight was simulated. */
+            /** @description Result of all flights; null: only one flight was simulated. */
             readonly monte_carlo: components["schemas"]["DryRunMonteCarlo"] | null;
         };
         /**
@@ -4307,17 +4309,17 @@ export interface components {
         readonly ElevationFiles: {
             /**
              * Folder
-             * @description Where to put GeoTIFF (.tif, .tiff) and HGT files.
+             * @description Folder for GeoTIFF (.tif, .tiff) and HGT files.
              */
             readonly folder: string;
             /**
              * Files
-             * @description The finest first.
+             * @description Files, from the finest grid to the coarsest.
              */
             readonly files: readonly components["schemas"]["ElevationFileModel"][];
             /**
              * Unreadable
-             * @description Files there that cannot be used, each with the reason.
+             * @description Files in the folder that cannot be used, each with the reason.
              */
             readonly unreadable: readonly string[];
         };
@@ -4371,7 +4373,7 @@ export interface components {
         readonly FailsafeRequest: {
             /**
              * Action
-             * @description A mode; in the three modes that need sticks the vehicle descends if there is no RC transmitter.
+             * @description A mode. Without an RC transmitter, the vehicle descends in the three modes that need sticks.
              */
             readonly action?: ("position" | "altitude" | "stabilized" | "rtl" | "land" | "hold") | null;
             /**
@@ -4382,7 +4384,7 @@ export interface components {
         };
         /**
          * FenceCircle
-         * @description A circle that the vehicle must stay in (inclusion) or out of.
+         * @description A circle: the vehicle must stay inside (inclusion) or outside.
          */
         readonly FenceCircle: {
             /**
@@ -4409,7 +4411,7 @@ export interface components {
         };
         /**
          * FencePolygon
-         * @description A polygon that the vehicle must stay in (inclusion) or out of; the last corner joins the first.
+         * @description A polygon: the vehicle must stay inside (inclusion) or outside. The last corner joins the first.
          */
         readonly FencePolygon: {
             /**
@@ -4435,7 +4437,7 @@ export interface components {
         };
         /**
          * FenceView
-         * @description The operator's fence: a polygon's corners, or a circle's middle and radius.
+         * @description The operator's fence: a polygon's corners, or a circle's centre and radius.
          */
         readonly FenceView: {
             /**
@@ -4454,12 +4456,12 @@ export interface components {
             ])[] | null;
             /**
              * Lat Deg
-             * @description Of the middle.
+             * @description Of the centre.
              */
             readonly lat_deg?: number | null;
             /**
              * Lon Deg
-             * @description Of the middle.
+             * @description Of the centre.
              */
             readonly lon_deg?: number | null;
             /**
@@ -4475,12 +4477,12 @@ export interface components {
         readonly FieldError: {
             /**
              * Field
-             * @description Its path in the request, joined by dots.
+             * @description Path of the value in the request, joined by dots.
              */
             readonly field: string;
             /**
              * Message
-             * @description What is wrong with it.
+             * @description What is wrong with the value.
              */
             readonly message: string;
         };
@@ -4565,26 +4567,26 @@ export interface components {
             readonly code: string;
             /**
              * Severity
-             * @description error: PX4 refuses it, or it is unsafe; warning: check it.
+             * @description error: PX4 refuses the plan, or it is unsafe; warning: check the plan.
              * @enum {string}
              */
             readonly severity: "error" | "warning";
             /**
              * Text
-             * @description What is wrong, a sentence.
+             * @description Message for the pilot.
              */
             readonly text: string;
-            /** @description Part of the plan concerned. */
+            /** @description The part of the plan that the finding is about. */
             readonly place: components["schemas"]["FindingPlace"];
             /**
              * Fix
-             * @description What to do about it.
+             * @description How to correct it.
              */
             readonly fix: string | null;
         };
         /**
          * FindingPlace
-         * @description The part of the plan with the finding; all null: the whole plan.
+         * @description The part of the plan that the finding is about; all null: the whole plan.
          */
         readonly FindingPlace: {
             /**
@@ -4941,7 +4943,7 @@ export interface components {
             readonly pitch_deg: number;
             /**
              * Yaw Deg
-             * @description From the nose; from north with `yaw_lock` [deg].
+             * @description Yaw relative to the nose, or relative to north with `yaw_lock` [deg].
              */
             readonly yaw_deg: number;
             /**
@@ -4956,7 +4958,7 @@ export interface components {
             readonly yaw_lock?: boolean;
             /**
              * Wait
-             * @description Answer when the gimbal is there or has stopped; false: as soon as the vehicle has acknowledged, for rapid sequences of angles.
+             * @description Answer once the gimbal has reached the angles or stopped; false: answer once the vehicle has acknowledged, for rapid sequences of angles.
              */
             readonly wait?: boolean;
         };
@@ -5052,7 +5054,7 @@ export interface components {
         };
         /**
          * GimbalPitchYaw
-         * @description Point the gimbal: degrees and degrees per second, pitch positive up; None: unchanged.
+         * @description Point the gimbal: angles in degrees, rates in degrees per second, pitch positive up; None: unchanged.
          *
          *     `flags` are GIMBAL_MANAGER_FLAGS: 16 yaw lock, 32 yaw relative to the nose, 64 yaw relative to north.
          */
@@ -5137,7 +5139,7 @@ export interface components {
             readonly duration_s: number;
             /** @description State of the vehicle afterwards. */
             readonly status: components["schemas"]["Status"];
-            /** @description Where the gimbal stopped at its own limit; null if it reached the angles, still moves after 3 s, or does not report its attitude. */
+            /** @description Angles at which the gimbal stopped at its own limit; null if it reached the requested angles, is still moving after 3 s, or does not report its attitude. */
             readonly limited: components["schemas"]["GimbalLimited"] | null;
         };
         /**
@@ -5264,7 +5266,7 @@ export interface components {
         };
         /**
          * GimbalRoi
-         * @description A location to keep pointing at (ROI).
+         * @description A location at which the camera stays pointed (ROI).
          * @example {
          *       "alt_amsl_m": 488,
          *       "lat_deg": 47.3982,
@@ -5308,7 +5310,7 @@ export interface components {
         };
         /**
          * GimbalView
-         * @description State of the gimbal: the first one, or the chosen one.
+         * @description State of the selected gimbal; default: the first one.
          */
         readonly GimbalView: {
             /**
@@ -5326,7 +5328,7 @@ export interface components {
              * @description Whether this server is in primary control.
              */
             readonly in_control: boolean;
-            /** @description The ROI that this server has set; null: none, or ended since. */
+            /** @description The ROI that this server has set; null: none, or it has ended. */
             readonly roi: components["schemas"]["Roi"] | null;
             /** @description State and limits, and who controls it. */
             readonly gimbal: components["schemas"]["gcs_server__api__reflect__Gimbal"] | null;
@@ -5426,7 +5428,7 @@ export interface components {
             readonly yaw_ned_deg?: number | null;
             /**
              * Max Distance M
-             * @description Refuse targets farther away than this [m]; default 1000.
+             * @description Refuse a target that is farther away than this [m]; default 1000.
              */
             readonly max_distance_m?: number | null;
         };
@@ -5524,22 +5526,22 @@ export interface components {
             readonly plan: components["schemas"]["Plan"];
             /**
              * Resolved
-             * @description Items and rally points whose altitude was resolved.
+             * @description Number of items and rally points with resolved altitudes.
              */
             readonly resolved: number;
             /**
              * Unknown
-             * @description Those whose altitude stays unresolved: no file knows the ground there.
+             * @description Number of items and rally points with unresolved altitudes, because no file covers them.
              */
             readonly unknown: number;
             /**
              * Added
-             * @description Waypoints added between others.
+             * @description Number of added waypoints.
              */
             readonly added: number;
             /**
              * Notes
-             * @description Files that cannot be used, and places without ground; sentences.
+             * @description Unusable files and positions without elevation data; sentences.
              */
             readonly notes: readonly string[];
         };
@@ -5662,7 +5664,7 @@ export interface components {
         readonly GroupList: {
             /**
              * Groups
-             * @description All groups, and the last ones that ended; oldest first.
+             * @description All groups, including those that ended recently; oldest first.
              */
             readonly groups: readonly components["schemas"]["Group"][];
         };
@@ -5730,13 +5732,13 @@ export interface components {
             readonly on_expiry?: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /**
              * Setpoints
-             * @description Each vehicle at most once; other members continue with their setpoints.
+             * @description Each vehicle at most once; the other members continue with their current setpoints.
              */
             readonly setpoints: readonly components["schemas"]["MemberBody"][];
         };
         /**
          * GroupStarted
-         * @description The group that has started, and the limits of its members.
+         * @description The started group and the limits of its members.
          */
         readonly GroupStarted: {
             /**
@@ -5894,7 +5896,7 @@ export interface components {
         readonly HeldView: {
             /**
              * State
-             * @description plan: the plan named here; another: not the plan that was uploaded last; not_known: the server has not uploaded or compared a plan, or the vehicle reports no ids.
+             * @description plan: the plan given here; another: not the plan that was uploaded last; not_known: the server has not uploaded or compared a plan, or the vehicle reports no ids.
              * @enum {string}
              */
             readonly state: "plan" | "another" | "not_known";
@@ -5981,7 +5983,7 @@ export interface components {
         };
         /**
          * History
-         * @description The last minutes at up to 4 Hz, oldest first.
+         * @description The samples of the last minutes at up to 4 Hz, oldest first.
          */
         readonly History: {
             /**
@@ -5992,7 +5994,7 @@ export interface components {
         };
         /**
          * HistorySample
-         * @description One sample of the past.
+         * @description One stored sample.
          */
         readonly HistorySample: {
             /**
@@ -6051,7 +6053,8 @@ export interface components {
         };
         /**
          * HoldOnExpiry
-         * @description Hold the position by setpoints, then switch to PX4's Hold mode; without a position estimate, land.
+         * @description Hold the position by setpoints, then switch to PX4's Hold mode; land if there is no position
+         *     estimate.
          */
         readonly HoldOnExpiry: {
             /**
@@ -6068,7 +6071,7 @@ export interface components {
         };
         /**
          * HoldRequest
-         * @description Vehicles that are to switch to Hold.
+         * @description The vehicles to switch to Hold.
          * @example {
          *       "vehicles": [
          *         "1",
@@ -6098,7 +6101,7 @@ export interface components {
              * @description Whether the vehicle has reported Hold.
              */
             readonly held: boolean;
-            /** @description Why it has not; null if it has. */
+            /** @description Why the vehicle has not switched to Hold; null if it has. */
             readonly problem: components["schemas"]["Problem"] | null;
         };
         /**
@@ -6283,7 +6286,7 @@ export interface components {
         };
         /**
          * ImportedArea
-         * @description An area in a file, for a survey or a fence.
+         * @description An area in a file; the user decides whether it becomes a survey or a fence.
          */
         readonly ImportedArea: {
             /**
@@ -6353,7 +6356,7 @@ export interface components {
         readonly Journal: {
             /**
              * Entries
-             * @description At most `limit`.
+             * @description At most `limit` entries.
              */
             readonly entries: readonly components["schemas"]["JournalEntry"][];
         };
@@ -6412,7 +6415,8 @@ export interface components {
         };
         /**
          * Jump
-         * @description Continue at another item, `repeat` times (-1: endless). Index from 0, in upload order.
+         * @description Continue at another item, `repeat` times (-1: endless). `target_index` counts from 0 in upload
+         *     order.
          */
         readonly Jump: {
             /**
@@ -6539,7 +6543,7 @@ export interface components {
         };
         /**
          * LandStart
-         * @description Marks the start of the landing, where a return may continue the mission.
+         * @description Marks the start of the landing; a return may continue the mission from here.
          */
         readonly LandStart: {
             /**
@@ -6728,12 +6732,12 @@ export interface components {
             readonly fence?: (components["schemas"]["PolygonFenceBody"] | components["schemas"]["CircleFenceBody"]) | null;
             /**
              * Slew Velocity M S2
-             * @description A sent velocity changes by no more than this [m/s²].
+             * @description Maximum rate of change of the sent velocity [m/s²].
              */
             readonly slew_velocity_m_s2?: number | null;
             /**
              * Slew Attitude Rad S
-             * @description A sent attitude turns by no more than this [rad/s].
+             * @description Maximum rate of change of the sent attitude [rad/s].
              */
             readonly slew_attitude_rad_s?: number | null;
             /**
@@ -6883,7 +6887,7 @@ export interface components {
             readonly url: string;
             /**
              * Name
-             * @description Name of the link: 1 to 64 characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit; made from the URL if left out.
+             * @description Name of the link: 1 to 64 characters of A-Z, a-z, 0-9, '.', '_' and '-', the first a letter or a digit; default: derived from the URL.
              */
             readonly name?: string | null;
         };
@@ -7124,7 +7128,7 @@ export interface components {
             readonly name: string;
             /**
              * Url
-             * @description PMTiles: the file, read in parts. MBTiles: add `/{zoom}/{x}/{y}`.
+             * @description For PMTiles, the URL of the file, which is read in parts. For MBTiles, append `/{zoom}/{x}/{y}`.
              */
             readonly url: string;
             /**
@@ -7135,7 +7139,7 @@ export interface components {
             readonly format: "pmtiles" | "mbtiles";
             /**
              * Tiles
-             * @description Pictures, or shapes to be drawn.
+             * @description Content of the tiles: raster images or vector shapes.
              * @enum {string}
              */
             readonly tiles: "raster" | "vector";
@@ -7182,17 +7186,17 @@ export interface components {
         readonly Maps: {
             /**
              * Folder
-             * @description Where to put PMTiles and MBTiles files.
+             * @description Folder for PMTiles and MBTiles files.
              */
             readonly folder: string;
             /**
              * Maps
-             * @description Maps by name; drawn in this order, the first at the bottom.
+             * @description Maps, sorted by name; the first is drawn at the bottom.
              */
             readonly maps: readonly components["schemas"]["MapFile"][];
             /**
              * Unreadable
-             * @description Files there that cannot be shown, each with the reason.
+             * @description Files in the folder that cannot be shown, each with the reason.
              */
             readonly unreadable: readonly string[];
         };
@@ -7213,7 +7217,7 @@ export interface components {
             readonly key: string;
             /**
              * Controls
-             * @description Vehicles that it controls.
+             * @description Vehicles that the caller controls.
              */
             readonly controls: readonly string[];
         };
@@ -7239,14 +7243,14 @@ export interface components {
             readonly meeting: string;
             /**
              * Timeout S
-             * @description If another role has not arrived after this time, all roles hold and the mission ends.
+             * @description Timeout: if another role has not arrived by then, all roles hold and the mission ends.
              * @default 120
              */
             readonly timeout_s: number;
         };
         /**
          * MemberBody
-         * @description One vehicle of the group and what it flies, in its own local frame.
+         * @description One vehicle of the group and its setpoint, in its own local frame.
          */
         readonly MemberBody: {
             /**
@@ -7264,7 +7268,7 @@ export interface components {
         readonly Message: {
             /**
              * Index
-             * @description Counts up within the vehicle's feed; give it as `since`.
+             * @description Number of the event, increasing for each vehicle; use it as `since`.
              */
             readonly index: number;
             /**
@@ -7289,12 +7293,12 @@ export interface components {
             readonly severity: number;
             /**
              * Text
-             * @description For people.
+             * @description Message for the pilot.
              */
             readonly text: string;
             /**
              * Data
-             * @description Further data of this kind.
+             * @description Further data, depending on the kind.
              */
             readonly data: {
                 readonly [key: string]: unknown;
@@ -7328,7 +7332,7 @@ export interface components {
         readonly Messages: {
             /**
              * Messages
-             * @description The last thousand at most.
+             * @description At most the last thousand.
              */
             readonly messages: readonly components["schemas"]["Message"][];
         };
@@ -7385,7 +7389,7 @@ export interface components {
             readonly equal: boolean;
             /**
              * Differences
-             * @description At most 50 of each part.
+             * @description At most 50 each for mission, geofence and rally points.
              */
             readonly differences: readonly components["schemas"]["PlanDifference"][];
             /**
@@ -7427,12 +7431,12 @@ export interface components {
              * @description The vehicle's id.
              */
             readonly vehicle: string;
-            /** @description As the topic `mission`; null: not reported yet. */
+            /** @description As in the topic `mission`; null: not reported yet. */
             readonly mission: components["schemas"]["Mission"] | null;
             readonly holds: components["schemas"]["HeldView"];
             /**
              * Transfer
-             * @description The running transfer; null: none.
+             * @description The running transfer; null: no transfer is running.
              */
             readonly transfer: string | null;
         };
@@ -7631,7 +7635,7 @@ export interface components {
         };
         /**
          * MountControl
-         * @description Deprecated command to point a camera mount, in degrees; `mode` 2 means by angles.
+         * @description Deprecated command to point a camera mount, in degrees; `mode` 2: by angles.
          */
         readonly MountControl: {
             /**
@@ -7715,7 +7719,7 @@ export interface components {
             readonly name: string;
             /**
              * Plan
-             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             * @description A waypoint plan or an offboard mission, depending on `format` (docs/missions.md).
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
         };
@@ -7926,12 +7930,12 @@ export interface components {
         };
         /**
          * OffboardFlight
-         * @description An offboard mission as it will be flown, from the ground at home.
+         * @description The planned flight of an offboard mission, starting on the ground at home.
          */
         readonly OffboardFlight: {
             /**
              * Steps
-             * @description Steps in order; at a branch, the longest one.
+             * @description Steps in flight order; at a branch, those of the longest path.
              */
             readonly steps: readonly components["schemas"]["PlanStepTime"][];
             /**
@@ -7996,7 +8000,7 @@ export interface components {
              * @default
              */
             readonly description: string;
-            /** @description Planned start position; for planning without a vehicle. */
+            /** @description Planned start position, for planning without a vehicle. */
             readonly home?: components["schemas"]["HomePosition"] | null;
             /** @default {} */
             readonly limits: components["schemas"]["Bounds"];
@@ -8162,7 +8166,7 @@ export interface components {
              * @description The vehicle's id.
              */
             readonly vehicle: string;
-            /** @description As the topic `offboard_mission`; null: none has been started since the server started. */
+            /** @description As in the topic `offboard_mission`; null: no mission was started since the server started. */
             readonly mission: components["schemas"]["OffboardMissionStatus"] | null;
         };
         /**
@@ -8456,14 +8460,14 @@ export interface components {
             readonly health: components["schemas"]["StreamHealth"];
             /**
              * Available
-             * @description For each setpoint type: whether this vehicle on this link can fly it now, and why not.
+             * @description For each setpoint type: whether this vehicle can fly it now over this link, and if not, why.
              */
             readonly available: {
                 readonly [key: string]: components["schemas"]["Available"];
             };
             /** @description Limits of setpoints. */
             readonly limits: components["schemas"]["OffboardLimits"];
-            /** @description The vehicle's own action when the stream stops; null before it is known. */
+            /** @description The vehicle's own action when the stream stops; null if unknown. */
             readonly failsafe: components["schemas"]["OffboardFailsafe"] | null;
         };
         /**
@@ -8544,7 +8548,7 @@ export interface components {
         readonly OperationList: {
             /**
              * Operations
-             * @description Running operations and those that ended last; oldest first.
+             * @description Running operations and those that ended recently; oldest first.
              */
             readonly operations: readonly components["schemas"]["Operation"][];
         };
@@ -8740,7 +8744,7 @@ export interface components {
             readonly value: number;
             /**
              * Force
-             * @description Set it even if the vehicle's metadata says that it is out of range.
+             * @description Set the value even if it is outside the range in the vehicle's metadata.
              */
             readonly force?: boolean;
         };
@@ -8926,17 +8930,17 @@ export interface components {
         readonly ParameterView: {
             /**
              * Name
-             * @description Up to 16 of A–Z, 0–9, _.
+             * @description Up to 16 characters of A–Z, 0–9 and _.
              */
             readonly name: string;
             /**
              * Value
-             * @description Value in the parameter's unit; null: not a number.
+             * @description Value in the parameter's unit; null: the value is NaN.
              */
             readonly value: number | null;
             /**
              * Is Integer
-             * @description Whether it is a 32-bit integer; otherwise a 32-bit float.
+             * @description Whether the type is a 32-bit integer; otherwise it is a 32-bit float.
              */
             readonly is_integer: boolean;
             /**
@@ -8944,12 +8948,12 @@ export interface components {
              * @description Whether the value is the firmware's default; null: not known.
              */
             readonly is_default: boolean | null;
-            /** @description From the vehicle's own metadata; null if that is not available. */
+            /** @description The vehicle's own metadata of this parameter; null if not available. */
             readonly facts: components["schemas"]["ParameterFacts"] | null;
         };
         /**
          * ParametersView
-         * @description All parameters that are known.
+         * @description All known parameters.
          */
         readonly ParametersView: {
             /**
@@ -8961,7 +8965,7 @@ export interface components {
             readonly list: components["schemas"]["ParameterList"];
             /**
              * Params
-             * @description By name.
+             * @description Parameters, sorted by name.
              */
             readonly params: readonly components["schemas"]["ParameterView"][];
         };
@@ -9050,7 +9054,7 @@ export interface components {
             readonly lines_length_m: number;
             /**
              * Lower Bound M
-             * @description No pattern of this spacing has shorter lines [m].
+             * @description Smallest possible length of lines with this spacing [m].
              */
             readonly lower_bound_m: number;
             /**
@@ -9060,12 +9064,12 @@ export interface components {
             readonly photos: number;
             /**
              * Spacing M
-             * @description Between neighbouring lines [m]; 0: no lines.
+             * @description Distance between neighbouring lines [m]; 0: no lines.
              */
             readonly spacing_m: number;
             /**
              * Trigger M
-             * @description Between two pictures on a line [m]; 0: no pictures.
+             * @description Distance between two pictures on a line [m]; 0: no pictures.
              */
             readonly trigger_m: number;
             /**
@@ -9075,20 +9079,20 @@ export interface components {
             readonly resolution_m_px: number | null;
             /**
              * Heading Deg
-             * @description Of the lines, clockwise from north [deg].
+             * @description Direction of the lines, clockwise from north [deg].
              */
             readonly heading_deg: number | null;
         };
         /**
          * PatternPlan
-         * @description The items of a pattern, as a plan without anything else.
+         * @description A plan that contains only the items of a pattern.
          */
         readonly PatternPlan: {
-            /** @description The items, and nothing else. */
+            /** @description The plan with the items. */
             readonly plan: components["schemas"]["Plan"];
             /**
              * Lines
-             * @description Where pictures are taken.
+             * @description The lines on which pictures are taken.
              */
             readonly lines: readonly (readonly [
                 components["schemas"]["Point"],
@@ -9268,7 +9272,7 @@ export interface components {
         };
         /**
          * Place
-         * @description A position, given as local, as relative to the start of the mission, or as latitude and longitude.
+         * @description A position: local, relative to the start of the mission, or latitude and longitude.
          */
         readonly Place: {
             /**
@@ -9330,7 +9334,7 @@ export interface components {
             readonly planned_home?: components["schemas"]["HomePosition"] | null;
             /**
              * Cruise Speed M S
-             * @description Planned speed of fixed-wing aircraft; stored only because files contain it.
+             * @description Planned speed of fixed-wing aircraft; unused, but kept because plan files contain it.
              */
             readonly cruise_speed_m_s?: number | null;
             /**
@@ -9375,12 +9379,12 @@ export interface components {
             readonly kind: "waypoint_plan" | "offboard_mission";
             /**
              * Findings
-             * @description In the order of the checks; empty: nothing is wrong.
+             * @description Findings in the order of the checks; empty: no problem was found.
              */
             readonly findings: readonly components["schemas"]["FindingModel"][];
-            /** @description Of the whole flight. */
+            /** @description Estimates of the whole flight. */
             readonly estimates: components["schemas"]["PlanEstimates"];
-            /** @description Of an offboard mission. */
+            /** @description The planned flight of an offboard mission; null for a waypoint plan. */
             readonly flight: components["schemas"]["OffboardFlight"] | null;
             /**
              * Vehicle
@@ -9389,7 +9393,7 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Ground
-             * @description The ground below the flight: distance along it [m], and the ground's height above home, of an offboard mission above the start [m]; null: not known. Empty without elevation files.
+             * @description The ground below the flight: distance along the flight [m], and height of the ground above home, or above the start of an offboard mission [m]; null: unknown. Empty without elevation files.
              */
             readonly ground: readonly (readonly [
                 number,
@@ -9397,7 +9401,7 @@ export interface components {
             ])[];
             /**
              * Not Known
-             * @description What is not known about the vehicle or the ground; sentences.
+             * @description Unknown data of the vehicle or the ground; sentences.
              */
             readonly not_known: readonly string[];
         };
@@ -9460,7 +9464,7 @@ export interface components {
             readonly climb_m: number;
             /**
              * Photos
-             * @description Pictures that items take; an endless series counts as one.
+             * @description Number of pictures; an endless series counts as one.
              */
             readonly photos: number;
             /**
@@ -9470,12 +9474,13 @@ export interface components {
             readonly energy_wh: number | null;
             /**
              * Endless
-             * @description A jump repeats without end, or the plan has too many steps: the flight is longer than estimated.
+             * @description Whether a jump repeats without end or the plan has too many steps, so that the flight is longer than
+             *     estimated.
              */
             readonly endless: boolean;
             /**
              * Known Altitudes
-             * @description False: an altitude could not be compared with home; its leg counts as level.
+             * @description False if an altitude could not be compared with home; its leg counts as level.
              */
             readonly known_altitudes: boolean;
         };
@@ -9590,12 +9595,12 @@ export interface components {
         readonly PlanToCheck: {
             /**
              * Plan
-             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             * @description A waypoint plan or an offboard mission, depending on `format` (docs/missions.md).
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Vehicle
-             * @description Use this vehicle's parameters and home, as far as known.
+             * @description Use this vehicle's parameters and home if they are known.
              */
             readonly vehicle?: string | null;
             /** @description For the energy estimate; null: energy and endurance are not checked. */
@@ -9615,7 +9620,7 @@ export interface components {
             readonly name: string;
             /**
              * Vehicle
-             * @description Use this vehicle's parameters and home, as far as known.
+             * @description Use this vehicle's parameters and home if they are known.
              */
             readonly vehicle?: string | null;
         };
@@ -9626,7 +9631,7 @@ export interface components {
         readonly PlanToExport: {
             /**
              * Plan
-             * @description A waypoint plan or an offboard mission, as `format` says (docs/missions.md).
+             * @description A waypoint plan or an offboard mission, depending on `format` (docs/missions.md).
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
         };
@@ -9639,7 +9644,7 @@ export interface components {
             readonly plan: components["schemas"]["Plan"];
             /**
              * Tolerance M
-             * @description Add waypoints until straight lines are within this of their height above the ground [m]; null: none are added.
+             * @description Tolerance of the height above the ground [m]: waypoints are added until the straight lines keep it; null: no waypoints are added.
              */
             readonly tolerance_m?: number | null;
         };
@@ -9733,7 +9738,7 @@ export interface components {
         };
         /**
          * PositionBodySetpoint
-         * @description An offset from the vehicle's position, along its heading, both at the time when the server accepts the
+         * @description An offset from the vehicle's position along its heading, at the time when the server accepts the
          *     setpoint.
          * @example {
          *       "offset_frd_m": [
@@ -9761,7 +9766,7 @@ export interface components {
             ];
             /**
              * Yaw Offset Rad
-             * @description Yaw offset, clockwise [rad]; without it the heading is kept.
+             * @description Yaw offset, clockwise [rad]; default: keep the heading.
              */
             readonly yaw_offset_rad?: number | null;
         };
@@ -9778,7 +9783,7 @@ export interface components {
         readonly PositionGlobalSetpoint: {
             /**
              * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
              */
             readonly yaw_ned_rad?: number | null;
             /**
@@ -9827,7 +9832,7 @@ export interface components {
         readonly PositionSetpoint: {
             /**
              * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
              */
             readonly yaw_ned_rad?: number | null;
             /**
@@ -9883,7 +9888,7 @@ export interface components {
         readonly Problem: {
             /**
              * Type
-             * @description A name for this kind of problem, as a URI reference.
+             * @description Identifier of this kind of problem, as a URI reference.
              */
             readonly type: string;
             /**
@@ -9898,7 +9903,7 @@ export interface components {
             readonly status: number;
             /**
              * Code
-             * @description The kind of problem for programs: refused, rejected, no_reply, …
+             * @description Code of this kind of problem, for programs: refused, rejected, no_reply, …
              */
             readonly code: string;
             /**
@@ -9913,12 +9918,12 @@ export interface components {
             readonly remedy?: string | null;
             /**
              * Field
-             * @description With 422: the first field at fault.
+             * @description With 422: the first invalid field.
              */
             readonly field?: string | null;
             /**
              * Errors
-             * @description With 422: all fields at fault.
+             * @description With 422: all invalid fields.
              */
             readonly errors?: readonly components["schemas"]["FieldError"][] | null;
             /**
@@ -9928,17 +9933,17 @@ export interface components {
             readonly reasons?: readonly string[] | null;
             /**
              * Mav Result
-             * @description MAV_RESULT of its acknowledgement.
+             * @description MAV_RESULT of the vehicle's acknowledgement.
              */
             readonly mav_result?: number | null;
             /**
              * Vehicle
-             * @description With an unknown vehicle: its id.
+             * @description With an unknown vehicle: the id.
              */
             readonly vehicle?: string | null;
             /**
              * Holder
-             * @description With `not_in_control`: who has control.
+             * @description With `not_in_control`: name of the client in control.
              */
             readonly holder?: string | null;
             /**
@@ -9953,12 +9958,12 @@ export interface components {
             readonly permission?: string | null;
             /**
              * Vehicles
-             * @description With `not_together`: vehicles because of which the group cannot fly.
+             * @description With `not_together`: ids of the vehicles that prevent the group's start.
              */
             readonly vehicles?: readonly string[] | null;
             /**
              * Distance M
-             * @description With `not_together`: how near two of the group would come [m].
+             * @description With `not_together`: the smallest distance that two members would have [m].
              */
             readonly distance_m?: number | null;
             /**
@@ -9983,7 +9988,7 @@ export interface components {
             readonly changed_unix_s?: number | null;
             /**
              * Codes
-             * @description With `plan_findings`: the codes that `despite` would have to name.
+             * @description With `plan_findings`: the codes to list in `despite`.
              */
             readonly codes?: readonly string[] | null;
             /**
@@ -10011,7 +10016,7 @@ export interface components {
         };
         /**
          * RatesSetpoint
-         * @description Body rates with thrust: the vehicle no longer levels itself.
+         * @description Body rates with thrust; the vehicle does not level itself.
          * @example {
          *       "rates_frd_rad_s": [
          *         0,
@@ -10242,12 +10247,12 @@ export interface components {
         readonly RefreshRequest: {
             /**
              * Ignore Cache
-             * @description Read them even if the vehicle's checksum is unchanged.
+             * @description Read all parameters even if the vehicle's checksum is unchanged.
              */
             readonly ignore_cache?: boolean;
             /**
              * Wait
-             * @description Answer only once they have been read.
+             * @description Answer only once all parameters have been read.
              */
             readonly wait?: boolean;
         };
@@ -10345,7 +10350,7 @@ export interface components {
         readonly ReplayChange: {
             /**
              * Playing
-             * @description Whether it plays; at the end it restarts from the beginning.
+             * @description Whether to play; at the end, playing restarts from the beginning.
              */
             readonly playing?: boolean | null;
             /**
@@ -10361,7 +10366,7 @@ export interface components {
         };
         /**
          * ReplayRequest
-         * @description Which recording to play, and how.
+         * @description The recording to replay, and playback options.
          * @example {
          *       "recording": "20260711-093000-udpin-127.0.0.1-14550.tlog"
          *     }
@@ -10369,7 +10374,7 @@ export interface components {
         readonly ReplayRequest: {
             /**
              * Recording
-             * @description A name of `GET /recordings`.
+             * @description Name of a recording in `GET /recordings`.
              */
             readonly recording: string;
             /**
@@ -10379,7 +10384,7 @@ export interface components {
             readonly speed?: number;
             /**
              * Playing
-             * @description Whether it starts playing at once.
+             * @description Whether playback starts immediately.
              */
             readonly playing?: boolean;
         };
@@ -10390,7 +10395,7 @@ export interface components {
         readonly Replays: {
             /**
              * Replays
-             * @description Empty if none is open.
+             * @description Open replays; empty if none is open.
              */
             readonly replays: readonly components["schemas"]["Replay"][];
         };
@@ -10404,7 +10409,7 @@ export interface components {
         readonly RequestControl: {
             /**
              * Reason
-             * @description Shown to the holder.
+             * @description Shown to the client in control.
              */
             readonly reason?: string | null;
         };
@@ -10607,7 +10612,7 @@ export interface components {
         readonly Role: {
             /**
              * Start Ned M
-             * @description Planned start position relative to `home`; for planning without vehicles.
+             * @description Planned start position relative to `home`, for planning without vehicles.
              */
             readonly start_ned_m?: readonly [
                 number,
@@ -10622,7 +10627,7 @@ export interface components {
         };
         /**
          * ServerHealth
-         * @description The server is up.
+         * @description The server is running.
          */
         readonly ServerHealth: {
             /**
@@ -10632,7 +10637,7 @@ export interface components {
             readonly status: string;
             /**
              * Uptime S
-             * @description Since its start [s].
+             * @description Time since the server's start [s].
              */
             readonly uptime_s: number;
             /**
@@ -10700,7 +10705,8 @@ export interface components {
         };
         /**
          * SetHome
-         * @description Set home to the vehicle's position (`use_current` 1; PX4 accepts no other position in a mission).
+         * @description Set home to the vehicle's position. `use_current` must be 1: PX4 accepts no other position in a
+         *     mission.
          */
         readonly SetHome: {
             /**
@@ -10778,7 +10784,7 @@ export interface components {
         };
         /**
          * SetpointRequest
-         * @description A setpoint, sent at once; it replaces the one before.
+         * @description A setpoint, sent immediately; it replaces the previous one.
          * @example {
          *       "on_expiry": {
          *         "action": "hold",
@@ -10798,7 +10804,7 @@ export interface components {
         readonly SetpointRequest: {
             /**
              * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
+             * @description Time until the setpoint expires unless renewed [s]; `on_expiry` then applies.
              */
             readonly valid_for_s?: number;
             /**
@@ -10937,7 +10943,7 @@ export interface components {
         };
         /**
          * StartGroup
-         * @description A group: flying vehicles that start together and are kept apart.
+         * @description A group of flying vehicles that start together and keep a minimum separation.
          * @example {
          *       "members": [
          *         {
@@ -10980,22 +10986,22 @@ export interface components {
             readonly on_expiry?: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /**
              * Members
-             * @description Members; each vehicle once.
+             * @description Members of the group; each vehicle only once.
              */
             readonly members: readonly components["schemas"]["MemberBody"][];
             /**
              * Minimum Separation M
-             * @description Minimum separation, braking distance included [m].
+             * @description Minimum separation of any two members, including braking distance [m].
              */
             readonly minimum_separation_m?: number;
             /**
              * Start At Unix S
-             * @description The common start [s since 1970 UTC], 3 to 300 s ahead; null: as soon as all are in Offboard.
+             * @description Time of the common start [s since 1970 UTC], 3 to 300 s from now; null: as soon as all members are in Offboard.
              */
             readonly start_at_unix_s?: number | null;
             /**
              * Rate Hz
-             * @description Setpoints a second to each [Hz].
+             * @description Setpoints per second to each member [Hz].
              */
             readonly rate_hz?: number;
             /**
@@ -11019,7 +11025,7 @@ export interface components {
              * @description Version of that plan; default: the newest.
              */
             readonly version?: number | null;
-            /** @description A mission that is not stored here. */
+            /** @description A mission that is not stored on the server. */
             readonly mission?: components["schemas"]["OffboardMission"] | null;
             /**
              * Despite
@@ -11040,7 +11046,7 @@ export interface components {
         };
         /**
          * StartMission
-         * @description The mission to fly, and which findings the caller accepts.
+         * @description The mission to fly, and the findings that the caller accepts.
          */
         readonly StartMission: {
             /**
@@ -11053,7 +11059,7 @@ export interface components {
              * @description Version of that plan; default: the newest.
              */
             readonly version?: number | null;
-            /** @description A mission that is not stored here. */
+            /** @description A mission that is not stored on the server. */
             readonly mission?: components["schemas"]["OffboardMission"] | null;
             /**
              * Despite
@@ -11062,7 +11068,7 @@ export interface components {
             readonly despite?: readonly string[];
             /**
              * Dry Run
-             * @description Id of a dry run of this mission with several flights: leaving its corridor is reported.
+             * @description Id of a dry run of this mission with several flights; a notice is sent if the vehicle leaves its corridor.
              */
             readonly dry_run?: string | null;
         };
@@ -11206,7 +11212,7 @@ export interface components {
         };
         /**
          * StreamedSetpoint
-         * @description The setpoint sent to the vehicle now; fields of other types are omitted.
+         * @description The setpoint that is being sent to the vehicle; fields of other types are omitted.
          */
         readonly StreamedSetpoint: {
             /**
@@ -11422,7 +11428,7 @@ export interface components {
         readonly TakeControl: {
             /**
              * Force
-             * @description Take it from another holder: allowed after a denial, after `answer_s` without an answer, or where the holder cannot be asked.
+             * @description Take control from another client. Allowed after that client has denied a request, after `answer_s` without an answer, or if that client cannot answer requests.
              */
             readonly force?: boolean;
             /**
@@ -11448,7 +11454,7 @@ export interface components {
             readonly step: "take_off";
             /**
              * Height M
-             * @description Above the take-off position.
+             * @description Height above the take-off position [m].
              */
             readonly height_m: number;
             /**
@@ -11720,9 +11726,8 @@ export interface components {
         };
         /**
          * TrajectorySetpoint
-         * @description Position, velocity and acceleration in this priority, the lower ones as feed-forward.
-         *
-         *     Every axis needs at least one of them, and north and east of each go together.
+         * @description Position, velocity and acceleration, in this order of priority; those of lower priority are
+         *     feed-forward. Each axis needs at least one of them. Give north and east together, or neither.
          * @example {
          *       "position_ned_m": [
          *         5,
@@ -11741,7 +11746,7 @@ export interface components {
         readonly TrajectorySetpoint: {
             /**
              * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
              */
             readonly yaw_ned_rad?: number | null;
             /**
@@ -11774,7 +11779,7 @@ export interface components {
             ];
             /**
              * Acceleration Ned M S2
-             * @description North, east, down [m/s²], gravity left out; each at most 20. null: not controlled.
+             * @description North, east, down [m/s²], without gravity; each at most 20. null: not controlled.
              */
             readonly acceleration_ned_m_s2?: readonly [
                 number | null,
@@ -11784,7 +11789,7 @@ export interface components {
         };
         /**
          * TriggerControl
-         * @description Start (1) or stop (0) the camera trigger; -1 leaves a value unchanged.
+         * @description Start (`enable` 1) or stop (0) the camera trigger; a value of -1 leaves a setting unchanged.
          */
         readonly TriggerControl: {
             /**
@@ -11838,7 +11843,7 @@ export interface components {
         };
         /**
          * TriggerDistance
-         * @description Take a picture every `distance_m`; 0 stops. `at_once` 1: take the first one immediately.
+         * @description Take a picture every `distance_m`; 0 stops this. `at_once` 1: take the first picture immediately.
          */
         readonly TriggerDistance: {
             /**
@@ -11940,7 +11945,7 @@ export interface components {
         };
         /**
          * UploadRequest
-         * @description What to upload.
+         * @description The plan to upload.
          */
         readonly UploadRequest: {
             /**
@@ -11957,7 +11962,7 @@ export interface components {
             readonly plan?: components["schemas"]["Plan"] | null;
             /**
              * Confirm
-             * @description While the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
+             * @description Required while the vehicle is in Mission mode: `vehicle {id} flies the new mission at once`.
              */
             readonly confirm?: string | null;
             /**
@@ -11980,21 +11985,21 @@ export interface components {
             readonly identity: components["schemas"]["Identity"];
             /**
              * Components
-             * @description Its components that have sent a heartbeat, the autopilot first.
+             * @description Components that have sent a heartbeat, the autopilot first.
              */
             readonly components: readonly components["schemas"]["Component"][];
             /** @description State of the vehicle. */
             readonly status: components["schemas"]["Status"];
             /**
              * Links
-             * @description Names of the links on which it is connected, most recent first.
+             * @description Names of the links over which the vehicle is connected, most recent first.
              */
             readonly links: readonly string[];
-            /** @description Every topic's newest sample. */
+            /** @description Newest sample of each topic. */
             readonly topics: components["schemas"]["Topics"];
-            /** @description Who controls it; null for a recording. */
+            /** @description State of control; null for a recording. */
             readonly control: components["schemas"]["Control"] | null;
-            /** @description The setpoint stream to it. */
+            /** @description The vehicle's setpoint stream. */
             readonly offboard: components["schemas"]["OffboardStatus"] | null;
         };
         /**
@@ -12157,7 +12162,7 @@ export interface components {
         };
         /**
          * VelocityBodySetpoint
-         * @description A velocity along the heading, level: it turns with the vehicle.
+         * @description A velocity in the level heading frame, which turns with the vehicle.
          * @example {
          *       "type": "velocity_body",
          *       "velocity_frd_m_s": [
@@ -12171,7 +12176,7 @@ export interface components {
         readonly VelocityBodySetpoint: {
             /**
              * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
              */
             readonly yaw_ned_rad?: number | null;
             /**
@@ -12209,7 +12214,7 @@ export interface components {
         readonly VelocitySetpoint: {
             /**
              * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; with neither, the heading is kept.
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
              */
             readonly yaw_ned_rad?: number | null;
             /**
@@ -12274,12 +12279,12 @@ export interface components {
         readonly Version: {
             /**
              * Name
-             * @description The program.
+             * @description Name of the program.
              */
             readonly name: string;
             /**
              * Version
-             * @description Its version.
+             * @description Version of the program.
              */
             readonly version: string;
             /**
@@ -12620,7 +12625,7 @@ export interface components {
         };
         /**
          * StartRequest
-         * @description Where to start, and which findings the caller accepts.
+         * @description The item to start at, and the findings that the caller accepts.
          */
         readonly gcs_server__api__mission_models__StartRequest: {
             /**
@@ -12738,7 +12743,7 @@ export interface components {
         };
         /**
          * StartRequest
-         * @description The first setpoint and how to stream it; validity counts from the moment Offboard is confirmed.
+         * @description The first setpoint and the stream's settings; the validity starts when Offboard is confirmed.
          * @example {
          *       "rate_hz": 50,
          *       "setpoint": {
@@ -12755,7 +12760,7 @@ export interface components {
         readonly gcs_server__api__setpoint_request__StartRequest: {
             /**
              * Valid For S
-             * @description How long the setpoint is valid without being renewed [s]; then `on_expiry` applies.
+             * @description Time until the setpoint expires unless renewed [s]; `on_expiry` then applies.
              */
             readonly valid_for_s?: number;
             /**
@@ -12767,7 +12772,7 @@ export interface components {
             readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
             /**
              * Rate Hz
-             * @description Setpoints a second [Hz].
+             * @description Setpoints per second [Hz].
              */
             readonly rate_hz?: number;
         };
@@ -12854,13 +12859,13 @@ export interface components {
             readonly track: "fixed" | "look_at" | "along_path" | "sweep" | "release";
             /**
              * Pitch Rad
-             * @description For fixed, along_path and the middle of a sweep; up is positive.
+             * @description Pitch for the tracks fixed and along_path, and the middle pitch of a sweep; up is positive.
              * @default 0
              */
             readonly pitch_rad: number;
             /**
              * Yaw Rad
-             * @description For fixed and the middle of a sweep, relative to the vehicle's nose.
+             * @description Yaw relative to the vehicle's nose, for the track fixed, and the middle yaw of a sweep.
              * @default 0
              */
             readonly yaw_rad: number;
@@ -12928,7 +12933,7 @@ export interface components {
                 readonly "text/html": string;
             };
         };
-        /** @description A page of another site, a foreign name, a cookie without its page's Origin, or a role that lacks the permission. */
+        /** @description The page belongs to another site, the Host is not this server, the Origin is missing, or the role lacks the permission. */
         readonly Refused403: {
             headers: {
                 readonly [name: string]: unknown;
@@ -13162,7 +13167,7 @@ export interface operations {
     readonly remove_link_api_v1_links__name__delete: {
         readonly parameters: {
             readonly query?: {
-                /** @description Needed where a vehicle in flight would lose its last link: exactly the text that the refusal asks for: `link {name} closes, vehicle {id} in flight loses its last link`. */
+                /** @description Required if a vehicle in flight would lose its last link; exactly the text from the refusal: `link {name} closes, vehicle {id} in flight loses its last link`. */
                 readonly confirm?: string | null;
             };
             readonly header?: never;
@@ -13458,7 +13463,7 @@ export interface operations {
     readonly history_api_v1_vehicles__v__history_get: {
         readonly parameters: {
             readonly query?: {
-                /** @description Names separated by commas; default: all. */
+                /** @description Names of topics, separated by commas; default: all. */
                 readonly topics?: string;
                 /** @description Only samples since this time [s since 1970]; the last 5 minutes are kept. */
                 readonly since_unix_s?: number | null;
@@ -15589,9 +15594,9 @@ export interface operations {
     readonly show_api_v1_vehicles__v__gimbal_get: {
         readonly parameters: {
             readonly query?: {
-                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
                 readonly component?: number | null;
-                /** @description Its gimbal device id, where a manager has several gimbals. */
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
             };
             readonly header?: never;
@@ -15653,9 +15658,9 @@ export interface operations {
     readonly take_api_v1_vehicles__v__gimbal_take_post: {
         readonly parameters: {
             readonly query?: {
-                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
                 readonly component?: number | null;
-                /** @description Its gimbal device id, where a manager has several gimbals. */
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
             };
             readonly header?: never;
@@ -15717,9 +15722,9 @@ export interface operations {
     readonly release_api_v1_vehicles__v__gimbal_release_post: {
         readonly parameters: {
             readonly query?: {
-                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
                 readonly component?: number | null;
-                /** @description Its gimbal device id, where a manager has several gimbals. */
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
             };
             readonly header?: never;
@@ -15781,9 +15786,9 @@ export interface operations {
     readonly angles_api_v1_vehicles__v__gimbal_angles_post: {
         readonly parameters: {
             readonly query?: {
-                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
                 readonly component?: number | null;
-                /** @description Its gimbal device id, where a manager has several gimbals. */
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
             };
             readonly header?: never;
@@ -15849,9 +15854,9 @@ export interface operations {
     readonly rates_api_v1_vehicles__v__gimbal_rates_post: {
         readonly parameters: {
             readonly query?: {
-                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
                 readonly component?: number | null;
-                /** @description Its gimbal device id, where a manager has several gimbals. */
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
             };
             readonly header?: never;
@@ -15917,9 +15922,9 @@ export interface operations {
     readonly roi_api_v1_vehicles__v__gimbal_roi_post: {
         readonly parameters: {
             readonly query?: {
-                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
                 readonly component?: number | null;
-                /** @description Its gimbal device id, where a manager has several gimbals. */
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
             };
             readonly header?: never;
@@ -15985,9 +15990,9 @@ export interface operations {
     readonly clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post: {
         readonly parameters: {
             readonly query?: {
-                /** @description MAVLink component of the gimbal's manager; default: the first. */
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
                 readonly component?: number | null;
-                /** @description Its gimbal device id, where a manager has several gimbals. */
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
             };
             readonly header?: never;
@@ -16129,7 +16134,7 @@ export interface operations {
                     readonly "application/json": components["schemas"]["ParameterList"];
                 };
             };
-            /** @description They are being read. */
+            /** @description The parameters are being read. */
             readonly 202: {
                 headers: {
                     readonly [name: string]: unknown;
@@ -17592,7 +17597,7 @@ export interface operations {
             readonly query?: {
                 /** @description Name of the file; a CSV file is recognised by its extension. */
                 readonly filename?: string;
-                /** @description Altitude of points without one [m]; without it, a file with such points is refused. */
+                /** @description Altitude of points that have none in the file [m]; default: such a file is refused. */
                 readonly altitude_m?: number | null;
                 /** @description Reference of `altitude_m`. */
                 readonly altitude_reference?: "home" | "amsl" | "terrain";
@@ -17671,7 +17676,7 @@ export interface operations {
             };
         };
         readonly responses: {
-            /** @description The file; `X-Plan-Notes` is a JSON list of sentences about contents that the format cannot represent. */
+            /** @description The file. `X-Plan-Notes` is a JSON list of sentences about content that the format cannot represent. */
             readonly 200: {
                 headers: {
                     readonly [name: string]: unknown;
@@ -17914,7 +17919,7 @@ export interface operations {
     readonly delete_plan_api_v1_plans__plan__delete: {
         readonly parameters: {
             readonly query: {
-                /** @description Version that the caller has seen: must be the newest, otherwise 409. */
+                /** @description Version that the caller has seen; 409 if it is not the newest. */
                 readonly base_version: number;
             };
             readonly header?: never;
@@ -18269,7 +18274,7 @@ export interface operations {
     readonly clear_api_v1_vehicles__v__mission_delete: {
         readonly parameters: {
             readonly query?: {
-                /** @description Where the vehicle flies Mission: `vehicle {id} loses the mission that it flies`. */
+                /** @description Required while the vehicle is in Mission mode: `vehicle {id} loses the mission that it flies`. */
                 readonly confirm?: string | null;
             };
             readonly header?: never;
