@@ -34,7 +34,8 @@ class Time:
 
 
 def of_disk(path):
-    return [json.loads(line) for line in path.read_text().splitlines()]
+    text = path.read_text() if path.exists() else ""
+    return [json.loads(line) for line in text.splitlines()]
 
 
 def test_lines_are_json_and_the_tail_is_newest_first(tmp_path):
