@@ -35,6 +35,7 @@ _VOLATILE_NAMES = frozenset(
         "SENS_DPRES_OFF",
     }
 )
+EXTERNAL_MODES = 8
 NO_PRIORITY = -1
 """CAL_*_PRIO of a sensor without a priority."""
 _NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
@@ -131,6 +132,8 @@ class Parameters:
         self._names = tuple(default.name for default in defaults)
         self._by_name = {default.name: default for default in defaults}
         self._values: dict[str, ParameterValue] = {default.name: default.value for default in defaults}
+        self.mode_hashes = [0] * EXTERNAL_MODES
+        """COM_MODE0_HASH to COM_MODE7_HASH, which PX4 lists only after an external mode has used them."""
         self._listeners: list[Listener] = []
         self.change = Change.SET
         """Kind of the current change, while listeners are called."""
@@ -223,6 +226,14 @@ class Parameters:
         for name in self._names:
             if _fits(name, only) and not _fits(name, keep):
                 self.reset(name)
+        for slot in range(EXTERNAL_MODES):
+            if _fits(_hash_name(slot), only) and not _fits(_hash_name(slot), keep):
+                self.store_mode_hash(slot, 0)
+
+    def store_mode_hash(self, slot: int, value: int) -> None:
+        """Stores the hash of the name of the external mode that uses a slot, from 0."""
+        self.mode_hashes[slot] = value
+        self._save()
 
     def count(self, name: str, value: ParameterValue) -> None:
         """Stores a statistic of PX4; it is not reported, only sent on request."""
@@ -268,6 +279,8 @@ class Parameters:
             ) from error
         if not isinstance(stored, dict):
             raise ValueError(f"the parameter file {storage} holds no object of names and values; remove it")
+        for slot in range(EXTERNAL_MODES):
+            self.mode_hashes[slot] = int(coerce(_hash_name(slot), "INT32", stored.get(_hash_name(slot), 0)))
         for name, value in stored.items():
             # After a reset, PX4 detects the sensors and sets the airframe again.
             if name in self._by_name and (value or not _is_found_at_boot(name)):
@@ -278,6 +291,7 @@ class Parameters:
         if self._storage is None:
             return
         values = {name: _jsonable(self._values[name]) for name in self.changed()}
+        values |= {_hash_name(slot): value for slot, value in enumerate(self.mode_hashes) if value}
         temporary = self._storage.with_name(self._storage.name + ".new")
         temporary.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("w", encoding="utf-8") as file:
@@ -285,6 +299,10 @@ class Parameters:
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(self._storage)
+
+
+def _hash_name(slot: int) -> str:
+    return f"COM_MODE{slot}_HASH"
 
 
 def _fits(name: str, patterns: Sequence[str]) -> bool:

@@ -47,6 +47,7 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
     "check_failure_detector_roll": (25316113, 34),
     "check_system_flight_term_active": (29532170, 34),
     "check_external_modes_unavailable": (31525953, 51),
+    "check_external_modes_unresponsive": (26592384, 34),
     "commander_failsafe_enter_low_bat": (28993875, 100),
     "commander_failsafe_enter_hold": (30481910, 66),
     "commander_failsafe_enter": (26528394, 66),
@@ -198,10 +199,17 @@ class Announcer:
 
     def event(self, name: str, argument_format: str = "", *arguments: float) -> None:
         """Sends an event; arguments are packed little-endian with `argument_format`."""
-        event_id, log_levels = EVENTS[name]
+        self._send(name, *EVENTS[name], struct.pack("<" + argument_format, *arguments))
+
+    def external_event(self, event_id: int, log_levels: int, arguments: bytes) -> None:
+        """Sends an event of an external component, which has no name here."""
+        self._send("", event_id, log_levels, arguments)
+
+    def _send(self, name: str, event_id: int, log_levels: int, arguments: bytes) -> None:
         self.sequence = (self.sequence + 1) & 0xFFFF
-        packed = struct.pack("<" + argument_format, *arguments).ljust(40, b"\0")
-        event = Event(self.sequence, name, event_id, log_levels, self._time_boot_ms(), packed)
+        event = Event(
+            self.sequence, name, event_id, log_levels, self._time_boot_ms(), arguments.ljust(40, b"\0")
+        )
         self.recent.append(event)
         self._tell(event)
 

@@ -57,6 +57,22 @@ def why_denied(
     return None
 
 
+def disarms_itself(
+    view: VehicleView, *, flew: bool, landed_for_s: float, armed_for_s: float
+) -> Reason | None:
+    """Why a vehicle on the ground is disarmed now; None: it is not.
+
+    Args:
+        flew: whether it has taken off since arming.
+        landed_for_s: time since its landing; 0: it stays armed.
+    """
+    landing_s, preflight_s = view.parameter("COM_DISARM_LAND"), view.parameter("COM_DISARM_PRFLT")
+    if flew:
+        return Reason.LANDING if 0.0 < landing_s <= landed_for_s else None
+    waits_s = preflight_s + view.parameter("COM_SPOOLUP_TIME")
+    return Reason.PREFLIGHT if preflight_s > 0.0 and armed_for_s >= waits_s else None
+
+
 class FlightCount:
     """COM_FLIGHT_UUID and LND_FLIGHT_T_*: number of flights, and total flight time."""
 

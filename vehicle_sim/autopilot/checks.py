@@ -11,6 +11,7 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.offboard import Offboard
 from vehicle_sim.autopilot.sensor_watch import SensorWatch
+from vehicle_sim.external_modes.registry import ExternalModes
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -38,12 +39,19 @@ class Checks:
     """Arming checks of one vehicle."""
 
     def __init__(
-        self, view: VehicleView, announcer: Announcer, offboard: Offboard, home: Home, monitors: Monitors
+        self,
+        view: VehicleView,
+        announcer: Announcer,
+        offboard: Offboard,
+        home: Home,
+        monitors: Monitors,
+        external: ExternalModes,
     ) -> None:
         self._view = view
         self._announcer = announcer
         self._offboard = offboard
         self._home = home
+        self._external = external
         self.has_mission = False
         self.logging = True
         """Whether a log is being written, set by the logger. True also if no log is required."""
@@ -99,6 +107,7 @@ class Checks:
             bool(view.simulation.fusion.gnss_pos[view.row]),
             "" if armed else sensors.gps_problem(),
             2 if view.simulation.world.lidars.forward else 1,
+            self._external.health(),
         )
 
     def _take_settings(self) -> None:

@@ -6,7 +6,7 @@ import math
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, why_denied
+from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, disarms_itself, why_denied
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
@@ -14,10 +14,11 @@ from vehicle_sim.autopilot.land_detector import LandedState
 from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState, event_number
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
-from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.autopilot.offboard import Offboard
 from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
+from vehicle_sim.external_modes.registry import ExternalModes, is_external
 from vehicle_sim.home import HomeKeeper
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -49,10 +50,13 @@ class Commander:
         self.offboard = offboard
         self.home = HomeKeeper(view, navigator.home)
         self.monitors = Monitors(view, announcer)
-        self.checks = Checks(view, announcer, offboard, navigator.home, self.monitors)
+        self.external = ExternalModes(view.parameters.mode_hashes, view.parameters.store_mode_hash)
+        self.checks = Checks(view, announcer, offboard, navigator.home, self.monitors, self.external)
         self.armed = False
         self.intended = NavState.HOLD
         self.active = NavState.HOLD
+        self._selected = NavState.HOLD
+        """The active mode, before it is replaced by an external one."""
         self.landed = True
         self.terminated = False
         self.calibrating = False
@@ -137,7 +141,8 @@ class Commander:
             self.set_mode(NavState.POSITION)
 
     def _choose(self, mode: NavState) -> None:
-        self.intended = mode
+        self.intended = mode = NavState(self.external.replaces(mode))
+        self.external.mode_chosen(mode)
         if mode not in CANNOT_TAKE_OFF:
             self._after_disarming = mode
         self._watch.mode_chosen()
@@ -188,6 +193,7 @@ class Commander:
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:
             return False
+        mode = NavState(self.external.replaces(mode))
         report = self.checks.fresh(self.intended, armed=self.armed, terminated=self.terminated)
         return mode is self.active or report.runnable(mode)
 
@@ -224,6 +230,8 @@ class Commander:
             self.checks.watch_links(armed=self.armed)
             self._check()
             self._run_failsafe()
+        if self.external.replaced(self._selected) != self.active:
+            self._activate(self._selected)
         if self.armed and not self.terminated:
             navigator.think(self.active, landed=landed)
             self._end_task()
@@ -247,7 +255,7 @@ class Commander:
         """Switches to Hold after a finished take-off or mission."""
         mission = self._navigator.mission
         taking_off = self.active is NavState.TAKEOFF and not self.landed
-        if taking_off and self._navigator.finished(NavState.TAKEOFF):
+        if taking_off and not self.external.executor_in_charge and self._navigator.finished(self.active):
             onward = self._view.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
             self._go_on(NavState.MISSION if onward else NavState.HOLD)
             return
@@ -257,6 +265,7 @@ class Commander:
 
     def _go_on(self, mode: NavState) -> None:
         self.intended = self._after_disarming = mode
+        self.external.mode_chosen(mode)
         self._activate(mode)
 
     def _note_landing(self, landed: bool) -> None:
@@ -287,7 +296,8 @@ class Commander:
     def _run_failsafe(self) -> None:
         if self.terminated or not self.armed:
             return
-        grounded = self.landed and not self._flew and self.intended is not NavState.OFFBOARD
+        commanded_outside = self.intended is NavState.OFFBOARD or is_external(self.intended)
+        grounded = self.landed and not self._flew and not commanded_outside
         before = self.failsafe
         decision = self._watch.update(
             self.intended,
@@ -324,6 +334,16 @@ class Commander:
         self._activate(NavState.TERMINATION)
 
     @property
+    def failsafe_deferral(self) -> int:
+        """`failsafe_defer_state`: 0 none, 1 failsafes are deferred, 2 one is being deferred."""
+        return self._watch.deferral
+
+    @property
+    def intention(self) -> NavState:
+        """The intended mode, or its replacement."""
+        return NavState(self.external.replaced(self.intended))
+
+    @property
     def in_failsafe(self) -> bool:
         """Whether a failsafe has replaced the intended mode."""
         return self.failsafe.action > Action.WARN
@@ -331,25 +351,30 @@ class Commander:
     # --- modes and disarming ---------------------------------------------------------------------------
 
     def _activate(self, mode: NavState, *, restart: bool = False) -> None:
-        if mode is self.active and not restart:
+        self._selected = mode
+        flown = NavState(self.external.replaced(mode))
+        if flown is self.active and not restart:
             return
-        previous, self.active = self.active, mode
+        previous, self.active = self.active, flown
         if self.armed:
-            self._navigator.enter(mode, previous, in_air=not self.landed)
+            self._navigator.enter(flown, previous, in_air=not self.landed)
 
     def _auto_disarm(self) -> None:
         if not self.armed or not self.landed or self.terminated:
             return
         now_s = self._view.time_s
-        landing_s = self._view.parameter("COM_DISARM_LAND")
-        preflight_s = self._view.parameter("COM_DISARM_PRFLT")
-        spoolup_s = self._view.parameter("COM_SPOOLUP_TIME")
+        if self.external.overrides(self.active).disable_auto_disarm:
+            self._landed_at_s = now_s
+            return
         amid_mission = self.active is NavState.MISSION and not self._navigator.mission.finished
-        if self._flew:
-            if landing_s > 0.0 and not amid_mission and now_s - self._landed_at_s >= landing_s:
-                self.disarm(Reason.LANDING)
-        elif preflight_s > 0.0 and now_s - self._armed_at_s >= preflight_s + spoolup_s:
-            self.disarm(Reason.PREFLIGHT)
+        reason = disarms_itself(
+            self._view,
+            flew=self._flew,
+            landed_for_s=0.0 if amid_mission else now_s - self._landed_at_s,
+            armed_for_s=now_s - self._armed_at_s,
+        )
+        if reason is not None:
+            self.disarm(reason)
 
     def landed_state(self) -> LandedState:
         """MAV_LANDED_STATE as EXTENDED_SYS_STATE reports it."""
@@ -373,25 +398,5 @@ class Commander:
         return MODES[self.active].custom_mode
 
     def intended_custom_mode(self) -> int:
-        """The custom_mode of the intended mode."""
-        return MODES[self.intended].custom_mode
-
-    def base_mode(self) -> int:
-        """HEARTBEAT.base_mode."""
-        mode = MODES[self.active]
-        flags = mode.base_flags | 16
-        if self.active in (NavState.ACRO, NavState.TERMINATION):
-            flags &= ~16
-        if self.active is NavState.OFFBOARD and self.offboard.kind in (Kind.NONE, Kind.RATES):
-            flags &= ~16  # depends on the last received setpoint, even if the stream has stopped
-        return flags | (128 if self.armed else 0)
-
-    def system_status(self) -> int:
-        """MAV_STATE."""
-        if self.terminated:
-            return 8
-        if self.armed:
-            return 5 if self.in_failsafe else 4
-        if self.calibrating:
-            return 2
-        return 3 if self.report.armable(self.intended) else 0
+        """The custom_mode of the intended mode, or of its replacement."""
+        return MODES[self.intention].custom_mode

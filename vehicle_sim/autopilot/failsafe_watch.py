@@ -42,6 +42,7 @@ class FailsafeWatch:
         self._conditions = Conditions(NavState.HOLD)
         self._demands: list[Demand] = []
         self.decision = Decision()
+        self.deferral = 0
 
     def reset(self) -> None:
         """Clears the failsafe; called at disarming."""

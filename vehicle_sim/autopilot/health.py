@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from vehicle_sim.autopilot.announcer import EVENTS, Announcer
 from vehicle_sim.autopilot.geofence import Breach
-from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.external_modes.arming_checks import ExternalEvent, ExternalHealth
+from vehicle_sim.external_modes.registry import is_external
+from vehicle_sim.external_modes.requirements import OWN, Requirements
 
-ALL_MODES = 0x807FFFFF
-"""Bits of the modes that exist; externals are set only while registered, which none ever is here."""
 EVERY_MODE = 0xFFFFFFFF
-LOCAL_POSITION_MASK = 0x7E007C
-GLOBAL_POSITION_MASK = 0x38
 
 COMPONENT_OPTICAL_FLOW = 4
 COMPONENT_DISTANCE_SENSOR = 6
@@ -59,14 +59,6 @@ LOGGING_PRESENT = 0x400
 REMOTE_PRESENT = 1 << COMPONENT_REMOTE
 
 
-def _mask(states: frozenset[NavState]) -> int:
-    return sum(1 << state for state in states)
-
-
-STICKS_MASK = _mask(frozenset(mode.state for mode in MODES.values() if mode.needs_sticks))
-CANNOT_TAKE_OFF_MASK = _mask(CANNOT_TAKE_OFF)
-
-
 class Facts(NamedTuple):
     """All that the checks look at, compared 50 times a second: first what changes in flight, then parameters.
 
@@ -100,6 +92,8 @@ class Facts(NamedTuple):
     gps_problem: str = ""
     """Why the GPS is no use yet, before take-off: a key of GPS_PROBLEMS."""
     distance_sensors: int = 1
+    external: ExternalHealth = ExternalHealth()
+    """What the components of external modes say."""
     mission_required: bool = False
     uncalibrated: tuple[str, ...] = ()
     """Of "accel", "gyro" and "mag"."""
@@ -133,6 +127,8 @@ class Check:
     """Small whole numbers as further arguments."""
     warns: bool = False
     """A warning, not an error."""
+    external: ExternalEvent | None = None
+    """The event of an external component; its first four arguments are replaced by the modes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +139,7 @@ class Report:
     can_arm: int
     can_run: int
     present: int = PRESENT
+    requirements: Requirements = OWN
 
     def armable(self, mode: NavState) -> bool:
         """Whether one may arm in this mode."""
@@ -156,6 +153,7 @@ class Report:
 def examine(facts: Facts) -> Report:
     """All findings in PX4's order."""
     checks: list[Check] = []
+    needs = facts.external.requirements
 
     def add(event: str, modes: int, component: int, arming: int | None = None, running: int | None = None,
             text: str = "") -> None:  # fmt: skip
@@ -199,23 +197,25 @@ def examine(facts: Facts) -> Report:
         )  # fmt: skip
     if facts.gps_problem:
         event, text = GPS_PROBLEMS[facts.gps_problem]
-        checks.append(Check(event, LOCAL_POSITION_MASK, COMPONENT_GPS, 0, 0, text, WARNING, warns=True))
+        checks.append(Check(event, _local_position(needs), COMPONENT_GPS, 0, 0, text, WARNING, warns=True))
     checks += _detected_failures(facts)
-    if facts.mode in CANNOT_TAKE_OFF and not facts.armed and not facts.terminated:
-        add("check_modes_cannot_takeoff", CANNOT_TAKE_OFF_MASK, COMPONENT_SYSTEM, running=0)
-    if NavState.EXTERNAL1 <= facts.mode <= NavState.EXTERNAL8:
+    checks += _external(facts)
+    if needs.prevent_arming >> facts.mode & 1 and not facts.armed and not facts.terminated:
+        add("check_modes_cannot_takeoff", needs.prevent_arming, COMPONENT_SYSTEM, running=0)
+    if is_external(facts.mode) and not facts.external.registered >> facts.mode & 1:
         add("check_external_modes_unavailable", 1 << facts.mode, COMPONENT_SYSTEM)
     if not facts.valid_local_position:
-        add("check_modes_local_pos", LOCAL_POSITION_MASK, COMPONENT_LOCAL_POSITION)
+        add("check_modes_local_pos", _local_position(needs), COMPONENT_LOCAL_POSITION)
     if not facts.valid_global_position:
-        add("check_modes_global_pos", GLOBAL_POSITION_MASK, COMPONENT_GLOBAL_POSITION)
+        add("check_modes_global_pos", needs.global_position | needs.home_position, COMPONENT_GLOBAL_POSITION)
     if not facts.has_mission:
-        add("check_modes_mission", EVERY_MODE if facts.mission_required else 1 << NavState.MISSION,
-            COMPONENT_SYSTEM, running=1 << NavState.MISSION)  # fmt: skip
+        add("check_modes_mission", EVERY_MODE if facts.mission_required else needs.mission,
+            COMPONENT_SYSTEM, running=needs.mission)  # fmt: skip
     if not facts.offboard_signal:
         add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
     if not facts.manual_control:
-        add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, STICKS_MASK, STICKS_MASK)
+        add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, needs.manual_control,
+            needs.manual_control)  # fmt: skip
     if facts.terminated:
         add("check_system_flight_term_active", EVERY_MODE, COMPONENT_SYSTEM, running=0,
             text="Preflight Fail: Flight termination active")  # fmt: skip
@@ -239,12 +239,14 @@ def examine(facts: Facts) -> Report:
         add("check_battery_critical", EVERY_MODE, COMPONENT_BATTERY, running=0)
     elif facts.battery_warning >= 3:
         add("check_battery_emergency", EVERY_MODE, COMPONENT_BATTERY, running=0)
-    can_arm = can_run = ALL_MODES
+    can_arm = can_run = EVERY_MODE & ~needs.other
+    can_arm &= ~facts.external.not_armable
     for check in checks:
         can_arm &= ~check.blocks_arming
         can_run &= ~check.blocks_running
     if not facts.valid_attitude:
         can_arm = 0
+        can_run &= ~((needs.attitude | needs.angular_velocity) & OWN.other)  # external modes
     present = PRESENT | (REMOTE_PRESENT if facts.manual_control else 0)
     if not facts.gnss_used:
         present &= ~GPS_PRESENT
@@ -252,7 +254,25 @@ def examine(facts: Facts) -> Report:
         present &= ~MAG_PRESENT
     if not facts.logging:
         present &= ~LOGGING_PRESENT
-    return Report(tuple(checks), can_arm, can_run, present)
+    return Report(tuple(checks), can_arm, can_run, present, needs)
+
+
+def _local_position(needs: Requirements) -> int:
+    return needs.local_position | needs.local_position_relaxed
+
+
+def _external(facts: Facts) -> list[Check]:
+    """Findings of external components."""
+    external = facts.external
+    checks = [
+        Check("", modes, COMPONENT_SYSTEM, external=event, warns=True) for modes, event in external.events
+    ]
+    if external.unresponsive:
+        checks.append(
+            Check("check_external_modes_unresponsive", external.unresponsive, COMPONENT_SYSTEM,
+                  external.unresponsive, external.unresponsive)
+        )  # fmt: skip
+    return checks
 
 
 FENCE_EVENTS = {
@@ -300,6 +320,8 @@ def announce(report: Report, announcer: Announcer) -> None:
     """Send the report as PX4 does: summary, one event a finding, health summary."""
     errors = warnings = unhealthy = 0
     for check in report.checks:
+        if check.external is not None:
+            continue
         level = WARNING if check.warns else EVENTS[check.event][1] & 0x0F
         if check.event in HEALTH_EVENTS:
             unhealthy |= 1 << check.component
@@ -314,7 +336,10 @@ def announce(report: Report, announcer: Announcer) -> None:
     )
     for check in report.checks:
         modes = check.modes & EVERY_MODE
-        if check.argument is None:
+        if check.external is not None:
+            event_id, log_levels, arguments = check.external
+            announcer.external_event(event_id, log_levels, struct.pack("<I", modes) + arguments[4:])
+        elif check.argument is None:
             form = "IB" + "B" * len(check.counts)
             announcer.event(check.event, form, modes, check.component, *check.counts)
         else:

@@ -30,6 +30,8 @@ class Command:
     sender: tuple[int, int]
     link: str
     """Name of the MAVLink connection, or `ROS2`."""
+    external: bool = True
+    """Whether it says that it comes from outside the vehicle (`VehicleCommand.from_external`)."""
 
 
 Handler = Callable[[Command], int | None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from vehicle_sim.autopilot.arming import Reason
 from vehicle_sim.autopilot.modes import STANDARD_MODES, NavState, UnsupportedAutoMode, from_numbers
 from vehicle_sim.commands.command import (
     ACCEPTED,
@@ -106,7 +107,8 @@ class FlightCommands:
     def _arm(self, c: Command) -> int | None:
         action = _rounded(c.p1)
         if action == 0:
-            done = self._commander.disarm(force=_rounded(c.p2) == FORCE)
+            reason = Reason.EXTERNAL_COMMAND if c.external else Reason.INTERNAL_COMMAND
+            done = self._commander.disarm(reason, force=_rounded(c.p2) == FORCE)
             return ACCEPTED if done else TEMPORARILY_REJECTED
         if action != 1:
             self._announcer.both(
@@ -114,7 +116,8 @@ class FlightCommands:
                 "f", c.p1,
             )  # fmt: skip
             return None
-        return ACCEPTED if self._commander.arm() else TEMPORARILY_REJECTED
+        reason = Reason.EXTERNAL_COMMAND if c.external else Reason.INTERNAL_COMMAND
+        return ACCEPTED if self._commander.arm(reason) else TEMPORARILY_REJECTED
 
     def _set_mode(self, c: Command) -> int:
         return self._switch_by_numbers(c)

@@ -22,6 +22,7 @@ from vehicle_sim.mavlink.services.gimbal import GimbalService
 from vehicle_sim.mavlink.services.logs import LogService
 from vehicle_sim.mavlink.services.manual import ManualService
 from vehicle_sim.mavlink.services.mission import MissionService
+from vehicle_sim.mavlink.services.modes import ModesMonitor
 from vehicle_sim.mavlink.services.offboard import OffboardService
 from vehicle_sim.mavlink.services.origin import OriginService
 from vehicle_sim.mavlink.services.own_commands import OwnCommandService
@@ -56,6 +57,7 @@ class Node:
         gimbal = GimbalCommands(self.context)
         calibration = CalibrationCommands(self.context, self.params.tell)
         self.failures = FailureCommands(self.context)
+        ModesMonitor(self.context)
         self._shell = ShellService(self.context)
         self._own_commands = OwnCommandService(self.context, gimbal.commands)
         meanings = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)

@@ -7,17 +7,35 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, Protocol
 
-from vehicle_sim.commands.command import IN_PROGRESS, ROS2, Command, CommandHost, Handler, execute
+from vehicle_sim.commands.command import (
+    IN_PROGRESS,
+    ROS2,
+    TEMPORARILY_REJECTED,
+    Command,
+    CommandHost,
+    Handler,
+    execute,
+)
+from vehicle_sim.external_modes.registry import EXECUTOR_COMPONENT
+from vehicle_sim.ros2.external_modes import ExternalModeTopics
+from vehicle_sim.ros2.message_format import MessageFormats
 from vehicle_sim.ros2.messages import MESSAGES, MalformedMessage
 from vehicle_sim.ros2.outputs import Outputs
 from vehicle_sim.ros2.setpoints import SetpointInputs
-from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, SERVICE_REPLY, SERVICE_REQUEST
+from vehicle_sim.ros2.topics import (
+    COMMAND,
+    COMMAND_ACK,
+    EXECUTOR_COMMAND,
+    INPUTS,
+    SERVICE_REPLY,
+    SERVICE_REQUEST,
+)
 from vehicle_sim.topics.states import States
 
 CONNECTED_AFTER_S: Final = {True: 6.4, False: 1.3}
 """Time after boot of the first message, with and without time synchronization (`UXRCE_DDS_SYNCT`)."""
-COMMAND_EVERY_US: Final = 10_000
-"""The commander processes one command per cycle."""
+CYCLE_US: Final = 10_000
+"""Period of the commander, which processes one command per cycle."""
 COMMANDS_KEPT: Final = 4
 """Of a burst, PX4 keeps the last commands and drops older ones silently."""
 Values = Mapping[str, Any]
@@ -79,14 +97,21 @@ class Bridge:
         )  # fmt: skip
         self._commands: deque[tuple[Values, bool]] = deque(maxlen=COMMANDS_KEPT)
         """Each with whether the service sent it."""
-        self._command_at_us = 0
+        self._executor_commands: deque[Values] = deque(maxlen=COMMANDS_KEPT)
+        self._cycle_at_us = 0
         self._service_command: Command | None = None
         """The service's command that is not acknowledged yet."""
         self._malformed: set[str] = set()
         setpoints = SetpointInputs(host.autopilot)
+        self._external = host.autopilot.commander.external
+        self._external_modes = ExternalModeTopics(host.autopilot, self._publish)
+        self._formats = MessageFormats(self._publish)
         self._receivers: dict[str, Callable[[Values], None]] = {
             COMMAND: lambda values: self._commands.append((values, False)),
             SERVICE_REQUEST: lambda values: self._commands.append((values, True)),
+            EXECUTOR_COMMAND: self._executor_commands.append,
+            **self._external_modes.receivers,
+            **self._formats.receivers,
             **setpoints.receivers,
         }
         self._types = {topic.name: topic.message for topic in INPUTS}
@@ -106,10 +131,23 @@ class Bridge:
             return
         for topic, data in received:
             self._receive(topic, data)
-        if self._commands and now_us >= self._command_at_us:
-            self._command_at_us = now_us + COMMAND_EVERY_US
-            self._command(*self._commands.popleft())
+        self._formats.answer_newest()
+        if now_us >= self._cycle_at_us:
+            self._cycle_at_us = now_us + CYCLE_US
+            self._cycle()
         self._outputs.step(now_us)
+
+    def _cycle(self) -> None:
+        self._external_modes.cycle()
+        if self._commands:
+            self._command(*self._commands.popleft())
+        if self._executor_commands:
+            self._executor_command(self._executor_commands.popleft())
+
+    def _publish(self, topic: str, type_name: str, values: Values) -> None:
+        """Publishes a message with the current time."""
+        stamped = {"timestamp": self._view.time_boot_us() + self._offset_us, **values}
+        self._port.publish(topic, MESSAGES[type_name].encode(stamped))
 
     def _receive(self, topic: str, data: bytes) -> None:
         receiver = self._receivers.get(topic)
@@ -130,13 +168,20 @@ class Bridge:
         system, component = self._host.own
         if values["target_system"] not in (0, system) or values["target_component"] not in (0, component):
             return
-        command = Command(
-            values["command"], *(values[f"param{n}"] for n in range(1, 8)),
-            sender=(values["source_system"], values["source_component"]), link=ROS2,
-        )  # fmt: skip
+        command = _decode(values, values["source_system"])
         if from_service:
             self._service_command = command
+        self._external.commanded_by_executor = values["source_component"] >= EXECUTOR_COMPONENT
         execute(self._host, self._handlers, command)
+        self._external.commanded_by_executor = False
+
+    def _executor_command(self, values: Values) -> None:
+        """Passes a command of the executor in charge on as one of the vehicle; rejects those of others."""
+        system = self._host.own[0]
+        if values["source_component"] == EXECUTOR_COMPONENT + self._external.executor_in_charge:
+            self._commands.append(({**values, "source_system": system}, False))
+        else:
+            self._acknowledge(_decode(values, system), TEMPORARILY_REJECTED, 0)
 
     def _acknowledge(self, command: Command, result: int, progress: int) -> None:
         if not self.connected:
@@ -151,3 +196,10 @@ class Bridge:
         if command is self._service_command and result != IN_PROGRESS:
             self._service_command = None
             self._port.publish(SERVICE_REPLY, data)
+
+
+def _decode(values: Values, source_system: int) -> Command:
+    return Command(
+        values["command"], *(values[f"param{n}"] for n in range(1, 8)),
+        sender=(source_system, values["source_component"]), link=ROS2, external=values["from_external"],
+    )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.ros2.messages import MESSAGES, MessageType
-from vehicle_sim.ros2.topics import OUTPUTS, TIMESYNC, TRIPLET, Output
+from vehicle_sim.ros2.topics import OUTPUTS, STATUS, TIMESYNC, TRIPLET, Output
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic
 from vehicle_sim.topics.states import States, StateTopic
@@ -149,6 +149,8 @@ class Outputs:
 
     def _send(self, output: Output, values: dict[str, Any], now_us: int) -> None:
         values["timestamp"] = now_us + self._offset_us
+        if output.name == STATUS:
+            self._autopilot.commander.external.published(values["can_set_nav_states_mask"])
         self._publish(output.name, output.message.encode(values))
 
     def _timesync(self, now_us: int) -> None:

@@ -50,9 +50,11 @@ class Input:
 
 
 COMMAND_ACK: Final = "/fmu/out/vehicle_command_ack"
+STATUS: Final = "/fmu/out/vehicle_status_v1"
 TIMESYNC: Final = "/fmu/out/timesync_status"
 TRIPLET: Final = "/fmu/out/position_setpoint_triplet"
 COMMAND: Final = "/fmu/in/vehicle_command"
+EXECUTOR_COMMAND: Final = "/fmu/in/vehicle_command_mode_executor"
 SERVICE_REQUEST: Final = "/fmu/vehicle_commandRequest"
 SERVICE_REPLY: Final = "/fmu/vehicle_commandReply"
 """The service `/fmu/vehicle_command`: on the wire one topic for requests and one for replies."""
@@ -80,7 +82,7 @@ OUTPUTS: Final = (
     Output("/fmu/out/vehicle_gps_position", "SensorGps", "vehicle_gps_position", -1),
     Output("/fmu/out/vehicle_local_position", "VehicleLocalPosition", "vehicle_local_position", FASTEST_US),
     Output("/fmu/out/vehicle_odometry", "VehicleOdometry", "vehicle_odometry", FASTEST_US),
-    Output("/fmu/out/vehicle_status_v1", "VehicleStatus", "vehicle_status", 500_000),
+    Output(STATUS, "VehicleStatus", "vehicle_status", 500_000),
     Output("/fmu/out/airspeed_validated", "AirspeedValidated"),
     Output("/fmu/out/vtol_vehicle_status", "VtolVehicleStatus"),
     Output("/fmu/out/home_position", "HomePosition", "home_position"),
@@ -108,7 +110,7 @@ INPUTS: Final = (
     Input("/fmu/in/vehicle_rates_setpoint", "VehicleRatesSetpoint"),
     Input("/fmu/in/vehicle_visual_odometry", "VehicleOdometry"),
     Input(COMMAND, "VehicleCommand"),
-    Input("/fmu/in/vehicle_command_mode_executor", "VehicleCommand"),
+    Input(EXECUTOR_COMMAND, "VehicleCommand"),
     Input("/fmu/in/vehicle_thrust_setpoint", "VehicleThrustSetpoint"),
     Input("/fmu/in/vehicle_torque_setpoint", "VehicleTorqueSetpoint"),
     Input("/fmu/in/actuator_motors", "ActuatorMotors"),

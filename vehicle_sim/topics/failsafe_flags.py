@@ -5,17 +5,11 @@ from __future__ import annotations
 from typing import Any, Final
 
 from vehicle_sim.autopilot.commander import Commander
+from vehicle_sim.external_modes.requirements import Requirements
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
-REQUIREMENTS: Final = {
-    "angular_velocity": 0x7ED47E, "attitude": 0x7ED07E, "local_alt": 0x7E007E, "local_position": 0x7A0038,
-    "local_position_relaxed": 0x040044, "global_position": 0x38, "mission": 0x08, "offboard_signal": 0x4000,
-    "home_position": 0x20, "wind_and_flight_time_compliance": 0x280018, "prevent_arming": 0x3C3020,
-    "manual_control": 0x8447, "other": 0x7F800000,
-}  # fmt: skip
-"""Bit masks of the navigation states that have the requirement."""
-DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in REQUIREMENTS) + (
+DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in Requirements._fields) + (
     "bool angular_velocity_invalid;bool attitude_invalid;bool local_altitude_invalid;"
     "bool local_position_invalid;bool local_position_invalid_relaxed;bool local_velocity_invalid;"
     "bool global_position_invalid;bool auto_mission_missing;bool offboard_control_signal_lost;"
@@ -54,5 +48,5 @@ def conditions(view: VehicleView, commander: Commander, home: Home) -> dict[str,
 
 def values(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
     """All fields except the timestamp."""
-    masks = {f"mode_req_{name}": mask for name, mask in REQUIREMENTS.items()}
+    masks = {f"mode_req_{name}": mask for name, mask in commander.report.requirements._asdict().items()}
     return masks | conditions(view, commander, home)

@@ -5,6 +5,7 @@ They are written when they change and again periodically, as in PX4. The console
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.offboard import Kind
 from vehicle_sim.autopilot.takeoff import TakeoffState
+from vehicle_sim.external_modes.slots import Controllers
 from vehicle_sim.topics import failsafe_flags
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
 from vehicle_sim.topics.layout import Layout
@@ -155,7 +157,11 @@ class States:
 
         def decisions() -> object:
             kind = commander.offboard.kind if commander.active is NavState.OFFBOARD else None
-            return commander.armed, commander.active, commander.intended, commander.in_failsafe, kind
+            ready, configured = commander.report.armable(commander.active), commander.external.configured
+            return (
+                commander.armed, commander.active, commander.intended, commander.in_failsafe, kind, ready,
+                configured, commander.failsafe_deferral,
+            )  # fmt: skip
 
         add("vehicle_status", 500, self._vehicle_status,
             "uint64_t armed_time;uint64_t takeoff_time;uint64_t nav_state_timestamp;"
@@ -214,7 +220,8 @@ class States:
             + "bool cs_inertial_dead_reckoning;bool fs_bad_acc_vertical", self._estimator_key)  # fmt: skip
         add("failsafe_flags", 500, lambda: failsafe_flags.values(self._view, commander, self._autopilot.home),
             failsafe_flags.DECLARATION,
-            lambda: failsafe_flags.conditions(self._view, commander, self._autopilot.home))  # fmt: skip
+            lambda: (failsafe_flags.conditions(self._view, commander, self._autopilot.home),
+                     commander.report.requirements))  # fmt: skip
         mission = self._autopilot.navigator.mission
         add("mission_result", 1000, self._mission, "uint32_t mission_id;uint32_t geofence_id;"
             "uint32_t home_position_counter;int32_t seq_reached;uint16_t seq_current;uint16_t seq_total;"
@@ -235,19 +242,23 @@ class States:
         return {
             "armed_time": self._armed_us, "takeoff_time": self._took_off_us,
             "nav_state_timestamp": self._mode_us, "valid_nav_states_mask": VALID_STATES,
-            "can_set_nav_states_mask": SETTABLE_STATES,
+            "can_set_nav_states_mask": c.external.settable(SETTABLE_STATES),
             "arming_state": ARMING_ARMED if c.armed else ARMING_DISARMED,
             "latest_arming_reason": self._reasons[0], "latest_disarming_reason": self._reasons[1],
-            "nav_state_user_intention": int(c.intended), "nav_state": int(c.active),
+            "nav_state_user_intention": int(c.intention), "nav_state": int(c.active),
+            "executor_in_charge": c.external.executor_in_charge,
+            "failsafe_defer_state": c.failsafe_deferral,
             "vehicle_type": ROTARY_WING, "failsafe": c.in_failsafe,
             "gcs_connection_lost": not c.checks.gcs_alive(), "system_type": QUADROTOR,
             "system_id": self._system_id, "component_id": 1, "safety_button_available": True,
             "safety_off": True, "power_input_valid": True, "calibration_enabled": c.calibrating,
-            "pre_flight_checks_pass": c.report.armable(c.intended),
+            "pre_flight_checks_pass": c.report.armable(c.active),
         }  # fmt: skip
 
     def _control_mode(self) -> Values:
         c = self._commander
+        if c.external.mode(c.active) is not None:
+            return self._external_control_mode(c.external.controllers(c.active))
         mode = MODES[c.active]
         offboard, terminated = c.active is NavState.OFFBOARD, c.active is NavState.TERMINATION
         angles = not terminated and c.active is not NavState.ACRO
@@ -266,6 +277,13 @@ class States:
             "flag_control_climb_rate_enabled": height, "flag_control_attitude_enabled": angles,
             "flag_control_rates_enabled": rates, "flag_control_allocation_enabled": allocation,
             "flag_control_termination_enabled": terminated,
+        }  # fmt: skip
+
+    def _external_control_mode(self, runs: Controllers) -> Values:
+        flags = {f"flag_control_{name}_enabled": value for name, value in dataclasses.asdict(runs).items()}
+        return flags | {
+            "flag_armed": self._commander.armed, "flag_multicopter_position_control_enabled": runs.trajectory,
+            "source_id": int(self._commander.active),
         }  # fmt: skip
 
     def _armed(self) -> Values:

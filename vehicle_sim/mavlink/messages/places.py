@@ -8,10 +8,9 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import Family, i16
+from vehicle_sim.mavlink.messages.heartbeat import CRITICAL, system_status
 
 GPS_WEEK_ODID_EPOCH_S = 1546300800
-CRITICAL = 5
-"""MAV_STATE during a failsafe."""
 ON_GROUND, AIRBORNE, EMERGENCY = 1, 2, 3
 """MAV_ODID_STATUS."""
 
@@ -89,7 +88,7 @@ class PlaceMessages(Family):
 
     def _remote_id_status(self) -> int:
         commander = self._autopilot.commander
-        if commander.system_status() == CRITICAL:
+        if system_status(commander) == CRITICAL:
             return EMERGENCY
         return ON_GROUND if commander.landed else AIRBORNE
 

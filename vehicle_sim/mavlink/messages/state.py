@@ -19,6 +19,7 @@ from vehicle_sim.autopilot.health import (
 from vehicle_sim.autopilot.modes import MODES
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.family import Family
+from vehicle_sim.mavlink.messages.heartbeat import base_mode, system_status
 
 ALWAYS_PRESENT = 0x200400B
 """MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
@@ -45,15 +46,15 @@ class StateMessages(Family):
             "HEARTBEAT",
             type=2,
             autopilot=12,
-            base_mode=commander.base_mode(),
+            base_mode=base_mode(commander),
             custom_mode=commander.custom_mode(),
-            system_status=commander.system_status(),
+            system_status=system_status(commander),
             mavlink_version=3,
         )[1]
 
     def sys_status(self) -> bytes:
         commander, battery, i = self._autopilot.commander, self._view.simulation.battery, self._view.row
-        ready = commander.report.armable(commander.active if commander.armed else commander.intended)
+        ready = commander.report.armable(commander.active if commander.armed else commander.intention)
         present, enabled, healthy = self._sensors(commander.report)
         return pack(
             "SYS_STATUS",

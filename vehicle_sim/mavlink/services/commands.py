@@ -79,7 +79,7 @@ class CommandService:
         if command.number == SET_MODE:
             # PX4's receiver acknowledges at once and its commander later; the second acknowledgement is the
             # valid one.
-            self._context.send_ack(command, ACCEPTED)
+            self._context.acknowledge(command, ACCEPTED)
             self._defer(lambda: self._execute(command))
         elif self._queue:
             self._defer(lambda: self._execute(command))

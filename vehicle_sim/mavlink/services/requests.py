@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from vehicle_sim.autopilot.modes import LISTED
+from vehicle_sim.autopilot.modes import LISTED, Mode
 from vehicle_sim.commands.command import ACCEPTED, DENIED, FAILED, Command
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
@@ -21,6 +21,8 @@ LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
 STORAGE_READY, STORAGE_MIB = 2, 32_768.0
 """Status and size of the simulated SD card; nothing is stored on it."""
 MAG_CAL_SUCCESS = 4
+NOT_USER_SELECTABLE = 2
+"""MAV_MODE_PROPERTY."""
 ODID_SERIAL_NUMBER, ODID_MULTIROTOR = 1, 2
 CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
@@ -161,12 +163,22 @@ class RequestService:
         wanted = int(command.p2) if math.isfinite(command.p2) else 0
         modes = [mode for mode in LISTED if wanted in (0, mode.index)]
         for mode in modes:
+            properties, name = self._listed(mode)
             link.send(
                 "AVAILABLE_MODES", number_modes=len(LISTED), mode_index=mode.index,
-                standard_mode=mode.standard_mode, custom_mode=mode.custom_mode, properties=mode.properties,
-                mode_name=mode.listed_name,
+                standard_mode=mode.standard_mode, custom_mode=mode.custom_mode, properties=properties,
+                mode_name=name,
             )  # fmt: skip
         return bool(modes)
+
+    def _listed(self, mode: Mode) -> tuple[int, str]:
+        """Properties and name of a mode; a registered external one has its own, a replaced one is hidden."""
+        external = self._context.autopilot.commander.external
+        registered = external.mode(mode.state)
+        if registered is not None:
+            return 0, registered.name
+        hidden = NOT_USER_SELECTABLE if external.is_replaced(mode.state) else 0
+        return mode.properties | hidden, mode.listed_name
 
     def _flight_information(self, link: Link, command: Command) -> bool:
         link.send("FLIGHT_INFORMATION", time_boot_ms=self._context.view.time_boot_ms())

@@ -1,0 +1,323 @@
+"""Recorded ROS 2 dialogues of a real PX4, and how the simulated vehicle repeats them on a fake clock."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tests.support.ros2_vehicle import TYPES, Ros2Vehicle
+from vehicle_sim.external_modes.slots import FIRST_MODE, name_hash
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.ros2.topics import COMMAND_ACK, SERVICE_REQUEST
+
+RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dds" / "dialogues"
+REQUEST, REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
+REGISTERED, FORMAT = "/fmu/out/register_ext_component_reply", "/fmu/out/message_format_response"
+COMPLETED = "/fmu/out/mode_completed"
+STATUS, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
+PERIOD_S = 0.3138
+"""Of the requests, by the recorder's clock."""
+LATE_S = 0.05
+"""An answer later than this was delayed on purpose."""
+GCS = (255, 190)
+BETWEEN_S, LONGEST_PAUSE_S = 1.5, 60.0
+SLACK_S = 0.6
+"""Times may differ by so much: `vehicle_status` comes at 2 Hz, `failsafe_flags` at 1.8 Hz."""
+STATE = (
+    "arming_state", "nav_state", "nav_state_user_intention", "failsafe", "executor_in_charge",
+    "failsafe_defer_state", "pre_flight_checks_pass",
+)  # fmt: skip
+SETTABLE = "can_set_nav_states_mask"
+FLAG_NAMES = ("offboard_control_signal_lost", "manual_control_signal_lost")
+EVENTS = {
+    COMMAND_ACK: ("command", "result", "target_system", "target_component"),
+    REGISTERED: ("name", "success", "arming_check_id", "mode_id", "mode_executor_id", "px4_ros2_api_version"),
+    FORMAT: ("topic_name", "success", "message_hash", "protocol_version"),
+}  # fmt: skip
+
+Dialogue = dict[str, Any]
+
+
+def load(groups: tuple[str, ...]) -> list[Dialogue]:
+    """Dialogues of these groups, the ones of one boot together and in order."""
+    found: list[Dialogue] = []
+    for group in groups:
+        path = RECORDED / f"{group}.jsonl"
+        if path.exists():
+            found += [json.loads(line) for line in path.read_text().splitlines()]
+    boots = list(dict.fromkeys(each["session"] for each in found))
+    return sorted(found, key=lambda each: boots.index(each["session"]))
+
+
+def _fields(fields: dict[str, Any]) -> dict[str, Any]:
+    """As numbers: null is NaN; arrays of messages are flattened."""
+    flat: dict[str, Any] = {}
+    for key, value in fields.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            for n, inner in enumerate(value):
+                flat |= {f"{key}[{n}].{name}": each for name, each in inner.items()}
+        elif isinstance(value, list):
+            if value:
+                flat[key] = [math.nan if each is None else each for each in value]
+        else:
+            flat[key] = math.nan if value is None else 0 if value == "now" else value
+    return flat
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A dialogue, how long it lasts until the next one of its boot begins, and what goes on until then."""
+
+    dialogue: Dialogue
+    lasts_s: float
+    answers_go_on: bool = False
+    """Whether the components that answered last still answer when the next dialogue begins."""
+
+
+def scenes(dialogues: list[Dialogue]) -> list[Scene]:
+    """The dialogues with the times between them, which the ids of the requests tell."""
+    return [_scene(each, after) for each, after in itertools.zip_longest(dialogues, dialogues[1:])]
+
+
+def _scene(dialogue: Dialogue, after: Dialogue | None) -> Scene:
+    end_s = _end(dialogue)
+    before, then = _requests(dialogue), _requests(after) if after else []
+    if after is None or after["session"] != dialogue["session"] or not before or not then:
+        return Scene(dialogue, end_s + BETWEEN_S)
+    lasts_s = before[-1][0] + (then[0][1] - before[-1][1]) * PERIOD_S - then[0][0]
+    if not end_s - PERIOD_S < lasts_s < end_s + LONGEST_PAUSE_S:
+        return Scene(dialogue, end_s + BETWEEN_S)
+    replies = _replies(after)
+    answered = bool(replies) and replies[0]["fields"]["request_id"] <= then[0][1]
+    return Scene(dialogue, max(lasts_s, end_s + SLACK_S), answered)
+
+
+class _Responder:
+    """Answers arming check requests as one entry of a dialogue did."""
+
+    def __init__(self, entry: dict[str, Any], requested: dict[int, float], goes_on: bool) -> None:
+        self._fields = _fields(entry["fields"])
+        first_s = entry["dt_s"]
+        delay_s = first_s - requested.get(entry["fields"]["request_id"], first_s)
+        self._delay_s = delay_s if delay_s > LATE_S else 0.0
+        self._from_s, self._until_s = first_s - self._delay_s - 0.1, entry["until_dt_s"] - self._delay_s + 0.1
+        if goes_on:
+            self._until_s = math.inf
+        self._left, self._last_id = entry["count"], 0
+
+    def answer(self, at_s: float, request_id: int) -> tuple[float, dict[str, Any]] | None:
+        """Time and fields of the answer; None: it does not answer at this time."""
+        if not self._from_s <= at_s <= self._until_s:
+            return None
+        self._left, self._last_id = self._left - 1, request_id
+        return at_s + self._delay_s, self._fields | {"request_id": request_id}
+
+    def surplus(self, at_s: float) -> dict[str, Any] | None:
+        """A second answer to the last request, where more answers than requests were recorded."""
+        if self._left <= 0 or at_s < self._until_s or not self._last_id:
+            return None
+        self._left = 0
+        return self._fields | {"request_id": self._last_id}
+
+
+class Player:
+    """Plays the dialogues of one boot after the other."""
+
+    def __init__(self) -> None:
+        self.vehicle = Ros2Vehicle()
+        self._session = ""
+        self.began_s = self._until_s = 0.0
+        self._parser = FrameParser()
+        self.modes: list[dict[str, Any]] = []
+        """AVAILABLE_MODES received in this dialogue."""
+        self.texts: list[str] = []
+
+    def play(self, scene: Scene) -> None:
+        """Repeats one dialogue, and waits until the next one of the same boot begins."""
+        dialogue = scene.dialogue
+        if dialogue["session"] != self._session:
+            self._session = dialogue["session"]
+            namespaced = "ns1" in self._session
+            self.vehicle = Ros2Vehicle(
+                parameters={"UXRCE_DDS_SYNCT": 0, **dialogue["parameters"]}, links=(("gcs", "gcs"),),
+                first_instance=1 if namespaced else 0,
+            )  # fmt: skip
+            self._parser = FrameParser()
+        _use_slots(dialogue, self.vehicle)
+        self.modes, self.texts = [], []
+        self.began_s = self.vehicle.sim.time_s
+        self._until_s = self.began_s + _end(dialogue) + SLACK_S
+        sends = sorted(_sends(dialogue), key=lambda each: each[0])
+        responders = _responders(dialogue, goes_on=scene.answers_go_on)
+        seen = len(self.vehicle.received)
+        pending: list[tuple[float, str, dict[str, Any]]] = list(sends)
+        while (now_s := self.vehicle.sim.time_s - self.began_s) < scene.lasts_s:
+            for at_s, topic, fields in self.vehicle.received[seen:]:
+                if topic == REQUEST:
+                    pending += _answers(responders, at_s - self.began_s, fields["request_id"])
+            seen = len(self.vehicle.received)
+            extra = [each.surplus(now_s) for each in responders]
+            pending += [(now_s, REPLY, fields) for fields in extra if fields is not None]
+            due = [each for each in pending if each[0] <= now_s + 1e-6]
+            pending = [each for each in pending if each[0] > now_s + 1e-6]
+            for _, topic, fields in due:
+                self._send(topic, fields)
+            self._run(0.004)
+
+    def _send(self, topic: str, fields: dict[str, Any]) -> None:
+        if topic in TYPES:
+            self.vehicle.send(topic, fields)
+            return
+        numbers = {f"param{n + 1}": value for n, value in enumerate(fields.get("params", ()))}
+        target = {"target_system": self.vehicle.sim.nodes[0].system_id, "target_component": 1}
+        layout, payload = pack("COMMAND_LONG", command=fields["command"], **target, **numbers)
+        self.vehicle.sim.feed(0, "gcs", frame_v2(layout, payload, 0, *GCS))
+
+    def _run(self, seconds: float) -> None:
+        self.vehicle.run(seconds)
+        for message in self._parser.feed(self.vehicle.sim.drain(0, "gcs")):
+            if message.name == "AVAILABLE_MODES":
+                self.modes.append(message.values)
+            elif message.name == "STATUSTEXT":
+                self.texts.append(message.values["text"])
+
+    def events(self, topic: str) -> list[tuple[Any, ...]]:
+        """What the vehicle published on an event topic."""
+        received = self.vehicle.all(topic, self.began_s)
+        return [tuple(each[name] for name in EVENTS[topic]) for each in received]
+
+    def changes(self, topic: str, name: str) -> list[tuple[float, Any]]:
+        """(time, (old, new)) of each change of a field."""
+        received = [(at_s, each[name]) for at_s, t, each in self.vehicle.received if t == topic]
+        changed = [
+            (new[0], (old[1], new[1])) for old, new in itertools.pairwise(received) if new[1] != old[1]
+        ]
+        return [(at_s - self.began_s, each) for at_s, each in changed if self.began_s < at_s < self._until_s]
+
+
+def _use_slots(dialogue: Dialogue, vehicle: Ros2Vehicle) -> None:
+    """Marks the slots that PX4 gave to other modes before, in dialogues of this boot that are not here."""
+    parameters = vehicle.sim.simulation.parameters[0]
+    registered = [each for each in recorded_events(dialogue, REGISTERED) if each[1] and each[3] >= FIRST_MODE]
+    if registered and name_hash(registered[0][0]) not in parameters.mode_hashes:
+        for slot in range(registered[0][3] - FIRST_MODE):
+            if parameters.mode_hashes[slot] == 0:
+                parameters.store_mode_hash(slot, 1 + slot)
+
+
+def _sends(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]:
+    for sent in dialogue["send"]:
+        topic = SERVICE_REQUEST if sent["topic"].endswith("vehicle_commandRequest") else sent["topic"]
+        topic = topic[topic.find("/fmu/") :] if "/fmu/" in topic else topic
+        if topic == REPLY:
+            continue
+        fields = sent["fields"] if topic not in TYPES else _fields(sent["fields"])
+        fields.pop("writer_qos", None)
+        for n in range(sent.get("count", 1)):
+            yield sent["dt_s"] + n / sent.get("streamed_hz", 1), topic, fields
+
+
+def _requests(dialogue: Dialogue) -> list[tuple[float, int]]:
+    """(time, id) of the recorded arming check requests: the first ones and the last."""
+    here = [each for each in dialogue["received"] if each.get("topic", "").endswith("arming_check_request")]
+    return [(each["dt_s"], each["fields"]["request_id"]) for each in here]
+
+
+def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:
+    return [each for each in dialogue["send"] if each["topic"].endswith("arming_check_reply")]
+
+
+def _responders(dialogue: Dialogue, *, goes_on: bool) -> list[_Responder]:
+    requests = {request_id: at_s for at_s, request_id in reversed(_requests(dialogue))}
+    last_s = max(requests.values(), default=0.0)
+    replies = _replies(dialogue)
+    return [
+        _Responder(each, requests, goes_on and each["until_dt_s"] > last_s - PERIOD_S) for each in replies
+    ]
+
+
+def _answers(
+    responders: list[_Responder], at_s: float, request_id: int
+) -> Iterator[tuple[float, str, dict[str, Any]]]:
+    for responder in responders:
+        answer = responder.answer(at_s, request_id)
+        if answer is not None:
+            yield answer[0], REPLY, answer[1]
+
+
+def _end(dialogue: Dialogue) -> float:
+    times = [each["dt_s"] for each in dialogue["received"]] + [each["dt_s"] for each in dialogue["send"]]
+    times += [each["until_dt_s"] for each in dialogue["send"] if "until_dt_s" in each]
+    return max(times, default=0.0)
+
+
+def recorded_events(dialogue: Dialogue, topic: str) -> list[tuple[Any, ...]]:
+    """What PX4 published on an event topic."""
+    here = [each["fields"] for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
+    return [tuple(each[name] for name in EVENTS[topic]) for each in here]
+
+
+def recorded_changes(dialogue: Dialogue, topic: str, name: str) -> list[tuple[float, Any]]:
+    """(time, (old, new)) of each recorded change of a field."""
+    here = [each for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
+    return [(each["dt_s"], tuple(each["changed"][name])) for each in here if name in each.get("changed", {})]
+
+
+def by_mode(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
+    """Changes of a bit mask as (bit, whether it is set, time), by bit.
+
+    `vehicle_status` comes at 2 Hz, so it depends on its phase which changes come together.
+    """
+    found: list[tuple[int, bool, float]] = []
+    before = changes[0][1][0] if changes else 0
+    for at_s, (_, mask) in changes:
+        changed = before ^ mask
+        found += [(bit, bool(mask >> bit & 1), at_s) for bit in range(32) if changed >> bit & 1]
+        before = mask
+    return sorted(found, key=lambda each: (each[0], each[2]))
+
+
+def recorded_modes(dialogue: Dialogue) -> list[dict[str, Any]]:
+    """AVAILABLE_MODES as PX4 sent them; the complete list is kept once, the others have entries 18 to 25."""
+    return [each["fields"] for each in dialogue["received"] if each.get("msg") == "AVAILABLE_MODES"]
+
+
+def compare(player: Player, dialogue: Dialogue) -> list[str]:
+    """The differences between what PX4 and the vehicle published, in words."""
+    found: list[str] = []
+    for topic in EVENTS:
+        ours, theirs = player.events(topic), recorded_events(dialogue, topic)
+        if ours != theirs:
+            found.append(f"{topic}: {ours}, recorded {theirs}")
+    for topic, names in ((STATUS, STATE), (FLAGS, FLAG_NAMES)):
+        for name in names:
+            ours, theirs = player.changes(topic, name), recorded_changes(dialogue, topic, name)
+            if [value for _, value in ours] != [value for _, value in theirs]:
+                found.append(f"{name}: {ours}, recorded {theirs}")
+            late = [(a, b) for (a, _), (b, _) in zip(ours, theirs, strict=False) if abs(a - b) > SLACK_S]
+            if late:
+                found.append(f"{name} changed at {late} (ours, recorded)")
+    ours, theirs = (
+        by_mode(player.changes(STATUS, SETTABLE)),
+        by_mode(recorded_changes(dialogue, STATUS, SETTABLE)),
+    )
+    if [each[:2] for each in ours] != [each[:2] for each in theirs]:
+        found.append(f"{SETTABLE}: {ours}, recorded {theirs}")
+    elif any(abs(a[2] - b[2]) > SLACK_S for a, b in zip(ours, theirs, strict=True)):
+        found.append(f"{SETTABLE} changed at {ours}, recorded {theirs}")
+    if _listed(player.modes, dialogue) != _listed(recorded_modes(dialogue), dialogue):
+        found.append("AVAILABLE_MODES")
+    return found
+
+
+def _listed(modes: list[dict[str, Any]], dialogue: Dialogue) -> list[list[Any]]:
+    """AVAILABLE_MODES of the entries that were recorded."""
+    recorded = {each["mode_index"] for each in recorded_modes(dialogue)}
+    names = ("mode_index", "custom_mode", "properties", "mode_name")
+    return [[each[name] for name in names] for each in modes if each["mode_index"] in recorded]

@@ -1,0 +1,270 @@
+"""External modes: registration, slots, arming checks and their timeouts, executors, replacement of modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from vehicle_sim.external_modes.arming_checks import REQUEST_EVERY_US, Reply
+from vehicle_sim.external_modes.registry import Answer, ExternalModes, Registration
+from vehicle_sim.external_modes.requirements import OWN
+from vehicle_sim.external_modes.slots import Controllers, Overrides, name_hash
+
+RTL, HOLD = 5, 4
+CYCLE_US = 12_000
+FAILED = Answer()
+
+
+class Registry(ExternalModes):
+    """A registry whose hashes are in a list."""
+
+    def __init__(self, hashes: list[int] | None = None) -> None:
+        self.hashes = hashes if hashes is not None else [0] * 8
+        super().__init__(self.hashes, self.hashes.__setitem__)
+        self.now_us = 0
+        self.requests: list[int] = []
+
+    def mode_of(self, name: str, **more: bool | int) -> Answer:
+        return self.register(Registration(name, arming_check=True, mode=True, **more))  # type: ignore[arg-type]
+
+    def run(self, seconds: float, answer: Callable[[int], Reply | None] = lambda _: None) -> None:
+        for _ in range(round(seconds * 1e6 / CYCLE_US)):
+            request_id = self.update(self.now_us, failsafe_acts=False)
+            if request_id is not None:
+                self.requests.append(request_id)
+                reply = answer(request_id)
+                if reply is not None:
+                    self.receive(reply)
+            self.now_us += CYCLE_US
+
+
+def answers(number: int = 0, *, can_run: bool = True, requires: str = "") -> Callable[[int], Reply]:
+    return lambda request_id: Reply(request_id, number, can_run, frozenset(requires.split()))
+
+
+def test_a_mode_gets_its_slot_by_its_name():
+    registry = Registry()
+    assert registry.mode_of("A") == Answer(True, 0, 23)
+    assert registry.mode_of("B") == Answer(True, 1, 24)
+    assert registry.unregister("A", 0, 23)
+    assert registry.mode_of("C") == Answer(True, 0, 25)
+    assert registry.mode_of("A") == Answer(True, 2, 23)
+
+
+def test_slots_are_kept_over_a_restart():
+    registry = Registry()
+    for name in "ABC":
+        registry.mode_of(name)
+    assert Registry(registry.hashes).mode_of("C").mode == 25
+
+
+def test_a_new_name_overwrites_the_first_free_slot_when_all_were_used():
+    registry = Registry(hashes=[name_hash(name) for name in "ABCDEFGH"])
+    assert registry.mode_of("A").mode == 23
+    assert registry.mode_of("Z").mode == 24
+    assert registry.hashes[1] == name_hash("Z")
+
+
+def test_a_second_mode_of_the_same_name_leaves_no_hash():
+    registry = Registry()
+    assert [registry.mode_of("A").mode for _ in range(2)] == [23, 24]
+    assert registry.hashes[1] == 0
+
+
+def test_eight_modes_and_five_executors_fit():
+    registry = Registry()
+    executors = [registry.mode_of(f"E{n}", executor=True).executor for n in range(5)]
+    assert executors == [1, 2, 3, 4, 5]
+    assert registry.mode_of("E5", executor=True) == FAILED
+    assert [registry.mode_of(f"M{n}").mode for n in range(3)] == [28, 29, 30]
+    assert registry.mode_of("M3") == FAILED
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [Registration("A", mode=True), Registration("A", arming_check=True, executor=True)],
+    ids=["a mode without an arming check", "an executor without a mode"],
+)
+def test_an_incomplete_registration_fails(request_):
+    assert Registry().register(request_) == FAILED
+
+
+def test_a_registration_of_nothing_succeeds():
+    assert Registry().register(Registration("A")) == Answer(True)
+
+
+def test_a_mode_with_another_name_is_not_removed():
+    registry = Registry()
+    registry.mode_of("A")
+    assert not registry.unregister("B", 0, 23)
+    assert registry.mode(23) is not None
+
+
+def test_requests_come_every_312_ms_while_something_is_registered():
+    registry = Registry()
+    registry.run(1.0)
+    assert registry.requests == []
+    registry.mode_of("A")
+    registry.run(REQUEST_EVERY_US * 10 / 1e6 - 0.01, answers())
+    assert registry.requests == list(range(1, 11))
+
+
+def test_a_component_that_never_answers_is_unresponsive_after_eleven_requests():
+    registry = Registry()
+    registry.mode_of("A")
+    registry.run(3.15)
+    assert not registry.health().unresponsive
+    registry.run(0.1)
+    assert registry.health().unresponsive == 1 << 23
+
+
+def test_a_component_that_stops_answering_is_unresponsive_after_four_requests():
+    registry = Registry()
+    registry.mode_of("A")
+    registry.run(1.0, answers())
+    registry.run(1.2)
+    assert not registry.health().unresponsive
+    registry.run(0.3)
+    assert registry.health().unresponsive == 1 << 23
+    registry.run(0.4, answers())
+    assert not registry.health().unresponsive
+
+
+def test_a_component_that_failed_four_times_stays_unresponsive():
+    registry = Registry()
+    registry.mode_of("A")
+    for _ in range(3):
+        registry.run(1.0, answers())
+        registry.run(2.0)
+    registry.run(1.0, answers())
+    assert not registry.health().unresponsive
+    registry.run(2.0)
+    registry.run(1.0, answers())
+    assert registry.health().unresponsive
+
+
+def test_an_answer_to_an_older_request_does_not_count():
+    registry = Registry()
+    registry.mode_of("A")
+    registry.run(3.5, lambda request_id: Reply(request_id - 1, 0, True))
+    assert registry.health().unresponsive
+
+
+def test_a_check_without_a_mode_is_removed_when_it_is_silent():
+    registry = Registry()
+    registry.register(Registration("A", arming_check=True))
+    registry.run(1.0)
+    assert registry.health().not_armable == 0xFFFFFFFF
+    registry.run(2.5)
+    assert registry.health().not_armable == 0
+
+
+def test_only_the_last_four_answers_at_once_count():
+    registry = Registry()
+    for n in range(5):
+        registry.mode_of(f"M{n}")
+    for n in range(5):
+        registry.receive(Reply(0, n, True))
+    registry.run(0.012)
+    assert registry.health().not_armable == 1 << 23
+
+
+def test_requirements_of_a_mode_apply_to_it_and_to_the_mode_it_replaces():
+    registry = Registry()
+    registry.mode_of("A", replaces=RTL)
+    registry.run(0.1, answers(requires="local_position"))
+    needs = registry.health().requirements
+    assert needs.local_position == OWN.local_position | 1 << 23 | 1 << RTL
+    assert needs.home_position == OWN.home_position & ~(1 << RTL)
+    assert not needs.other >> 23 & 1
+
+
+def test_a_mode_that_cannot_run_prevents_arming_in_it_only():
+    registry = Registry()
+    registry.mode_of("A")
+    registry.run(0.1, answers(can_run=False))
+    assert registry.health().not_armable == 1 << 23
+    assert registry.health().requirements == OWN
+
+
+def test_an_unresponsive_mode_is_removed_unless_it_is_selected():
+    registry = Registry()
+    registry.mode_of("A")
+    registry.run(3.5)
+    registry.remove_unresponsive(23)
+    assert registry.mode(23) is not None
+    registry.remove_unresponsive(HOLD)
+    assert registry.mode(23) is None
+
+
+def test_a_replacement_is_flown_while_it_answers():
+    registry = Registry()
+    registry.mode_of("My RTL", replaces=RTL)
+    assert registry.mode_of("Other RTL", replaces=RTL) == FAILED
+    assert registry.replaced(RTL) == 23
+    assert registry.replaces(23) == RTL
+    assert registry.settable(0xFF) == 0xFF & ~(1 << RTL) | 1 << 23
+    registry.run(3.5)
+    assert registry.replaced(RTL) == RTL
+
+
+def test_the_executor_of_the_selected_mode_is_in_charge():
+    registry = Registry()
+    registry.mode_of("A", executor=True)
+    registry.mode_chosen(23)
+    assert registry.executor_in_charge == 1
+    registry.commanded_by_executor = True
+    registry.mode_chosen(HOLD)
+    assert registry.executor_in_charge == 1
+    registry.commanded_by_executor = False
+    registry.mode_chosen(HOLD)
+    assert registry.executor_in_charge == 0
+
+
+def test_a_failsafe_ends_the_charge_of_an_executor_while_it_lasts():
+    registry = Registry()
+    registry.mode_of("A", executor=True)
+    registry.mode_chosen(23)
+    registry.update(0, failsafe_acts=True)
+    assert registry.executor_in_charge == 0
+    registry.update(0, failsafe_acts=False)
+    assert registry.executor_in_charge == 1
+
+
+def test_an_unregistered_executor_is_not_in_charge():
+    registry = Registry()
+    registry.mode_of("A", executor=True)
+    registry.mode_chosen(23)
+    registry.unregister("A", 0, 23)
+    assert registry.executor_in_charge == 0
+
+
+def test_overrides_of_the_mode_and_of_the_executor_in_charge_apply():
+    registry = Registry()
+    registry.mode_of("A", executor=True)
+    registry.override(Overrides(disable_auto_disarm=True), mode=23)
+    registry.override(Overrides(defer_failsafes=True, defer_timeout_s=4), executor=1)
+    assert registry.overrides(23) == Overrides(disable_auto_disarm=True)
+    registry.mode_chosen(23)
+    assert registry.overrides(23) == Overrides(True, True, 4)
+    assert registry.overrides(HOLD) == Overrides(False, True, 4)
+
+
+def test_a_mode_without_configuration_has_no_controllers():
+    registry = Registry()
+    registry.mode_of("A")
+    assert registry.controllers(23) == Controllers()
+    registry.configure(23, Controllers(velocity=True))
+    assert registry.controllers(23).trajectory
+
+
+def test_registrations_and_published_changes_are_counted():
+    registry = Registry()
+    heard: list[int] = []
+    registry.on_announced = lambda: heard.append(registry.announced)
+    registry.published(registry.settable(0))
+    registry.mode_of("A")
+    registry.published(registry.settable(0))
+    registry.published(registry.settable(0))
+    assert heard == [1, 2]

@@ -1,0 +1,179 @@
+"""Arming checks of external components: PX4 asks all of them about three times a second.
+
+Times are recorded from PX4 v1.16. One request is sent every 0.312 s of vehicle time. A component that leaves
+four requests in a row unanswered is unresponsive; a new one may leave eleven.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from vehicle_sim.external_modes.requirements import OWN, Requirements, required_by
+
+SLOTS = 8
+NONE = -1
+"""No mode, no arming check, no executor."""
+REQUEST_EVERY_US, ANSWER_WITHIN_US = 312_000, 50_000
+TOLERATED, TOLERATED_AT_FIRST = 3, 10
+"""Unanswered requests in a row that have no effect, after the first answer and before it."""
+RECOVERIES = 3
+"""An unresponsive component that answers again counts as responsive so often."""
+REPLIES_KEPT = 4
+"""PX4's queue: of more replies at once the last ones count."""
+MAX_EVENTS = 5
+REQUEST_IDS = 256
+
+ExternalEvent = tuple[int, int, bytes]
+"""Id, log levels and arguments of an event that a component reports; the first four arguments are unused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An ArmingCheckReply."""
+
+    request_id: int
+    registration_id: int
+    can_run: bool
+    requires: frozenset[str] = frozenset()
+    events: tuple[ExternalEvent, ...] = ()
+
+
+@dataclass(slots=True)
+class ArmingCheck:
+    """One registered arming check."""
+
+    mode: int = NONE
+    """Navigation state of its mode; NONE: it applies to every mode."""
+    replaces: int = NONE
+    reply: Reply | None = None
+    missed: int = 0
+    unresponsive: bool = False
+    times_unresponsive: int = 0
+
+    @property
+    def modes(self) -> int:
+        """Bit mask of its modes."""
+        return sum(1 << mode for mode in (self.mode, self.replaces) if 0 <= mode < 32)
+
+    def miss(self) -> bool:
+        """Counts an unanswered request; True: the component has just become unresponsive."""
+        self.missed += 1
+        if self.unresponsive or self.missed <= (TOLERATED_AT_FIRST if self.reply is None else TOLERATED):
+            return False
+        self.unresponsive = True
+        self.times_unresponsive += 1
+        return True
+
+    def answer(self, reply: Reply) -> None:
+        """Stores a reply."""
+        self.reply, self.missed = reply, 0
+        if self.times_unresponsive <= RECOVERIES:
+            self.unresponsive = False
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalHealth:
+    """What external components say about arming."""
+
+    requirements: Requirements = OWN
+    unresponsive: int = 0
+    """Bit mask of the modes whose component is unresponsive."""
+    not_armable: int = 0
+    """Bit mask of the modes that nobody may arm in."""
+    registered: int = 0
+    """Bit mask of the registered modes."""
+    events: tuple[tuple[int, ExternalEvent], ...] = ()
+    """Each with the bit mask of its modes."""
+
+
+NOTHING_REGISTERED = ExternalHealth()
+EVERY_MODE = 0xFFFFFFFF
+
+
+class ArmingChecks:
+    """All registered arming checks of a vehicle, by registration id."""
+
+    def __init__(self) -> None:
+        self._checks: dict[int, ArmingCheck] = {}
+        self._replies: deque[Reply] = deque(maxlen=REPLIES_KEPT)
+        self._answered: set[int] = set()
+        self._request_id = 0
+        self._requested_at_us: int | None = None
+        self._counted = False
+        """Whether unanswered requests of this period have been counted."""
+
+    @property
+    def full(self) -> bool:
+        """Whether no registration is free."""
+        return len(self._checks) >= SLOTS
+
+    def add(self, mode: int, replaces: int) -> int:
+        """Registers a check in the first free slot; returns its id."""
+        number = next(number for number in range(SLOTS) if number not in self._checks)
+        self._checks[number] = ArmingCheck(mode, replaces)
+        return number
+
+    def remove(self, number: int, mode: int) -> None:
+        """Removes a check if it is registered for this mode."""
+        if number in self._checks and self._checks[number].mode == mode:
+            del self._checks[number]
+
+    def unresponsive(self, number: int) -> bool:
+        """Whether the component of this check is unresponsive."""
+        return number in self._checks and self._checks[number].unresponsive
+
+    def receive(self, reply: Reply) -> None:
+        """Queues a reply; without a registered check it stays in the queue for the next one, as on PX4."""
+        self._replies.append(reply)
+
+    def update(self, now_us: int) -> int | None:
+        """Evaluates replies and timeouts; returns the id of a request that is now sent to all components."""
+        if not self._checks:
+            return None
+        self._take_replies()
+        if self._requested_at_us is not None:
+            waited_us = now_us - self._requested_at_us
+            if waited_us > ANSWER_WITHIN_US and not self._counted and self._answered != self._checks.keys():
+                self._counted = True
+                self._count_missing()
+            if waited_us < REQUEST_EVERY_US:
+                return None
+        self._requested_at_us, self._counted = now_us, False
+        self._answered.clear()
+        self._request_id = (self._request_id + 1) % REQUEST_IDS
+        return self._request_id
+
+    def _take_replies(self) -> None:
+        while self._replies:
+            reply = self._replies.popleft()
+            check = self._checks.get(reply.registration_id)
+            if check is not None and reply.request_id == self._request_id:
+                self._answered.add(reply.registration_id)
+                check.answer(reply)
+
+    def _count_missing(self) -> None:
+        for number in [number for number in self._checks if number not in self._answered]:
+            if self._checks[number].miss() and self._checks[number].mode == NONE:
+                del self._checks[number]
+
+    def health(self) -> ExternalHealth:
+        """The state of all checks."""
+        if not self._checks:
+            return NOTHING_REGISTERED
+        requirements, unresponsive, not_armable, registered = OWN, 0, 0, 0
+        events: list[tuple[int, ExternalEvent]] = []
+        for check in self._checks.values():
+            modes = check.modes if check.mode != NONE else EVERY_MODE
+            registered |= 0 if check.mode == NONE else 1 << check.mode
+            if check.unresponsive:
+                unresponsive |= 1 << check.mode
+            elif check.reply is None:
+                not_armable |= modes
+            else:
+                if check.mode != NONE:
+                    stated = check.reply.requires
+                    requirements = required_by(requirements, modes, stated, runs=check.reply.can_run)
+                not_armable |= 0 if check.reply.can_run else modes
+                events += [(modes, event) for event in check.reply.events]
+        return ExternalHealth(requirements, unresponsive, not_armable, registered, tuple(events))

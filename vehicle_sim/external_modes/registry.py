@@ -1,0 +1,265 @@
+"""External modes of one vehicle: registration, arming checks, replacement of modes, executor in charge.
+
+It has no clock and no transport: time is an argument, and its caller sends the messages. The rules are those
+of PX4 v1.16, recorded over ROS 2.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from vehicle_sim.external_modes.arming_checks import NONE, ArmingChecks, ExternalHealth, Reply
+from vehicle_sim.external_modes.slots import (
+    FIRST_MODE,
+    LAST_MODE,
+    Controllers,
+    Executor,
+    Executors,
+    ExternalMode,
+    ModeSlots,
+    Overrides,
+)
+
+NAME_LENGTH = 24
+"""A name is cut to this length, for its terminator."""
+AUTOPILOT = 0
+"""The executor in charge while no external one is."""
+EXECUTOR_COMPONENT = 1000
+"""Component id of executor N is this plus N."""
+NO_OVERRIDES, NO_CONTROLLERS = Overrides(), Controllers()
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """A RegisterExtComponentRequest."""
+
+    name: str
+    arming_check: bool = False
+    mode: bool = False
+    executor: bool = False
+    replaces: int = NONE
+    """Navigation state of the mode to replace."""
+    activate: bool = False
+    """Select the mode at once."""
+
+    @property
+    def consistent(self) -> bool:
+        """Whether a mode has an arming check, and an executor a mode."""
+        return (self.mode or not self.executor) and (self.arming_check or not self.mode)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A RegisterExtComponentReply; NONE: not registered."""
+
+    success: bool = False
+    arming_check: int = NONE
+    mode: int = NONE
+    executor: int = NONE
+
+
+DENIED_WHILE_ARMED = Answer(False, 0, 0, 0)
+"""PX4 leaves the ids of this answer at zero."""
+
+
+class ExternalModes:
+    """The external modes, arming checks and executors of a vehicle.
+
+    Args:
+        hashes: see `ModeSlots`.
+        store_hash: see `ModeSlots`.
+    """
+
+    def __init__(self, hashes: Sequence[int], store_hash: Callable[[int, int], None]) -> None:
+        self._slots = ModeSlots(hashes, store_hash)
+        self._executors = Executors()
+        self.checks = ArmingChecks()
+        self._in_charge = AUTOPILOT
+        self.failsafe_acts = False
+        """Whether a failsafe has replaced the intended mode, as of the last update."""
+        self.commanded_by_executor = False
+        """Whether the command that is being executed came from an executor."""
+        self.configured = 0
+        """Number of changes of `config_control_setpoints`."""
+        self.announced = 0
+        """Changes that ground stations have to know of: AVAILABLE_MODES_MONITOR.seq.
+
+        As recorded, each registered mode counts, and each change of the modes that can be set when it is
+        published in `vehicle_status`.
+        """
+        self.on_announced: Callable[[], None] = _nobody
+        self._published = -1
+
+    # --- registration ----------------------------------------------------------------------------------
+
+    def register(self, request: Registration) -> Answer:
+        """Registers a component in all its parts, or in none."""
+        if not request.consistent or not self._has_room(request):
+            return Answer()
+        name = request.name[:NAME_LENGTH]
+        state = executor = check = NONE
+        if request.mode:
+            mode = ExternalMode(name, request.replaces)
+            state = self._slots.add(mode)
+            self._announce()
+        if request.executor:
+            executor = self._slots.modes[state].executor = self._executors.add(Executor(name))
+        if request.arming_check:
+            check = self.checks.add(state, request.replaces)
+            if request.mode:
+                self._slots.modes[state].arming_check = check
+        return Answer(True, check, state, executor)
+
+    def _has_room(self, request: Registration) -> bool:
+        if request.mode and request.replaces != NONE and self.is_replaced(request.replaces):
+            return False
+        return not (
+            (request.arming_check and self.checks.full)
+            or (request.mode and self._slots.full)
+            or (request.executor and self._executors.full)
+        )
+
+    def _announce(self) -> None:
+        self.announced += 1
+        self.on_announced()
+
+    def published(self, settable: int) -> None:
+        """Called with the bit mask of the modes that can be set, when it is published."""
+        if settable != self._published:
+            before, self._published = self._published, settable
+            if before >= 0:
+                self._announce()
+
+    def unregister(self, name: str, arming_check: int, mode: int) -> bool:
+        """Removes a component; True: its mode is gone. A mode with another name stays."""
+        if arming_check != NONE:
+            self.checks.remove(arming_check, mode)
+        return mode != NONE and self._remove_mode(mode, name[:NAME_LENGTH])
+
+    def _remove_mode(self, state: int, name: str) -> bool:
+        executor = self._slots.modes[state].executor if state in self._slots.modes else NONE
+        if not self._slots.remove(state, name):
+            return False
+        self._executors.executors.pop(executor, None)
+        if self._in_charge == executor:
+            self._in_charge = AUTOPILOT
+        return True
+
+    def remove_unresponsive(self, intended: int) -> None:
+        """Removes modes whose component is unresponsive, except the selected one."""
+        for state, mode in list(self._slots.modes.items()):
+            if state != intended and self.checks.unresponsive(mode.arming_check):
+                self.checks.remove(mode.arming_check, state)
+                self._remove_mode(state, mode.name)
+
+    # --- modes -----------------------------------------------------------------------------------------
+
+    def mode(self, state: int) -> ExternalMode | None:
+        """The mode registered for a navigation state."""
+        return self._slots.modes.get(state)
+
+    def health(self) -> ExternalHealth:
+        """What the components say about arming."""
+        return self.checks.health()
+
+    def replaces(self, state: int) -> int:
+        """The mode that an external mode replaces, or else the mode itself."""
+        mode = self.mode(state)
+        return state if mode is None or mode.replaces == NONE else mode.replaces
+
+    def replaced(self, state: int) -> int:
+        """The mode that is flown for a mode: its replacement, if that is registered and responsive."""
+        found = self._slots.replacement(state) if self._slots.modes else None
+        if found is None or self.checks.unresponsive(self._slots.modes[found].arming_check):
+            return state
+        return found
+
+    def is_replaced(self, state: int) -> bool:
+        """Whether an external mode replaces a mode."""
+        return self._slots.replacement(state) is not None
+
+    def settable(self, own: int) -> int:
+        """Bit mask of the modes that can be set, from the mask of PX4's own modes."""
+        for state, mode in self._slots.modes.items():
+            own |= 1 << state
+            if 0 <= mode.replaces <= LAST_MODE:
+                own &= ~(1 << mode.replaces)
+        return own
+
+    def configure(self, state: int, controllers: Controllers) -> None:
+        """Sets the controllers of a mode; ignored for a mode that is not registered."""
+        mode = self.mode(state)
+        if mode is not None:
+            mode.controllers = controllers
+            self.configured += 1
+
+    def controllers(self, state: int) -> Controllers:
+        """Controllers that run in a mode."""
+        mode = self.mode(state)
+        return NO_CONTROLLERS if mode is None else mode.controllers
+
+    # --- executors and overrides -----------------------------------------------------------------------
+
+    @property
+    def executor_in_charge(self) -> int:
+        """Id of the executor in charge; during a failsafe the autopilot is."""
+        return AUTOPILOT if self.failsafe_acts else self._in_charge
+
+    def mode_chosen(self, state: int) -> None:
+        """The intended mode has changed: its executor takes charge.
+
+        A mode without an executor ends the charge of another one, unless that executor selected it.
+        """
+        mode = self.mode(state)
+        if mode is not None and mode.executor != NONE:
+            self._in_charge = mode.executor
+        elif not self.commanded_by_executor:
+            self._in_charge = AUTOPILOT
+
+    def override(self, overrides: Overrides, *, mode: int = NONE, executor: int = NONE) -> None:
+        """Sets the overrides of a mode or of an executor."""
+        if mode in self._slots.modes:
+            self._slots.modes[mode].overrides = overrides
+        if executor in self._executors.executors:
+            self._executors.executors[executor].overrides = overrides
+
+    def overrides(self, active: int) -> Overrides:
+        """The overrides in force: of the active mode and of the executor in charge."""
+        if not self._slots.modes:
+            return NO_OVERRIDES
+        mode = self.mode(active)
+        own = NO_OVERRIDES if mode is None else mode.overrides
+        executor = self._executors.executors.get(self.executor_in_charge)
+        if executor is None:
+            return own
+        others = executor.overrides
+        defers = others if others.defer_failsafes else own
+        return dataclasses.replace(
+            defers, disable_auto_disarm=own.disable_auto_disarm or others.disable_auto_disarm
+        )
+
+    # --- time ------------------------------------------------------------------------------------------
+
+    def receive(self, reply: Reply) -> None:
+        """Queues an arming check reply for the next update."""
+        self.checks.receive(reply)
+
+    def update(self, now_us: int, *, failsafe_acts: bool) -> int | None:
+        """Evaluates arming checks; call every 10 ms.
+
+        Returns:
+            Id of an arming check request to send now.
+        """
+        self.failsafe_acts = failsafe_acts
+        return self.checks.update(now_us)
+
+
+def _nobody() -> None:
+    """Default listener without effect."""
+
+
+def is_external(state: int) -> bool:
+    """Whether a navigation state belongs to an external mode."""
+    return FIRST_MODE <= state <= LAST_MODE

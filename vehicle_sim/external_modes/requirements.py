@@ -1,0 +1,51 @@
+"""Requirements of the flight modes: for each, a bit mask of the navigation states that have it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Requirements(NamedTuple):
+    """The fields `mode_req_*` of `failsafe_flags`, in its order; the defaults are PX4's own modes."""
+
+    angular_velocity: int = 0x7ED47E
+    attitude: int = 0x7ED07E
+    local_alt: int = 0x7E007E
+    local_position: int = 0x7A0038
+    local_position_relaxed: int = 0x040044
+    global_position: int = 0x38
+    mission: int = 0x08
+    offboard_signal: int = 0x4000
+    home_position: int = 0x20
+    wind_and_flight_time_compliance: int = 0x280018
+    prevent_arming: int = 0x3C3020
+    manual_control: int = 0x8447
+    other: int = 0x7F800000
+    """Modes that cannot run: external modes that nobody registered, or that say so."""
+
+
+OWN = Requirements()
+"""Requirements while no external mode is registered."""
+REPORTED = (
+    "angular_velocity", "attitude", "local_alt", "local_position", "local_position_relaxed",
+    "global_position", "mission", "home_position", "prevent_arming", "manual_control",
+)  # fmt: skip
+"""Requirements that an ArmingCheckReply states, in fields `mode_req_*`."""
+
+
+def required_by(
+    requirements: Requirements, modes: int, stated: frozenset[str], *, runs: bool
+) -> Requirements:
+    """The requirements after an external mode has stated its own.
+
+    Args:
+        requirements: those so far.
+        modes: bit mask of the external mode and the mode that it replaces.
+        stated: its requirements, of `REPORTED`.
+        runs: whether it can run.
+    """
+    masks = requirements._asdict()
+    for name in REPORTED:
+        masks[name] = masks[name] | modes if name in stated else masks[name] & ~modes
+    masks["other"] = masks["other"] & ~modes if runs else masks["other"] | modes
+    return Requirements(**masks)

@@ -1,0 +1,39 @@
+"""Flags and state of HEARTBEAT, from the commander's state."""
+
+from __future__ import annotations
+
+from vehicle_sim.autopilot.commander import Commander
+from vehicle_sim.autopilot.modes import MODES, NavState
+from vehicle_sim.autopilot.offboard import Kind
+
+ARMED, STABILIZE = 128, 16
+"""MAV_MODE_FLAG."""
+UNINITIALIZED, CALIBRATING, STANDBY, ACTIVE, CRITICAL, TERMINATED = 0, 2, 3, 4, 5, 8
+"""MAV_STATE."""
+
+
+def base_mode(commander: Commander) -> int:
+    """HEARTBEAT.base_mode."""
+    flags = MODES[commander.active].base_flags | (ARMED if commander.armed else 0)
+    return flags | STABILIZE if _controls_attitude(commander) else flags
+
+
+def _controls_attitude(commander: Commander) -> bool:
+    mode = commander.active
+    if mode is NavState.OFFBOARD:
+        # Depends on the last received setpoint, even if the stream has stopped.
+        return commander.offboard.kind not in (Kind.NONE, Kind.RATES)
+    if commander.external.mode(mode) is not None:
+        return commander.external.controllers(mode).attitude
+    return mode not in (NavState.ACRO, NavState.TERMINATION)
+
+
+def system_status(commander: Commander) -> int:
+    """MAV_STATE."""
+    if commander.terminated:
+        return TERMINATED
+    if commander.armed:
+        return CRITICAL if commander.in_failsafe else ACTIVE
+    if commander.calibrating:
+        return CALIBRATING
+    return STANDBY if commander.report.armable(commander.intention) else UNINITIALIZED

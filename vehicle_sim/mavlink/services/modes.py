@@ -1,0 +1,28 @@
+"""AVAILABLE_MODES_MONITOR: tells ground stations that the list of modes has changed."""
+
+from __future__ import annotations
+
+from vehicle_sim.mavlink.context import Context
+
+EVERY_S = 3.33
+"""PX4 streams it at 0.3 Hz after the first external mode was registered."""
+SEQUENCES = 256
+
+
+class ModesMonitor:
+    """Sends the monitor at the first change, and from then on periodically."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._external = context.autopilot.commander.external
+        self._runs = False
+        self._external.on_announced = self._start
+
+    def _start(self) -> None:
+        if not self._runs:
+            self._runs = True
+            self._send()
+
+    def _send(self) -> None:
+        self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.announced % SEQUENCES)
+        self._context.after(EVERY_S, self._send)

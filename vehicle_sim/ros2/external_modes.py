@@ -1,0 +1,189 @@
+"""External modes of one vehicle over ROS 2: its topics, their queues, and what PX4 publishes about them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any, Final
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.external_modes.arming_checks import MAX_EVENTS, NONE, Reply
+from vehicle_sim.external_modes.registry import DENIED_WHILE_ARMED, NAME_LENGTH, Answer, Registration
+from vehicle_sim.external_modes.requirements import REPORTED
+from vehicle_sim.external_modes.slots import Controllers, Overrides
+
+REGISTRATION_REPLY: Final = "/fmu/out/register_ext_component_reply"
+ARMING_CHECK_REQUEST: Final = "/fmu/out/arming_check_request"
+MODE_COMPLETED: Final = "/fmu/out/mode_completed"
+API_VERSION: Final = 1
+"""`px4_ros2_api_version` of PX4 v1.16; it answers requests of every version."""
+MODE_SOURCE, EXECUTOR_SOURCE = 0, 1
+"""ConfigOverrides.source_type."""
+LAND_COMPLETED_EVERY_US: Final = 50_000
+CONTROLLERS: Final = {f"flag_control_{each.name}_enabled": each.name for each in fields(Controllers)}
+"""Controller by its field of `config_control_setpoints`."""
+Values = Mapping[str, Any]
+Publish = Callable[[str, str, Values], None]
+"""`publish(topic, type, fields)` adds the time."""
+
+
+class ExternalModeTopics:
+    """PX4's side of registration, arming checks, configuration and completion of external modes."""
+
+    def __init__(self, autopilot: Autopilot, publish: Publish) -> None:
+        self._commander = autopilot.commander
+        self._external = autopilot.commander.external
+        self._view = autopilot.view
+        self._publish = publish
+        # Messages kept until the commander takes them: PX4's queue lengths.
+        self._registrations: deque[Values] = deque(maxlen=2)
+        self._removals: deque[Values] = deque(maxlen=1)
+        self._overrides: deque[Values] = deque(maxlen=4)
+        self._configurations: deque[Values] = deque(maxlen=1)
+        self._completed = _CompletedModes(autopilot)
+        self.receivers: dict[str, Callable[[Values], None]] = {
+            "/fmu/in/register_ext_component_request": self._registrations.append,
+            "/fmu/in/unregister_ext_component": self._removals.append,
+            "/fmu/in/config_overrides_request": self._overrides.append,
+            "/fmu/in/config_control_setpoints": self._configurations.append,
+            "/fmu/in/arming_check_reply": lambda values: self._external.receive(_reply(values)),
+            "/fmu/in/mode_completed": self._echo_completion,
+        }
+
+    def cycle(self) -> None:
+        """One cycle of the commander."""
+        commander, external = self._commander, self._external
+        request_id = external.update(self._view.time_boot_us(), failsafe_acts=commander.in_failsafe)
+        if request_id is not None:
+            self._publish(ARMING_CHECK_REQUEST, "ArmingCheckRequest", {"request_id": request_id})
+        if commander.armed and not self._view.choice("COM_MODE_ARM_CHK"):
+            while self._registrations:
+                self._answer(self._registrations.popleft(), DENIED_WHILE_ARMED)
+        else:
+            while self._registrations:
+                self._register(self._registrations.popleft())
+            while self._removals:
+                self._remove(self._removals.popleft())
+            external.remove_unresponsive(commander.intention)
+        self._configure()
+        for state in self._completed.take():
+            self._publish(MODE_COMPLETED, "ModeCompleted", {"nav_state": state})
+
+    # --- registration ----------------------------------------------------------------------------------
+
+    def _register(self, values: Values) -> None:
+        request = Registration(
+            values["name"], values["register_arming_check"], values["register_mode"],
+            values["register_mode_executor"],
+            values["replace_internal_mode"] if values["enable_replace_internal_mode"] else NONE,
+        )  # fmt: skip
+        answer = self._external.register(request)
+        self._answer(values, answer)
+        activates = values["activate_mode_immediately"] and values["register_mode_executor"]
+        if answer.success and answer.mode != NONE and activates and not self._commander.armed:
+            self._commander.set_mode(NavState(answer.mode))
+
+    def _answer(self, request: Values, answer: Answer) -> None:
+        self._publish(
+            REGISTRATION_REPLY, "RegisterExtComponentReply",
+            {
+                "request_id": request["request_id"], "name": request["name"][:NAME_LENGTH],
+                "px4_ros2_api_version": API_VERSION, "success": answer.success,
+                "arming_check_id": answer.arming_check, "mode_id": answer.mode,
+                "mode_executor_id": answer.executor,
+            },
+        )  # fmt: skip
+
+    def _remove(self, values: Values) -> None:
+        mode = values["mode_id"]
+        self._external.unregister(values["name"], values["arming_check_id"], mode)
+        if mode == self._commander.intended and mode != NONE and not self._commander.armed:
+            self._commander.set_mode(NavState.HOLD)
+
+    # --- configuration ---------------------------------------------------------------------------------
+
+    def _configure(self) -> None:
+        while self._configurations:
+            values = self._configurations.popleft()
+            chosen = {name: values[flag] for flag, name in CONTROLLERS.items()}
+            self._external.configure(values["source_id"], Controllers(**chosen))
+        while self._overrides:
+            values = self._overrides.popleft()
+            overrides = Overrides(
+                values["disable_auto_disarm"], values["defer_failsafes"], values["defer_failsafes_timeout_s"]
+            )
+            kind, source = values["source_type"], values["source_id"]
+            self._external.override(
+                overrides,
+                mode=source if kind == MODE_SOURCE else NONE,
+                executor=source if kind == EXECUTOR_SOURCE else NONE,
+            )
+
+    def _echo_completion(self, values: Values) -> None:
+        """The topic is the same one for PX4 and for external modes, so all readers get the message."""
+        self._publish(
+            MODE_COMPLETED, "ModeCompleted", {"result": values["result"], "nav_state": values["nav_state"]}
+        )
+
+
+class _CompletedModes:
+    """Completions of PX4's own modes: take-off, return and mission once, landing until disarmed."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._commander, self._navigator = autopilot.commander, autopilot.navigator
+        self._view = autopilot.view
+        self._previous = self._commander.active
+        self._reported: NavState | None = None
+        """Mode whose completion was reported, until another mode is active."""
+        self._landing_at_us = 0
+
+    def take(self) -> list[NavState]:
+        """Modes completed since the last call."""
+        active, previous = self._commander.active, self._previous
+        self._previous = active
+        if not self._commander.armed:
+            self._reported = None
+            return []
+        if previous is NavState.TAKEOFF and self._reported is not previous and self._took_off(active):
+            self._reported = previous
+            return [previous]
+        if active is not previous:
+            self._reported = None
+        if active is NavState.LAND and self._commander.landed:
+            return [active] if self._landing_due() else []
+        if self._reported is active or not self._ended(active):
+            return []
+        self._reported = active
+        return [active]
+
+    def _took_off(self, active: NavState) -> bool:
+        stays = active in (NavState.TAKEOFF, NavState.HOLD)
+        return stays and not self._commander.landed and self._navigator.finished(NavState.TAKEOFF)
+
+    def _ended(self, active: NavState) -> bool:
+        if active is NavState.RTL:
+            return self._commander.landed and self._navigator.landing
+        return active is NavState.MISSION and self._navigator.mission.finished
+
+    def _landing_due(self) -> bool:
+        now_us = self._view.time_boot_us()
+        if now_us < self._landing_at_us:
+            return False
+        self._landing_at_us = now_us + LAND_COMPLETED_EVERY_US
+        return True
+
+
+def _reply(values: Values) -> Reply:
+    """An ArmingCheckReply; of its events at most `MAX_EVENTS` count."""
+    events = tuple(
+        (
+            values[f"events[{n}].id"],
+            values[f"events[{n}].log_levels"],
+            bytes(values[f"events[{n}].arguments"]),
+        )
+        for n in range(min(values["num_events"], MAX_EVENTS))
+    )
+    requires = frozenset(name for name in REPORTED if values[f"mode_req_{name}"])
+    return Reply(values["request_id"], values["registration_id"], values["can_arm_and_run"], requires, events)
