@@ -11,7 +11,7 @@ from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import WITH_WAYPOINT, Navigator
-from vehicle_sim.autopilot.offboard import LEVELS, Kind, Offboard, Setpoint
+from vehicle_sim.autopilot.offboard import LEVELS, Kind, Offboard, Setpoint, kind_of
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
@@ -20,6 +20,7 @@ from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
 from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.external_modes.registry import is_external
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.home import Home
 from vehicle_sim.payload.gimbal import Gimbal
@@ -68,14 +69,27 @@ class Autopilot:
     def update(self) -> None:
         """Runs one tick."""
         self._take_over()
-        if self.commander.active is not NavState.OFFBOARD:
-            self.offboard.left()
+        self._select_setpoints()
         self._detect_landing()
         self.commander.update(landed=self.land_detector.landed)
         self._ramp()
         self._steer()
         self._fly_goto()
         self.gimbal.update(TICK_S)
+
+    @property
+    def by_setpoints(self) -> bool:
+        """Whether the active mode flies setpoints from outside: Offboard, and external modes."""
+        active = self.commander.active
+        return active is NavState.OFFBOARD or is_external(active)
+
+    def _select_setpoints(self) -> None:
+        """Chooses the setpoints of an external mode by its controllers; other modes have their own."""
+        active = self.commander.active
+        if is_external(active):
+            self.offboard.choose(kind_of(self.commander.external.controllers(active)))
+        elif active is not NavState.OFFBOARD:
+            self.offboard.left()
 
     @property
     def waypoint(self) -> tuple[float, float, float] | None:
@@ -153,7 +167,7 @@ class Autopilot:
         parameter, active = self.view.parameter, self.commander.active
         if self._by_sticks:
             climbs = self._manual.wants_to_climb()
-        elif active is NavState.OFFBOARD:
+        elif self.by_setpoints:
             climbs = self.offboard.wants_to_climb(self.view.estimate.position_ned_m[2])
         else:
             climbs = self.navigator.wants_to_climb(active)
@@ -174,9 +188,10 @@ class Autopilot:
         if not commander.armed or commander.active is NavState.TERMINATION:
             self._row.idle()
             return
-        key = (commander.armed, commander.active, commander.failsafe.action)
+        streamed, configured = self.by_setpoints, commander.external.configured
+        key = (commander.armed, commander.active, commander.failsafe.action, configured)
         level = self._control_mode.update(self.view.time_s, self.offboard.level, key)
-        direct = commander.active is NavState.OFFBOARD and level is not ControlLevel.TRAJECTORY
+        direct = streamed and level is not ControlLevel.TRAJECTORY
         on_ground = not takeoff.may_thrust or (takeoff.flying and self.land_detector.ground_contact)
         self._row.limits(
             ramping=takeoff.state is TakeoffState.RAMPUP,
@@ -186,7 +201,7 @@ class Autopilot:
             min_thrust=math.nan if takeoff.flying else 0.0,
             tilt_limit_rad=self._tilt_limit_rad(),
         )
-        if commander.active is NavState.OFFBOARD:
+        if streamed:
             self._asked_down_m_s = self.offboard.setpoint.velocity_ned_m_s[2]
         if self._by_sticks and commander.active in DIRECT_MODES:
             self._manual.run(commander.active)
@@ -199,14 +214,14 @@ class Autopilot:
         elif self._by_sticks:
             self._manual.run(commander.active)
             self._asked_down_m_s = self._row.asked_down_m_s
-        elif commander.active is NavState.OFFBOARD:
+        elif streamed:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif not self._manual.wait(commander.active):
             self.navigator.run(commander.active)
             self._asked_down_m_s = self._row.asked_down_m_s
             return
-        if commander.active is not NavState.OFFBOARD:
+        if not streamed:
             # keep the trajectory at the vehicle while it cannot follow
             self.navigator.path.idle()
 
@@ -227,13 +242,13 @@ class Autopilot:
         commander, level = self.commander, LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)
         if not commander.armed or commander.terminated or not self.takeoff.flying:
             return
-        offboard = commander.active is NavState.OFFBOARD
-        if offboard and level is self._control_mode.level and level is self.offboard.level:
+        streamed = self.by_setpoints
+        if streamed and level is self._control_mode.level and level is self.offboard.level:
             if level is not ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES):
             self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
-        elif level is ControlLevel.TRAJECTORY and not offboard and not self._row.below_trajectory:
+        elif level is ControlLevel.TRAJECTORY and not streamed and not self._row.below_trajectory:
             self._write_trajectory(setpoint)
 
     def take_goto(self, goto: Goto) -> None:
@@ -275,7 +290,7 @@ class Autopilot:
         if self.offboard.invalid:
             self.navigator.descend()
         elif self.offboard.waits:
-            return
+            self._hold_outputs()
         elif setpoint.kind is Kind.ATTITUDE and setpoint.q_ned_frd is not None:
             self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
         elif setpoint.kind is Kind.RATES:
@@ -286,6 +301,11 @@ class Autopilot:
             self._row.motors(setpoint.motors)
         else:
             self._write_trajectory(setpoint)
+
+    def _hold_outputs(self) -> None:
+        """No setpoint of this level ever came: the last outputs of the controllers above it go on."""
+        if self.offboard.level is ControlLevel.MOTORS:
+            self._row.freeze_motors()
 
     def _write_trajectory(self, setpoint: Setpoint) -> None:
         if setpoint.complete:

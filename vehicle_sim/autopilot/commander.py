@@ -62,7 +62,9 @@ class Commander:
         self.calibrating = False
         self._mode_was_chosen = False
         self._refused_at_s = -math.inf
-        self._watch = FailsafeWatch(view, announcer, self.checks, offboard, navigator.fence, self.monitors)
+        self.failsafe_watch = FailsafeWatch(
+            view, announcer, self.checks, offboard, navigator.fence, self.monitors
+        )
         self._commands = commands
         commands.serve({RETURN: self._return, SET_HOME: self._set_home})
         self._termination: Decision | None = None
@@ -89,7 +91,7 @@ class Commander:
         self.armed = True
         self._armed_at_s = self._view.time_s
         self._flew = False
-        self._watch.reset()
+        self.failsafe_watch.reset()
         self._row.armed(True)
         self.home.armed_or_lifted()
         self._announcer.both(6, f"Armed by {REASONS[reason]}", "commander_armed_by", "B", reason)
@@ -107,7 +109,7 @@ class Commander:
         self._row.armed(False)
         self._row.idle()
         self._announcer.both(6, f"Disarmed by {REASONS[reason]}", "commander_disarmed_by", "B", reason)
-        self._watch.reset()
+        self.failsafe_watch.reset()
         self._flights.disarmed()
         self.intended = self._after_disarming
         self._activate(self.intended)
@@ -145,7 +147,7 @@ class Commander:
         self.external.mode_chosen(mode)
         if mode not in CANNOT_TAKE_OFF:
             self._after_disarming = mode
-        self._watch.mode_chosen()
+        self.failsafe_watch.mode_chosen()
         if self.armed:
             self._run_failsafe()
         if self.failsafe.action <= Action.WARN:
@@ -299,10 +301,11 @@ class Commander:
         commanded_outside = self.intended is NavState.OFFBOARD or is_external(self.intended)
         grounded = self.landed and not self._flew and not commanded_outside
         before = self.failsafe
-        decision = self._watch.update(
+        decision = self.failsafe_watch.update(
             self.intended,
             armed_for_s=self._view.time_s - self._armed_at_s,
             acts=not grounded or self.monitors.attitude_failure,
+            overrides=self.external.overrides(self.active),
         )
         if decision == before:
             return
@@ -314,7 +317,7 @@ class Commander:
     @property
     def failsafe(self) -> Decision:
         """The current decision of the failsafe."""
-        return self._termination or self._watch.decision
+        return self._termination or self.failsafe_watch.decision
 
     def _act(self, action: Action) -> None:
         if action is Action.DISARM:
@@ -332,11 +335,6 @@ class Commander:
         self._termination = Decision(Action.TERMINATE)
         self._commands.send(PARACHUTE, 2.0)
         self._activate(NavState.TERMINATION)
-
-    @property
-    def failsafe_deferral(self) -> int:
-        """`failsafe_defer_state`: 0 none, 1 failsafes are deferred, 2 one is being deferred."""
-        return self._watch.deferral
 
     @property
     def intention(self) -> NavState:
@@ -394,7 +392,7 @@ class Commander:
         return LandedState.IN_AIR
 
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode of the active mode."""
+        """HEARTBEAT.custom_mode."""
         return MODES[self.active].custom_mode
 
     def intended_custom_mode(self) -> int:

@@ -43,6 +43,8 @@ class Conditions(NamedTuple):
     offboard_lost: bool = False
     position_lost: bool = False
     """The mode requires a position, and there is none."""
+    external_cannot_run: bool = False
+    """The mode is an external one that is silent, says that it cannot run, or lacks a requirement."""
     sticks: bool = False
     """The pilot controls the vehicle with sticks."""
     manual_lost: bool = False
@@ -78,13 +80,14 @@ def demands(c: Conditions) -> list[Demand]:
     return found
 
 
-def _strict(name: str, action: Action, cause: Cause = Cause.GENERIC) -> Demand:
+def _strict(name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False) -> Demand:
     """A demand that lasts until the operator changes the mode; termination and disarming are final."""
     if action is Action.TERMINATE:
         return Demand(name, action, cause, Clear.NEVER, Takeover.NEVER)
     if action is Action.DISARM:
         return Demand(name, action, cause, takeover=Takeover.NEVER)
-    return Demand(name, action, cause, Clear.WHEN_GONE if action is Action.WARN else _LATCH)
+    clear = Clear.WHEN_GONE if action is Action.WARN else _LATCH
+    return Demand(name, action, cause, clear, deferrable=deferrable)
 
 
 def _excepted(mode: NavState, bits: int) -> bool:
@@ -98,11 +101,13 @@ def _excepted(mode: NavState, bits: int) -> bool:
 def _links(c: Conditions) -> list[Demand]:
     found: list[Demand] = []
     if c.manual_lost and c.manual_loss_action in _LINK_LOSS and not _excepted(c.mode, c.manual_loss_except):
-        found.append(_strict("manual", _LINK_LOSS[c.manual_loss_action], Cause.MANUAL_CONTROL_LOSS))
+        found.append(
+            _strict("manual", _LINK_LOSS[c.manual_loss_action], Cause.MANUAL_CONTROL_LOSS, deferrable=True)
+        )
     landing = c.mode in (NavState.LAND, NavState.PRECISION_LAND)
     gcs_counts = not landing and not _excepted(c.mode, c.gcs_loss_except)
     if c.gcs_lost and gcs_counts and c.gcs_loss_action in _LINK_LOSS:
-        found.append(_strict("gcs", _LINK_LOSS[c.gcs_loss_action], Cause.GCS_LOSS))
+        found.append(_strict("gcs", _LINK_LOSS[c.gcs_loss_action], Cause.GCS_LOSS, deferrable=True))
     return found
 
 
@@ -149,6 +154,8 @@ def _mode_fallback(c: Conditions) -> Action:
         # Without a position, Offboard and fallback modes that require one count as lost.
         action = _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
         return Action.FALLBACK_ALTITUDE if action is Action.FALLBACK_POSITION and c.position_lost else action
+    if c.external_cannot_run:
+        return Action.RTL
     if not c.position_lost:
         return Action.NONE
     by_hand = c.mode in (NavState.POSITION, NavState.POSITION_SLOW)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -61,6 +62,8 @@ class Demand:
     cause: Cause = Cause.GENERIC
     clear: Clear = Clear.WHEN_GONE
     takeover: Takeover = Takeover.AUTO
+    deferrable: bool = False
+    """An external mode or executor may defer it; recorded for the loss of the ground station."""
 
 
 ACTION_MODES: dict[Action, NavState] = {
@@ -91,6 +94,9 @@ class Decision:
 
 
 _FINE = Decision()
+DEFER_DEFAULT_S = 30.0
+NOT_DEFERRED, DEFERS, DEFERRING = 0, 1, 2
+"""`failsafe_defer_state`."""
 
 
 class Failsafe:
@@ -102,6 +108,28 @@ class Failsafe:
         self._taken_over = False
         self._acts_at_s: float | None = None
         self._decision = Decision()
+        self._defers = False
+        self._defer_s = math.inf
+        self._deferred_since_s: float | None = None
+
+    @property
+    def deferral(self) -> int:
+        """`failsafe_defer_state`: whether failsafes are deferred, and whether one would act."""
+        if not self._defers:
+            return NOT_DEFERRED
+        return DEFERS if self._deferred_since_s is None else DEFERRING
+
+    def defer(self, wanted: bool, timeout_s: int) -> None:
+        """Defers failsafes; not while one acts.
+
+        Args:
+            wanted: False ends it.
+            timeout_s: longest time that an action is deferred; 0: PX4's default, negative: no limit.
+        """
+        if wanted and self._decision.action > Action.WARN:
+            return
+        self._defers = wanted
+        self._defer_s = math.inf if timeout_s < 0 else timeout_s or DEFER_DEFAULT_S
 
     def reset(self) -> None:
         """Clears everything; called at disarming."""
@@ -132,9 +160,11 @@ class Failsafe:
     ) -> Decision:
         """Updates the decision; call at 50 Hz while armed."""
         if not demands and not self._active:  # the usual case
+            self._deferred_since_s = None
             self._taken_over, self._present, self._acts_at_s, self._decision = False, _NOBODY, None, _FINE
             return _FINE
         self._remember(demands)
+        self._update_deferral(now_s)
         worst = self._worst()
         if self._taken_over and worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
             worst = Demand("taken over", Action.NONE)
@@ -155,10 +185,19 @@ class Failsafe:
             self._taken_over = False
         self._present = frozenset(now)
 
+    def _update_deferral(self, now_s: float) -> None:
+        since_s = self._deferred_since_s
+        if self._defers and since_s is not None and now_s - since_s > self._defer_s:
+            self._defers = False
+        acts = any(each.deferrable and each.action > Action.WARN for each in self._active.values())
+        if not (self._defers and acts):
+            self._deferred_since_s = None
+        elif since_s is None:
+            self._deferred_since_s = now_s
+
     def _worst(self) -> Demand:
-        return max(
-            self._active.values(), key=lambda demand: demand.action, default=Demand("none", Action.NONE)
-        )
+        acting = [each for each in self._active.values() if not (self._defers and each.deferrable)]
+        return max(acting, key=lambda demand: demand.action, default=Demand("none", Action.NONE))
 
     def _decide(
         self,

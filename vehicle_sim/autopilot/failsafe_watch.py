@@ -10,6 +10,8 @@ from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.monitors import EARLY_TAKEOFF_S, TERMINATION_DISABLED, Monitors
 from vehicle_sim.autopilot.offboard import Kind, Offboard
+from vehicle_sim.external_modes.registry import is_external
+from vehicle_sim.external_modes.slots import Overrides
 from vehicle_sim.vehicle_view import VehicleView
 
 _WARNINGS = {
@@ -42,7 +44,11 @@ class FailsafeWatch:
         self._conditions = Conditions(NavState.HOLD)
         self._demands: list[Demand] = []
         self.decision = Decision()
-        self.deferral = 0
+
+    @property
+    def deferral(self) -> int:
+        """`failsafe_defer_state`: 0 none, 1 failsafes are deferred, 2 one is being deferred."""
+        return self._machine.deferral
 
     def reset(self) -> None:
         """Clears the failsafe; called at disarming."""
@@ -54,10 +60,11 @@ class FailsafeWatch:
         """Called when the operator changes the mode."""
         self._machine.mode_chosen()
 
-    def update(self, intended: NavState, *, armed_for_s: float, acts: bool) -> Decision:
+    def update(self, intended: NavState, *, armed_for_s: float, acts: bool, overrides: Overrides) -> Decision:
         """Updates the decision, and reports changes.
 
         Args:
+            overrides: of the active external mode and of the executor in charge.
             acts: whether actions are allowed, because the vehicle flies or has flown; for battery and lost
                 position PX4 also acts on the ground.
         """
@@ -68,6 +75,7 @@ class FailsafeWatch:
             self._demands = demands(self._conditions)
         wanted = self._demands if acts else ground_demands(self._conditions)
         before = self.decision
+        self._machine.defer(overrides.defer_failsafes, overrides.defer_timeout_s)
         self.decision = self._machine.update(
             self._view.time_s,
             wanted,
@@ -80,8 +88,7 @@ class FailsafeWatch:
         return self.decision
 
     def _can_run(self, intended: NavState, mode: NavState) -> bool:
-        needs = MODES[mode]
-        return self._checks.position_good or not needs.needs_position
+        return self._checks.position_good or not MODES[mode].needs_position
 
     def _look(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
         """The failure conditions, in the order of `Conditions`."""
@@ -95,6 +102,7 @@ class FailsafeWatch:
             mode,
             not self._offboard.signal(),
             self._needs_position(mode) and not checks.position_good,
+            is_external(mode) and not checks.report.runnable(mode),
             sticks,
             self._had_sticks and not sticks and receiver,
             checks.gcs_lost(),

@@ -9,6 +9,7 @@ from enum import Enum
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.external_modes.slots import Controllers
 from vehicle_sim.geodesy import to_local
 from vehicle_sim.state import ROTOR_COUNT
 from vehicle_sim.vehicle_view import VehicleView
@@ -128,6 +129,12 @@ class Offboard:
         self._heard_at_s = -math.inf if kind is Kind.NONE else self._view.time_s
         self._flagged = kind
         self._choose()
+
+    def choose(self, kind: Kind) -> None:
+        """Chooses which setpoints of PX4's own topics an external mode flies; no stream is required."""
+        if self._flagged is not kind:
+            self._flagged = kind
+            self._choose()
 
     def put(self, setpoint: Setpoint) -> None:
         """A setpoint of PX4's own topics: flown in Offboard where OffboardControlMode asks for its level."""
@@ -306,6 +313,17 @@ class Offboard:
             or setpoint.velocity_ned_m_s[2] < 0.0
             or setpoint.acceleration_ned_m_s2[2] < 0.0
         )
+
+
+def kind_of(controllers: Controllers) -> Kind:
+    """The kind of setpoints that an external mode sends, by the controllers that it has asked for."""
+    if controllers.trajectory:
+        return Kind.POSITION
+    if controllers.attitude:
+        return Kind.ATTITUDE
+    if controllers.rates:
+        return Kind.RATES
+    return Kind.THRUST_TORQUE if controllers.allocation else Kind.ACTUATORS
 
 
 def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> Kind:

@@ -35,6 +35,7 @@ class SetpointRow:
 
     def __init__(self, view: VehicleView) -> None:
         self._all = view.simulation.setpoints
+        self._simulation = view.simulation
         self._i = view.row
         self._position = numbers(self._all.position_ned_m[self._i])
         self._velocity = numbers(self._all.velocity_ned_m_s[self._i])
@@ -124,6 +125,11 @@ class SetpointRow:
         s.level[i] = ControlLevel.MOTORS
         s.motors[i] = np.nan
         s.motors[i, : len(signals)] = signals
+
+    def freeze_motors(self) -> None:
+        """Writes the last motor signals again: no controller runs any more."""
+        pulses = self._simulation.motors_us[self._i].tolist()
+        self.motors(tuple((each - 1000.0) / 1000.0 if each >= 1000.0 else math.nan for each in pulses))
 
     def idle(self) -> None:
         """Disables all controllers; armed motors run at idle."""

@@ -160,7 +160,7 @@ class States:
             ready, configured = commander.report.armable(commander.active), commander.external.configured
             return (
                 commander.armed, commander.active, commander.intended, commander.in_failsafe, kind, ready,
-                configured, commander.failsafe_deferral,
+                configured, commander.failsafe_watch.deferral,
             )  # fmt: skip
 
         add("vehicle_status", 500, self._vehicle_status,
@@ -247,7 +247,7 @@ class States:
             "latest_arming_reason": self._reasons[0], "latest_disarming_reason": self._reasons[1],
             "nav_state_user_intention": int(c.intention), "nav_state": int(c.active),
             "executor_in_charge": c.external.executor_in_charge,
-            "failsafe_defer_state": c.failsafe_deferral,
+            "failsafe_defer_state": c.failsafe_watch.deferral,
             "vehicle_type": ROTARY_WING, "failsafe": c.in_failsafe,
             "gcs_connection_lost": not c.checks.gcs_alive(), "system_type": QUADROTOR,
             "system_id": self._system_id, "component_id": 1, "safety_button_available": True,

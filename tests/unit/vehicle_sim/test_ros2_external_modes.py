@@ -1,0 +1,199 @@
+"""External modes over ROS 2: registered, armed, flown, lost and replaced, by messages only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from tests.support.ros2_vehicle import Ros2Vehicle
+
+REGISTER, UNREGISTER = "/fmu/in/register_ext_component_request", "/fmu/in/unregister_ext_component"
+REQUEST, REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
+CONFIGURE, OVERRIDE = "/fmu/in/config_control_setpoints", "/fmu/in/config_overrides_request"
+STATUS, COMPLETED = "/fmu/out/vehicle_status_v1", "/fmu/out/mode_completed"
+EXECUTOR_COMMAND = "/fmu/in/vehicle_command_mode_executor"
+NAN3 = (math.nan, math.nan, math.nan)
+MODE, HOLD, RTL, TAKEOFF, LAND = 23, 4, 5, 17, 18
+SET_MODE, ARM, SET_NAV_STATE = 176, 400, 100_001
+TRAJECTORY = {
+    f"flag_control_{name}_enabled": True
+    for name in [
+        "position",
+        "velocity",
+        "altitude",
+        "climb_rate",
+        "acceleration",
+        "attitude",
+        "rates",
+        "allocation",
+    ]
+}
+THERE: tuple[str, Mapping[str, Any]] = (
+    "/fmu/in/trajectory_setpoint",
+    {"position": (3.0, 0.0, -4.0), "velocity": NAN3, "acceleration": NAN3, "yaw": 0.0, "yawspeed": math.nan},
+)
+
+
+class Component:
+    """A program that has registered a mode and answers the vehicle's arming checks."""
+
+    def __init__(self, *, controllers: Mapping[str, bool] = TRAJECTORY, **request: Any) -> None:
+        self.vehicle = Ros2Vehicle()
+        self.can_run = self.answers = True
+        self._seen = 0
+        self.vehicle.send(
+            REGISTER, {"name": "Mine", "register_arming_check": True, "register_mode": True} | request
+        )
+        self.run(0.1)
+        self.vehicle.send(CONFIGURE, {"source_id": MODE} | dict(controllers))
+        self.run(1.0)
+
+    def run(self, seconds: float, *setpoints: tuple[str, Mapping[str, Any]]) -> None:
+        for _ in range(round(seconds / 0.02)):
+            for _, topic, fields in self.vehicle.received[self._seen :]:
+                if topic == REQUEST and self.answers:
+                    self._reply(fields["request_id"])
+            self._seen = len(self.vehicle.received)
+            for topic, fields in setpoints:
+                self.vehicle.send(topic, fields)
+            self.vehicle.run(0.02)
+
+    def _reply(self, request_id: int) -> None:
+        answer = {"request_id": request_id, "can_arm_and_run": self.can_run, "mode_req_local_position": True}
+        self.vehicle.send(REPLY, answer)
+
+    def select(self, main: float, sub: float = 0.0) -> None:
+        self.vehicle.command(SET_MODE, 1.0, main, sub)
+
+    def fly(self) -> None:
+        """Takes off and flies the mode."""
+        self.vehicle.command(ARM, 1.0)
+        self.vehicle.command(22, *[math.nan] * 7)
+        self.run(9.0)
+        self.select(4.0, 11.0)
+        self.run(4.0, THERE)
+
+    def command(self, number: int, *parameters: float) -> None:
+        """A command of its executor."""
+        self.vehicle.command(
+            number, *parameters, topic=EXECUTOR_COMMAND, source_component=1001, from_external=False
+        )
+
+    @property
+    def status(self) -> dict[str, Any]:
+        self.run(0.6)
+        return self.vehicle.last(STATUS)
+
+
+def test_a_mode_flies_its_setpoints_and_keeps_the_last_one():
+    component = Component()
+    component.fly()
+    assert component.status["nav_state"] == MODE
+    component.run(3.0)
+    north, east, down = component.vehicle.position_ned_m
+    assert math.dist((north, east, down), (3.0, 0.0, -4.0)) < 0.3
+    assert component.status["nav_state"] == MODE
+
+
+def test_a_mode_that_stops_answering_is_left_for_a_return_until_it_answers_again():
+    component = Component()
+    component.fly()
+    component.answers = False
+    component.run(1.6)
+    status = component.status
+    assert (status["nav_state"], status["nav_state_user_intention"], status["failsafe"]) == (RTL, MODE, True)
+    component.answers = True
+    assert component.status["nav_state"] == MODE
+
+
+def test_a_mode_that_cannot_run_is_left_at_once_and_cannot_be_selected_again():
+    component = Component()
+    component.fly()
+    component.can_run = False
+    component.run(0.5)
+    assert component.status["nav_state"] == RTL
+    component.select(4.0, 3.0)
+    component.run(0.2)
+    component.select(4.0, 11.0)
+    component.run(0.2)
+    assert component.vehicle.acks()[-1] == (SET_MODE, 1)
+    assert component.status["nav_state"] == HOLD
+
+
+def test_an_unregistered_mode_is_left_in_flight():
+    component = Component()
+    component.fly()
+    component.vehicle.send(UNREGISTER, name="Mine", mode_id=MODE, mode_executor_id=-1)
+    assert component.status["nav_state"] == RTL
+
+
+def test_nobody_arms_in_a_mode_that_does_not_answer():
+    component = Component()
+    component.select(4.0, 11.0)
+    component.answers = False
+    component.run(2.0)
+    component.vehicle.command(ARM, 1.0)
+    component.run(0.1)
+    assert component.vehicle.acks()[-1] == (ARM, 1)
+
+
+def test_without_controllers_the_motors_keep_their_signals():
+    component = Component(controllers={})
+    component.vehicle.command(ARM, 1.0)
+    component.vehicle.command(22, *[math.nan] * 7)
+    component.run(9.0)
+    component.select(4.0, 11.0)
+    component.run(0.2)
+    simulation = component.vehicle.sim.simulation
+    before = simulation.motors_us[0].copy()
+    component.run(0.2)
+    assert (simulation.motors_us[0] == before).all()
+    flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
+    assert not flags["flag_control_allocation_enabled"]
+
+
+def test_a_replacement_of_return_is_flown_for_it_until_it_is_silent():
+    component = Component(enable_replace_internal_mode=True, replace_internal_mode=RTL)
+    component.vehicle.command(ARM, 1.0)
+    component.vehicle.command(22, *[math.nan] * 7)
+    component.run(9.0)
+    component.vehicle.command(20)
+    assert component.status["nav_state"] == MODE
+    component.answers = False
+    component.run(1.5)
+    status = component.status
+    assert (status["nav_state"], status["nav_state_user_intention"]) == (RTL, RTL)
+    assert not status["can_set_nav_states_mask"] >> MODE & 1
+
+
+def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
+    component = Component(register_mode_executor=True)
+    component.command(ARM, 1.0)
+    component.run(0.1)
+    assert component.vehicle.acks()[-1] == (ARM, 1), "an executor that is not in charge"
+    component.select(4.0, 11.0)
+    component.run(0.1)
+    component.command(ARM, 1.0)
+    component.command(22, *[math.nan] * 7)
+    component.run(12.0)
+    status = component.status
+    assert (status["nav_state"], status["executor_in_charge"]) == (TAKEOFF, 1)
+    assert [each["nav_state"] for each in component.vehicle.all(COMPLETED)] == [TAKEOFF]
+    component.select(4.0, 3.0)
+    assert component.status["executor_in_charge"] == 0
+
+
+def test_disable_auto_disarm_keeps_a_landed_vehicle_armed_until_it_is_withdrawn():
+    component = Component(register_mode_executor=True)
+    component.vehicle.send(OVERRIDE, disable_auto_disarm=True, source_type=1, source_id=1)
+    component.fly()
+    component.command(SET_NAV_STATE, float(LAND))
+    component.run(20.0)
+    assert component.status["arming_state"] == 2
+    component.vehicle.send(OVERRIDE, source_type=1, source_id=1)
+    component.run(1.0)
+    assert component.status["arming_state"] == 2
+    component.run(0.6)
+    status = component.status
+    assert (status["arming_state"], status["nav_state"]) == (1, MODE)
