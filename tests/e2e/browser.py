@@ -89,6 +89,12 @@ def press(control: Locator, key: str) -> None:
     control.press(key)
 
 
+def choose(menu_button: Locator, entry: str) -> None:
+    """Opens a button's menu and chooses an entry of it."""
+    menu_button.click()
+    menu_button.page.get_by_role("menuitem", name=entry, exact=True).click()
+
+
 class Watched:
     """All requests and errors of a page."""
 

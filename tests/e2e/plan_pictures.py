@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from playwright.sync_api import Locator, Page
 
+from tests.e2e.browser import choose
 from tests.e2e.pictures import SIZE, Set, shoot, still
 from tests.e2e.plan_page import EXAMPLES, imported_tower
 from tests.e2e.plan_page import dry_run as flown_in_simulation
@@ -43,15 +44,15 @@ def plan(at: Set) -> None:
     page = at.page
     room = opened_room(page, "Zoom out")
     room.get_by_label("Name of the plan").fill("Field survey")
-    add = room.get_by_label("Add step")
-    add.select_option(label="Survey of an area")
+    add = room.get_by_role("button", name="Add step")
+    choose(add, "Survey of an area")
     click(page, FIELD)
     room.get_by_label("Altitude above home").fill("25")
     room.get_by_role("button", name="Add survey").click()
     findings = room.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Take off at the beginning").click()
-    add.select_option(label="Return")
-    add.select_option(label="Geofence: stay inside")
+    choose(add, "Return")
+    choose(add, "Geofence: stay inside")
     click(page, FENCE)
     room.get_by_role("button", name="Add geofence").click()
     room.get_by_role("option", name="Waypoint").nth(2).click()

@@ -14,6 +14,7 @@ export interface KeyTarget {
 /** Input types without typed text; browsers show every other type, also an unknown one, as a text field. */
 const NOT_TYPED: ReadonlySet<string> = new Set(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden']);
 const TEXT_ROLES: ReadonlySet<string> = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
+const TYPE_AHEAD_ROLES: ReadonlySet<string> = new Set(['listbox', 'menu', 'menuitem']);
 /** Keys of Hold (also with Caps Lock), Land now and Stop motors: they override a list's type-ahead. */
 const SAFETY_KEYS: ReadonlySet<string> = new Set(['h', 'H', 'L', 'K']);
 
@@ -27,9 +28,12 @@ export function takesText(target: KeyTarget | null): boolean {
   return TEXT_ROLES.has(target.getAttribute?.('role') ?? '') && target.getAttribute?.('aria-readonly') !== 'true';
 }
 
-/** Whether the control has type-ahead: a character selects the next option that begins with it. */
+/** Whether the control has type-ahead: a character selects the next option or menu item that begins with it. */
 export function typesAhead(target: KeyTarget | null): boolean {
-  return target?.tagName?.toUpperCase() === 'SELECT' || target?.getAttribute?.('role') === 'listbox';
+  const attribute = (name: string): string => target?.getAttribute?.(name) ?? '';
+  if (target?.tagName?.toUpperCase() === 'SELECT' || TYPE_AHEAD_ROLES.has(attribute('role'))) return true;
+  // The button of a menu that is just opening, and has not taken the focus yet.
+  return attribute('aria-haspopup') === 'menu' && attribute('aria-expanded') === 'true';
 }
 
 /**

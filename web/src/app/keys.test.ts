@@ -6,6 +6,12 @@ import { Shortcuts } from './shortcuts.svelte';
 const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPUT', tabIndex: 0, ...(type === undefined ? {} : { type }), ...more });
 const withRole = (role: string): KeyTarget => ({ tagName: 'DIV', tabIndex: 0, getAttribute: (name) => (name === 'role' ? role : null) });
 
+const menuButton = (expanded: string): KeyTarget => ({
+  tagName: 'BUTTON',
+  tabIndex: 0,
+  getAttribute: (name) => ({ 'aria-haspopup': 'menu', 'aria-expanded': expanded })[name] ?? null,
+});
+
 describe('a pressed character', () => {
   it.each(['text', 'search', 'url', 'tel', 'email', 'password', 'number', 'date', 'datetime-local', 'month', 'week', 'time', 'not-a-type-yet'])(
     'an input of type %s takes text',
@@ -35,16 +41,27 @@ describe('a pressed character', () => {
     }
   });
   it('is a shortcut on elements without text input', () => {
-    for (const target of [null, { tagName: 'BODY' }, { tagName: 'BUTTON', tabIndex: 0 }, withRole('slider'), input('text', { readOnly: true })]) {
+    for (const target of [
+      null,
+      { tagName: 'BODY' },
+      { tagName: 'BUTTON', tabIndex: 0 },
+      withRole('slider'),
+      menuButton('false'),
+      input('text', { readOnly: true }),
+    ]) {
       expect(isShortcut('h', target)).toBe(true);
       expect(isShortcut('t', target)).toBe(true);
     }
   });
-  it('selects in a list, except Hold, Land now and Stop motors', () => {
-    const list = { tagName: 'SELECT', tabIndex: 0 };
-    expect(typesAhead(list)).toBe(true);
-    for (const key of ['h', 'H', 'L', 'K']) expect(isShortcut(key, list)).toBe(true);
-    for (const key of ['t', 'l', 'r', '1', 'A', 'g']) expect(isShortcut(key, list)).toBe(false);
+  it.each<[string, KeyTarget]>([
+    ['list', { tagName: 'SELECT', tabIndex: 0 }],
+    ['menu', withRole('menu')],
+    ['menu item', withRole('menuitem')],
+    ['button whose menu is opening', menuButton('true')],
+  ])('selects in a %s, except Hold, Land now and Stop motors', (_, target) => {
+    expect(typesAhead(target)).toBe(true);
+    for (const key of ['h', 'H', 'L', 'K']) expect(isShortcut(key, target)).toBe(true);
+    for (const key of ['t', 'l', 'r', '1', 'A', 'g']) expect(isShortcut(key, target)).toBe(false);
   });
   it('is Hold also on a keyboard of another script', () => {
     expect(characterOf({ key: 'h', code: 'KeyH' })).toBe('h');
