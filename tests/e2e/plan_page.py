@@ -91,7 +91,7 @@ def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
     bar = room.get_by_role("region", name="Dry run")
     bar.get_by_role("button", name="Dry run", exact=True).click()
     expect(bar).to_contain_text("Flown: ", timeout=longest_s * 1000)
-    return page.get_by_role("slider", name="Moment of the dry run")
+    return page.get_by_role("slider", name="Time in the dry run")
 
 
 def uploaded(room: Locator) -> Locator:

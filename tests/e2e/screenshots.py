@@ -189,7 +189,7 @@ def group(at: Set) -> None:
         dock.get_by_role("button", name="Group", exact=True).click()
         for box in dock.get_by_role("checkbox").all()[:2]:
             box.check()
-        dock.get_by_label("Keep apart, at least").fill("2")
+        dock.get_by_label("Minimum separation").fill("2")
         dock.get_by_label("Move, North").fill("12")
         dock.get_by_role("button", name="Start group…").click()
         hold_space(page)

@@ -68,7 +68,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
             room.get_by_role("checkbox", name=re.compile(f"^{drone} Quad")).check()
         expect(room).to_contain_text(re.compile(r"Nearest now: 101 and 102, \d"))
         room.get_by_label("Move, North").fill("6")
-        room.get_by_label("Keep apart, at least").fill("60")
+        room.get_by_label("Minimum separation").fill("60")
         room.get_by_role("button", name="Start group…").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Group: 101 Quad and 102 Quad")
         expect(page.get_by_role("alertdialog")).to_contain_text("all move 6.0 m north together")
@@ -81,7 +81,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
 
         # Started, flown, renewed for as long as somebody sees the page.
         before = places(drones)
-        room.get_by_label("Keep apart, at least").fill("1")
+        room.get_by_label("Minimum separation").fill("1")
         room.get_by_label("Valid for, seconds").fill("4")
         tab_to(page, "Start group…")
         page.keyboard.press("Enter")

@@ -103,7 +103,7 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         expect(menu).to_contain_text(re.compile(r"1[78]\.\d m north-east of the vehicle"))
         expect(menu).to_contain_text(re.compile(r"about \d+ s"))
         goal = place_of(menu)
-        height = menu.get_by_label("Fly at, above home", exact=True)
+        height = menu.get_by_label("Flight altitude above home", exact=True)
         height.fill("10")
         height.press("Tab")
         refused_where_it_was_pressed(page, menu)

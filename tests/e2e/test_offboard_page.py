@@ -203,7 +203,7 @@ def test_flown_by_a_gamepad_only_while_its_button_is_held(browser: Browser, hove
         expect(room).to_contain_text("Hovering")
 
         page.evaluate("testPad.axes = [0, 0, 0, -1]")
-        expect(room.get_by_label("Right stick: along the ground").locator(".lever")).to_have_attribute(
+        expect(room.get_by_label("Right stick: horizontal motion").locator(".lever")).to_have_attribute(
             "y2", "-38"
         )
         assert streamed(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]

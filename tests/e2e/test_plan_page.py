@@ -161,7 +161,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         card = page.get_by_role("region", name="Offboard mission")
         expect(card).to_contain_text("Look around")
         card.get_by_role("button", name="Pause").click()
-        expect(card.get_by_role("status")).to_have_text("Paused on its path")
+        expect(card.get_by_role("status")).to_have_text("Paused")
         assert in_both_themes(page) == []
         card.get_by_role("button", name="Abort…").click()
         hold_space(page)

@@ -151,10 +151,10 @@ def test_the_way_from_an_empty_plan_to_its_flight_goes_by_keyboard_only(
         tab_to(page, "Dry run")
         keyboard.press("Enter")
         expect(room.get_by_role("region", name="Dry run")).to_contain_text("Flown: ", timeout=120_000)
-        tab_to(page, "Moment of the dry run")
+        tab_to(page, "Time in the dry run")
         keyboard.press("PageUp")
         keyboard.press("ArrowRight")
-        scrub = page.get_by_role("slider", name="Moment of the dry run")
+        scrub = page.get_by_role("slider", name="Time in the dry run")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:11"))
 
         tab_to(page, "Save and upload")

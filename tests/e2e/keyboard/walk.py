@@ -74,7 +74,7 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
         page.get_by_role("button", name="Recorded flights", exact=True).focus()
         page.keyboard.press("Enter")
         flights = page.get_by_role("region", name="Recorded flights")
-        flights.get_by_role("list").or_(flights.get_by_text("Nothing is recorded")).first.wait_for()
+        flights.get_by_role("list").or_(flights.get_by_text("No recordings yet")).first.wait_for()
 
     def menu() -> None:
         place = page.get_by_role("dialog", name="At this position")

@@ -1,7 +1,7 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient, ofVehicle, pageName, type Outcome } from './client';
 import { furtherReasons, parseProblem } from './problems';
-import { CommandQueue } from './turns';
+import { CommandQueue } from './command-queue';
 
 const headersOf = (init: RequestInit | undefined): object => Object.fromEntries(new Headers(init?.headers));
 

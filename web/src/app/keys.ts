@@ -13,9 +13,9 @@ import { shortcuts } from './shortcuts.svelte';
 import { theme } from './theme.svelte';
 
 registry.addKeys([
-  { order: 110, keys: 'Space held', what: 'Confirm the open question, on its slider', inScene: true },
+  { order: 110, keys: 'Space held', what: 'Confirm, on the slider of the confirmation', inScene: true },
   { order: 120, keys: 'Esc', what: 'Cancel, close', inScene: true },
-  { order: 230, keys: 'Shift D', what: 'Light or dark', inScene: false, on: { 'Shift D': () => theme.toggle() } },
+  { order: 230, keys: 'Shift D', what: 'Light or dark theme', inScene: false, on: { 'Shift D': () => theme.toggle() } },
 ]);
 
 function escape(): boolean {

@@ -7,7 +7,7 @@ import { ApiClient } from '../api/client';
 import { TelemetryStore } from '../live/store';
 import { TelemetrySocket, type SocketState } from '../live/socket';
 import type { WireEvent } from '../live/wire';
-import { isLarge, fleetSubscription, detailSubscription, type Subscription } from '../live/sight';
+import { isLarge, fleetSubscription, detailSubscription, type Subscription } from '../live/subscriptions';
 import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../vehicle/offboard';
 import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';

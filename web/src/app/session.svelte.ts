@@ -1,6 +1,6 @@
 /** Objects shared by all features: the request queue per vehicle, and the actions that ask for confirmation. */
 
-import { CommandQueue } from '../api/turns';
+import { CommandQueue } from '../api/command-queue';
 import { ActionController } from './actions/controller.svelte';
 import { page } from './page.svelte';
 import { registry } from './registry.svelte';

@@ -158,7 +158,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'rates',
     name: 'Body rates',
     frame: 'about the body axes',
-    warning: 'Not levelled: the vehicle keeps turning. ' + NOT_HELD,
+    warning: 'The vehicle is not levelled: it keeps rotating. ' + NOT_HELD,
     yaw: 'none',
     groups: [
       group('rates_frd_rad_s', 'Rates', [

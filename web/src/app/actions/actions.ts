@@ -82,7 +82,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'disarm':
       return {
         title: `Disarm ${name}`,
-        effect: facts.inAir ? 'The vehicle reports that it is in the air and will refuse.' : 'The motors stop on the ground.',
+        effect: facts.inAir ? 'The vehicle reports that it is in the air, so it will not disarm.' : 'The motors stop on the ground.',
         verb: 'Disarm',
         danger: false,
       };
@@ -137,7 +137,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land_now':
       return {
         title: `Land ${name} now`,
-        effect: `Descends at once from ${heightNow(facts)} at its current position, whoever has control.${end}`,
+        effect: `Descends at once from ${heightNow(facts)} at its current position, even if another client has control.${end}`,
         verb: 'Land now',
         danger: false,
       };

@@ -8,7 +8,13 @@ registry.addKeys([
   { order: 20, keys: 'T', what: 'Take off', inScene: true, on: { t: (facts) => actions.request('takeoff', facts) } },
   { order: 30, keys: 'L', what: 'Land', inScene: true, on: { l: (facts) => actions.request('land', facts) } },
   { order: 40, keys: 'R', what: 'Return', inScene: true, on: { r: (facts) => actions.request('rtl', facts) } },
-  { order: 50, keys: 'Shift L', what: 'Land now, whoever has control', inScene: false, on: { 'Shift L': (facts) => actions.request('land_now', facts) } },
+  {
+    order: 50,
+    keys: 'Shift L',
+    what: 'Land now, even if another client has control',
+    inScene: false,
+    on: { 'Shift L': (facts) => actions.request('land_now', facts) },
+  },
   {
     order: 80,
     keys: 'Shift A',

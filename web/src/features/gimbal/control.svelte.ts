@@ -4,7 +4,7 @@ import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { ActionController } from '../../app/actions/controller.svelte';
-import { LatestSender } from './latest';
+import { LatestSender } from './latest-sender';
 import { gimbalKey, limits, ofGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
 

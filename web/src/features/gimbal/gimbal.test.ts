@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { LatestSender } from './latest';
+import { LatestSender } from './latest-sender';
 import { owner } from './owner';
 import { gimbalKey, gimbalsOf, limits, ofGimbal, withGimbal } from '../../vehicle/gimbal';
 import type { VehicleFacts } from '../../vehicle/facts';

@@ -3,4 +3,4 @@ import Messages from './Messages.svelte';
 import { panel } from './panel.svelte';
 
 registry.addTo('notices', { order: 30, component: Messages });
-registry.addKeys([{ order: 170, keys: 'N', what: 'All messages, or the newest few', inScene: true, on: { n: () => void (panel.open = !panel.open) } }]);
+registry.addKeys([{ order: 170, keys: 'N', what: 'Show all messages, or only the newest', inScene: true, on: { n: () => void (panel.open = !panel.open) } }]);

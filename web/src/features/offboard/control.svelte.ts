@@ -3,7 +3,7 @@
 import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
-import type { CommandQueue } from '../../api/turns';
+import type { CommandQueue } from '../../api/command-queue';
 import { ageText } from '../../live/age';
 import { SetpointRenewer } from './renewer';
 import {

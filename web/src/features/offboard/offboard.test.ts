@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { CommandQueue } from '../../api/turns';
+import { CommandQueue } from '../../api/command-queue';
 import { OffboardControl } from './control.svelte';
 import { SetpointRenewer, type RenewalResult } from './renewer';
 import { DEFAULT_VALIDITY, nudge, STEPS, type PositionSetpoint } from '../../vehicle/setpoint';

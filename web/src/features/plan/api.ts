@@ -6,8 +6,8 @@ import type { GeoPosition } from '../../vehicle/geo';
 import type { Plan } from './document';
 import type { Finding } from './fixes';
 import type { Power } from './conditions';
-import type { Document, PlanKind } from './kinds';
-import type { Flight } from './offboard/flight';
+import type { Document, PlanKind } from './document-kinds';
+import type { Flight } from './offboard/compiled-path';
 import type { Mission } from './offboard/mission';
 
 type Schemas = components['schemas'];

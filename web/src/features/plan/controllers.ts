@@ -2,13 +2,13 @@
 
 import { page } from '../../app/page.svelte';
 import { memory } from '../../app/identity';
-import { AcceptedErrors } from './accepted.svelte';
-import { RoleAssignment } from './cast.svelte';
+import { AcceptedErrors } from './accepted-errors.svelte';
+import { RoleAssignment } from './role-assignment.svelte';
 import type { Home } from './document';
 import { PlanApi } from './api';
 import { DryRun } from './dry-run.svelte';
 import { PlanEditor } from './editor.svelte';
-import { VehicleMission } from './mission.svelte';
+import { VehicleMission } from './plan-transfer.svelte';
 import { Plans } from './plans.svelte';
 
 export const editor = new PlanEditor();

@@ -6,7 +6,7 @@ import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
 import { toApi } from './api';
 import { asDryRun, type Conditions } from './conditions';
-import type { Document } from './kinds';
+import type { Document } from './document-kinds';
 
 type Schemas = components['schemas'];
 type Operation = Readonly<Schemas['Operation']>;

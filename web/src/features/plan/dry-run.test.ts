@@ -4,8 +4,8 @@ import { groundDistance_m, positionAt } from '../../vehicle/geo';
 import { EMPTY } from './document';
 import { asDryRun, CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
 import { DryRun, type DryRunView } from './dry-run.svelte';
-import { dryRunPicture, ghostAt, ghostPicture, resultLines } from './ghost';
-import { drawn, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './trace';
+import { dryRunPicture, ghostAt, ghostPicture, resultLines } from './dry-run-layer';
+import { drawn, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const VIEW = {
@@ -138,7 +138,7 @@ describe('a dry run', () => {
 
   it('shows its result in numbers', () => {
     expect(resultLines(VIEW)).toEqual(['Flown: 01:05, 120 m, battery 100 % → 81 %.']);
-    expect(resultLines(TOGETHER)[1]).toBe('lead and left come no nearer than 9.0 m, after 01:05.');
+    expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 01:05.');
     expect(resultLines(MANY)[1]).toBe('2 flights: 95 % within 2.0 m of the path, 01:00 to 01:10, battery at the end 70 % or more.');
   });
 

@@ -6,13 +6,13 @@ import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, refOf, type Home, type Kind, t
 import * as edit from './edit';
 import * as history from './history';
 import { newItem, titleOf } from './items';
-import * as kinds from './kinds';
-import type { Document } from './kinds';
+import * as kinds from './document-kinds';
+import type { Document } from './document-kinds';
 import type { Sketch } from './layer';
 import * as offboard from './offboard/edit';
 import { isMission, type Mission, type StepKind } from './offboard/mission';
 import { frameOf, type Frame } from './offboard/places';
-import { newMission, titleOf as stepKindTitle } from './offboard/words';
+import { newMission, titleOf as stepKindTitle } from './offboard/step-titles';
 
 /** One state of the history. */
 export interface Draft {
@@ -309,11 +309,11 @@ export class PlanEditor implements LayerEditor {
 /** The hint's text about what the next click adds. */
 export function placingText(placing: Placing, corners: number): string {
   if (placing.of === 'item')
-    return placing.kind === 'waypoint' ? 'Click the map to add waypoints.' : `Click the map where to put “${titleOf({ kind: placing.kind })}”.`;
+    return placing.kind === 'waypoint' ? 'Click the map to add waypoints.' : `Click the map to place “${titleOf({ kind: placing.kind })}”.`;
   if (placing.of === 'step')
-    return placing.kind === 'fly' ? 'Click the map to add points to fly through.' : `Click the map where to put “${stepKindTitle(placing.kind)}”.`;
-  if (placing.of === 'rally') return 'Click the map where to put the rally point.';
-  if (placing.of === 'circle') return 'Click the map where the fence circle has its centre.';
+    return placing.kind === 'fly' ? 'Click the map to add points to fly through.' : `Click the map to place “${stepKindTitle(placing.kind)}”.`;
+  if (placing.of === 'rally') return 'Click the map to place the rally point.';
+  if (placing.of === 'circle') return 'Click the map at the centre of the geofence circle.';
   const what = placing.use === 'survey' ? 'the area to survey' : placing.use === 'inclusion' ? 'the area to stay inside' : 'the area to stay outside';
   return `Click the corners of ${what}${corners > 0 ? ` (${corners} so far)` : ''}.`;
 }

@@ -43,7 +43,7 @@ export function fixOf(plan: Plan, finding: Finding, home: Home | null): Fix | nu
     case 'items_never_reached': {
       const end = plan.items.findIndex((one) => one.kind === 'return_home' || one.kind === 'land' || one.kind === 'loiter_unlimited');
       const after = plan.items.flatMap((_, i) => (i > end ? [`item:${i}`] : []));
-      return end < 0 || after.length === 0 ? null : { text: `Delete what comes after step ${end + 1}`, plan: remove(plan, after) };
+      return end < 0 || after.length === 0 ? null : { text: `Delete the steps after step ${end + 1}`, plan: remove(plan, after) };
     }
     case 'command_refused':
     case 'vtol_item':

@@ -9,7 +9,7 @@ import { CHOICES, newItem, titleOf } from './items';
 import { picture, ringOf } from './layer';
 import { groundAreas, polylines, profile } from './profile';
 import { surveyOf, SURVEY } from './survey';
-import { treeOf } from './tree';
+import { treeOf } from './list-entries';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });

@@ -7,8 +7,8 @@ import type { Area, Check, Format, GroundPlan, Imported, Pattern, PlanApi, PlanV
 import { CONDITIONS, powerOf, type Conditions } from './conditions';
 import { EMPTY, type Home, type Plan } from './document';
 import type { Draft, PlanEditor } from './editor.svelte';
-import { homeOf, type Document } from './kinds';
-import type { Downloaded } from './mission.svelte';
+import { homeOf, type Document } from './document-kinds';
+import type { Downloaded } from './plan-transfer.svelte';
 import { isMission, roleNames } from './offboard/mission';
 import { frameOf } from './offboard/places';
 
@@ -188,7 +188,7 @@ export class Plans {
   /** Opens the vehicle's plan as a new plan; undo restores the edited one. */
   openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: Home | null): void {
     this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
-    const text = [`The plan that ${vehicleName} holds, not saved yet.`, ...notes].join(' ');
+    const text = [`The plan on ${vehicleName}, not saved on the server yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
   }
 
@@ -237,7 +237,7 @@ export class Plans {
       return false;
     }
     if (this.editor.draft !== draft) {
-      this.notice = { tone: 'caution', text: 'The plan was changed meanwhile: its altitudes were not resolved.' };
+      this.notice = { tone: 'caution', text: 'The altitudes were not resolved, because the plan was changed during the request. Try again.' };
       return false;
     }
     this.editor.change(answer.value.plan);
@@ -281,7 +281,7 @@ export class Plans {
     const who = String(event['client']);
     if (event['action'] === 'deleted') {
       this.removeSaved(this.editor.draft.document);
-      this.notice = { tone: 'caution', text: `${who} deleted this plan. Save it to keep yours as a new one.` };
+      this.notice = { tone: 'caution', text: `${who} deleted this plan. Save yours to keep it as a new plan.` };
     } else
       this.notice = {
         tone: 'caution',

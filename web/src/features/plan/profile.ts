@@ -2,7 +2,7 @@
 
 import { groundDistance_m } from '../../vehicle/geo';
 import { alt_home_m, path, type Plan } from './document';
-import type { Flight } from './offboard/flight';
+import type { Flight } from './offboard/compiled-path';
 
 export interface ProfilePoint {
   readonly row: number;

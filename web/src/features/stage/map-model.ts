@@ -5,7 +5,7 @@ import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
 import type { VehicleState } from '../../live/vehicle-state';
-import { returnsOf, MAX_AGE_S } from '../../vehicle/returns';
+import { returnsOf, MAX_AGE_S } from '../../vehicle/obstacles';
 import { fixed } from '../../ui/format';
 import type { MapPreview } from '../../app/preview.svelte';
 import { groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';

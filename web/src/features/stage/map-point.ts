@@ -88,13 +88,13 @@ function whyNoCamera(facts: VehicleFacts): string | null {
 export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number, inControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
-  if (!inControl) return 'Take control of the gimbal first (its card).';
+  if (!inControl) return 'Take control of the gimbal first, on its card.';
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
   const reach = limits(facts.gimbal?.value ?? null);
   const beyond = (value: number, min: number, max: number): boolean => reach.isReported && (value < min - 0.05 || value > max + 0.05);
-  if (beyond(angles.pitch_deg, reach.pitchMin_deg, reach.pitchMax_deg)) return `Beyond the gimbal’s reach: pitch ${fixed(angles.pitch_deg, 0)}°.`;
-  if (beyond(angles.yaw_deg, reach.yawMin_deg, reach.yawMax_deg)) return `Beyond the gimbal’s reach: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
+  if (beyond(angles.pitch_deg, reach.pitchMin_deg, reach.pitchMax_deg)) return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
+  if (beyond(angles.yaw_deg, reach.yawMin_deg, reach.yawMax_deg)) return `Outside the gimbal’s range: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
   return null;
 }
 

@@ -14,11 +14,11 @@ page.onEvent.push((event) => {
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
 registry.addWarnings(() => maps.unreadable);
-registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.why}. The map shows the flight; trying again.`] : []));
+registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.why}. The page tries again; the map shows the flight.`] : []));
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
 registry.addKeys([
   { order: 190, keys: 'M', what: 'Swap map and 3D', inScene: true, on: { m: () => stage.swap() } },
   { order: 200, keys: 'F', what: 'Map follows the vehicle: on or off', inScene: true, on: { f: () => stage.map?.follow() } },
-  { order: 210, keys: 'Z', what: 'Map close to the vehicle', inScene: true, on: { z: () => stage.map?.near() } },
+  { order: 210, keys: 'Z', what: 'Zoom the map to the vehicle', inScene: true, on: { z: () => stage.map?.near() } },
   { order: 215, keys: 'U', what: 'Map north up', inScene: true, on: { u: () => stage.map?.northUp() } },
 ]);

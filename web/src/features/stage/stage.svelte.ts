@@ -1,7 +1,7 @@
 /** The stage: whether map or 3D view is large, and the 3D view's camera, vehicle and theme. */
 
-import { covered } from '../../app/covers.svelte';
-import { freeMiddle } from '../../app/free';
+import { covered } from '../../app/covered-edges.svelte';
+import { freeMiddle } from '../../app/free-area';
 import type { Camera } from '../../app/services';
 import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
 import type { GeoPosition } from '../../vehicle/geo';

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../vehicle/facts';
-import { asShares, freeMiddle, widest } from '../../app/free';
+import { asShares, freeMiddle, widest } from '../../app/free-area';
 import {
   eastNorth,
   fromPixel,
@@ -121,7 +121,7 @@ describe('actions at a map point', () => {
     expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
-    expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/reach: pitch 71°/);
+    expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/range: pitch 71°/);
     for (const [over, word] of [
       [{ replayed: true }, /recording/],
       [{ lost: true }, /No connection/],

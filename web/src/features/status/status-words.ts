@@ -84,7 +84,7 @@ export function statusWords(facts: StatusFacts): StatusWords {
   const now = flown(status, facts.stream);
   if (isFailsafe(status)) return { title: `Failsafe: ${now.title}`, who: 'failsafe: the vehicle chose this mode itself', tone: 'danger' };
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
-    return { title: 'Armed', who: `on the ground, motors turn · ${status.mode_label}`, tone: 'caution' };
+    return { title: 'Armed', who: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };
   }
   if ((facts.outside ?? null) !== null) return { title: now.title, who: `${facts.outside} · ${now.who}`, tone: 'caution' };
   return { ...now, tone: status.mode === 'offboard' ? 'target' : 'ok' };

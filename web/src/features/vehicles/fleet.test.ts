@@ -56,7 +56,7 @@ describe('list of vehicles', () => {
     const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
     expect(asked).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((one) => one.id) }]);
-    expect(list.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not: 7 Quad.', refused: true });
+    expect(list.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: 7 Quad.', refused: true });
     expect(list.holding).toBe(false);
     expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
@@ -78,7 +78,7 @@ describe('list of vehicles', () => {
     });
     const api = new ApiClient('test', () => undefined, fetch as never);
     await list.remove(api, { id: '3~2', name: '3~2 Quad' });
-    expect(list.result).toEqual({ text: '3~2 Quad is removed.', refused: false });
+    expect(list.result).toEqual({ text: '3~2 Quad was removed.', refused: false });
     await list.remove(api, { id: '7', name: '7 Quad' });
     expect(list.result).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
     expect(asked.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([

@@ -77,5 +77,5 @@ export function rowAfterKey(at: number, count: number, key: string): number | nu
 export function holdText(asked: number, refused: readonly string[]): string {
   if (refused.length === 0) return asked === 1 ? 'The vehicle switched to Hold.' : `All ${asked} vehicles switched to Hold.`;
   const named = refused.slice(0, 5).join(', ') + (refused.length > 5 ? ` and ${refused.length - 5} more` : '');
-  return `${asked - refused.length} of ${asked} vehicles switched to Hold. Not: ${named}.`;
+  return `${asked - refused.length} of ${asked} vehicles switched to Hold. Not confirmed: ${named}.`;
 }

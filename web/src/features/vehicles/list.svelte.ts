@@ -44,7 +44,7 @@ class VehicleList {
   /** Removes a vehicle whose connection is lost; a refusal is shown. */
   async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
     const outcome = await api.delete('/vehicles/{v}', ofVehicle(vehicle.id));
-    const text = outcome.ok ? `${vehicle.name} is removed.` : problemText(outcome.problem);
+    const text = outcome.ok ? `${vehicle.name} was removed.` : problemText(outcome.problem);
     this.result = { text, refused: !outcome.ok };
   }
 }

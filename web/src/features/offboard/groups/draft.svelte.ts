@@ -21,7 +21,7 @@ import {
   type Draft,
   type SetpointsResult,
   type Problems,
-} from './order';
+} from './group-form';
 
 class GroupDraft {
   now = $state.raw<Draft>(NEW_DRAFT);
@@ -108,7 +108,7 @@ function nowhere(ordered: Extract<SetpointsResult, { ok: false }>): Outcome<neve
       title: 'Not sent',
       detail: ordered.detail,
       reasons: [],
-      remedy: 'Wait until each reports its position, or give a velocity.',
+      remedy: 'Wait until each vehicle reports its position, or use a velocity.',
       code: 'refused',
       status: 0,
       field: null,

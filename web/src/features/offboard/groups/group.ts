@@ -69,7 +69,7 @@ export function stateWords(group: Group, now_unix_s: number): { text: string; to
     case 'flying':
       return { text: 'Flying', tone: 'ok' };
     case 'holding':
-      return { text: 'Going into Hold', tone: 'caution' };
+      return { text: 'Switching to Hold', tone: 'caution' };
     case 'ended':
       return { text: 'Ended', tone: 'dim' };
   }

@@ -5,11 +5,11 @@
 
 import type { ApiClient, Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
-import type { CommandQueue } from '../../../api/turns';
+import type { CommandQueue } from '../../../api/command-queue';
 import type { WireEvent } from '../../../live/wire';
 import type { ActionController } from '../../../app/actions/controller.svelte';
 import { asBody, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
-import type { GroupBody, MemberSetpoint } from './order';
+import type { GroupBody, MemberSetpoint } from './group-form';
 import { isLive, keyOf, lastEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
 import { GroupRenewer, type RenewalResult } from './renewer';
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
-import { CommandQueue } from '../../../api/turns';
+import { CommandQueue } from '../../../api/command-queue';
 import type { Refusal } from '../../../app/actions/controller.svelte';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import {
@@ -22,7 +22,7 @@ import {
 } from './group';
 import { GroupController } from './groups.svelte';
 import { GroupRenewer, type RenewalResult } from './renewer';
-import { axesKindOf } from './order';
+import { axesKindOf } from './group-form';
 import { vehicle } from './vehicle.fixture';
 
 const GROUP: Group = {

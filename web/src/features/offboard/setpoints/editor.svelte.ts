@@ -11,7 +11,7 @@ import { fixed } from '../../../ui/format';
 import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint';
 import { readOffboard } from '../../../vehicle/offboard';
 import { build, formHere, type Form } from './form';
-import type { FailsafeAction, LimitsBody, OffboardView } from './info';
+import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import { KINDS, specOf, type Kind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
 import { SentLog, setpointWords, type SentLine, type Way } from './sent-log';

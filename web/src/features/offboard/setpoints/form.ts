@@ -130,7 +130,7 @@ export function build(form: Form): Built {
     else setpoint['yaw_rate_ned_rad_s'] = value * RAD;
   }
   if (form.kind === 'attitude' && typeof setpoint['yaw_ned_rad'] === 'number') setpoint['yaw_ned_rad'] = wrapPi(setpoint['yaw_ned_rad']);
-  if (spec.groups.length === 0) errors['kind'] = 'This setpoint type has no form: the link cannot carry it.';
+  if (spec.groups.length === 0) errors['kind'] = 'This link cannot send setpoints of this type.';
   return Object.keys(errors).length > 0 ? { ok: false, errors } : { ok: true, setpoint };
 }
 

@@ -81,7 +81,7 @@ export function previewText(preview: Preview, facts: VehicleFacts): string {
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;
   const away = Math.hypot(n, e);
   const { text, unit } = metres(away);
-  const parts = [away < 0.05 ? 'the same place' : `${text} ${unit} ${preview.leads ? `in ${AHEAD_S} s` : 'away'}`];
+  const parts = [away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.leads ? `after ${AHEAD_S} s` : 'away'}`];
   if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'up' : 'down'}`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (preview.yaw_ned_rad !== null && yaw !== null) {

@@ -20,7 +20,7 @@ import {
   type StepNode,
 } from './mission';
 import { movedTo, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './places';
-import { newStep, PLACED } from './words';
+import { newStep, PLACED } from './step-titles';
 
 const HEIGHT_M = 10;
 

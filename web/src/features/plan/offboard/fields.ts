@@ -6,7 +6,7 @@
 import { positionFields } from './place-fields';
 import type { Frame } from './places';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
-import { PER_CENT, TRACKS, VALUES } from './words';
+import { PER_CENT, TRACKS, VALUES } from './step-titles';
 
 export type FieldValue = number | string | boolean | null;
 
@@ -154,7 +154,7 @@ const avoidance: Spec = (step) => [
     of: 'choice',
     value: step['avoidance'] == null ? '' : step['avoidance'] === true ? 'on' : 'off',
     options: [
-      { value: '', text: 'as the mission' },
+      { value: '', text: 'as set for the mission' },
       { value: 'on', text: 'on' },
       { value: 'off', text: 'off' },
     ],
@@ -162,7 +162,7 @@ const avoidance: Spec = (step) => [
   },
 ];
 const PATH: readonly Spec[] = [
-  number('speed_m_s', 'Speed at most', SPEED),
+  number('speed_m_s', 'Maximum speed', SPEED),
   heading,
   number('photo_every_m', 'Photo every', { ...METRES, placeholder: 'none' }),
   avoidance,
@@ -172,7 +172,7 @@ const ROUND: readonly Spec[] = [
   number('radius_m', 'Radius', METRES),
   number('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
   toggle('clockwise', 'Clockwise, seen from above', true),
-  number('start_angle_ned_rad', 'Begin at bearing', { ...ANGLE, placeholder: 'nearest' }),
+  number('start_angle_ned_rad', 'Start bearing', { ...ANGLE, placeholder: 'nearest' }),
 ];
 
 /** A condition: which value, above or below which threshold, for how long. */
@@ -191,7 +191,7 @@ function condition(of: string): Spec {
       },
       {
         name: `${of}-side`,
-        label: 'Is',
+        label: 'Comparison',
         of: 'choice',
         value: side,
         options: [
@@ -206,7 +206,7 @@ function condition(of: string): Spec {
       },
       {
         name: `${of}-bound`,
-        label: 'Bound',
+        label: 'Threshold',
         of: 'number',
         unit: VALUES[now.value ?? '']?.[1] ?? '',
         value: (now.above ?? now.below ?? 0) * share,
@@ -290,7 +290,7 @@ const names =
 const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'At most', { ...SECONDS, placeholder: '60' })],
   fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH],
-  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to', KEPT)],
+  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to heading', KEPT)],
   orbit: [...ROUND, ...PATH],
   helix: [...ROUND, number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
   spiral: [...ROUND, number('end_radius_m', 'Radius at the end', METRES), number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
@@ -298,12 +298,12 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
     place('center', 'Centre'),
     number('length_m', 'Length', METRES),
     number('width_m', 'Width of a loop', METRES),
-    number('rounds', 'Rounds', { min: 0.01, max: 200, step: 0.5 }),
-    number('axis_ned_rad', 'Direction of its length', ANGLE),
+    number('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
+    number('axis_ned_rad', 'Direction of the long axis', ANGLE),
     ...PATH,
   ],
   table: [names('file', 'Table', 'tables', 'none'), toggle('relative', 'Relative to the start', true)],
-  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to', KEPT)],
+  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to heading', KEPT)],
   attitude: [
     number('roll_rad', 'Roll', { min: -85, max: 85 }),
     number('pitch_rad', 'Pitch', { min: -85, max: 85 }),
@@ -341,7 +341,7 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
 }
 
 const ON: Readonly<Record<string, string>> = {
-  failure: 'A step cannot be flown',
+  failure: 'If a step cannot be flown',
   low_battery: 'Low battery',
   link_loss: 'Link lost',
   control_lost: 'Control expired',
@@ -366,8 +366,8 @@ export function missionFields(mission: Mission): Field<Mission>[] {
         return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
       }),
     { name: 'avoidance', label: 'Avoid obstacles', of: 'switch', value: mission.avoidance, set: (old, next) => ({ ...old, avoidance: next === true }) },
-    within('Speed at most', 'speed_m_s', 100),
-    within('Acceleration at most', 'acceleration_m_s2', 50),
-    within('Tilt at most', 'tilt_rad', 85),
+    within('Maximum speed', 'speed_m_s', 100),
+    within('Maximum acceleration', 'acceleration_m_s2', 50),
+    within('Maximum tilt', 'tilt_rad', 85),
   ];
 }

@@ -4,7 +4,7 @@ import type { Finding, Fix } from '../fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type Step, type StepNode } from './mission';
 import { inFrame, geoPointOf, frameOfPosition, type Frame } from './places';
-import { newStep } from './words';
+import { newStep } from './step-titles';
 
 const HIGHEST_M = 120;
 const LOWEST_M = 2;
@@ -30,11 +30,11 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
     case 'duration_too_short':
       return node === null
         ? null
-        : { text: 'Double its time', plan: setStep(mission, node, { ...node.step, duration_s: 2 * Number(node.step['duration_s']) }) };
+        : { text: 'Double the time', plan: setStep(mission, node, { ...node.step, duration_s: 2 * Number(node.step['duration_s']) }) };
     case 'gimbal_steep':
       return node === null
         ? null
-        : { text: 'Straight down at most', plan: setStep(mission, node, { ...node.step, pitch_rad: -Math.PI / 2, sweep_pitch_rad: 0 }) };
+        : { text: 'Point straight down at most', plan: setStep(mission, node, { ...node.step, pitch_rad: -Math.PI / 2, sweep_pitch_rad: 0 }) };
     default:
       return null;
   }

@@ -106,7 +106,7 @@ export function assignmentProblem(roles: readonly string[], cast: Readonly<Recor
   const open = roles.find((role) => (cast[role] ?? '') === '');
   if (open !== undefined) return `Choose a vehicle for the role ${open}.`;
   const twice = roles.find((role, index) => roles.slice(0, index).some((other) => cast[other] === cast[role]));
-  return twice === undefined ? null : `Vehicle ${cast[twice] ?? ''} has two roles: choose another one for ${twice}.`;
+  return twice === undefined ? null : `Vehicle ${cast[twice] ?? ''} has two roles: choose another vehicle for ${twice}.`;
 }
 
 /** One position of a step: a point by its index, or the only position of a field. */

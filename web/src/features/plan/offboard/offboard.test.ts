@@ -5,12 +5,12 @@ import type { Finding } from '../fixes';
 import { addCalled, addStep, addToBranch, insertPoint, nodeOf, movePoint, remove, reorder } from './edit';
 import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';
-import type { Flight } from './flight';
+import type { Flight } from './compiled-path';
 import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition, type Step } from './mission';
-import { picture, treeOf } from './picture';
+import { picture, treeOf } from './mission-layer';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';
 import { frameOf, movedTo, inFrame, geoPointOf, type PositionFrame } from './places';
-import { detailOf, newMission, newStep, KINDS, stepTitle } from './words';
+import { detailOf, newMission, newStep, KINDS, stepTitle } from './step-titles';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
@@ -72,7 +72,7 @@ describe('the steps of a mission', () => {
     const renamed = renameRole(three, 'lead', 'first');
     expect(Object.keys(renamed.roles ?? {})).toEqual(['first', 'wing', 'role 3']);
     expect([nameProblem(three, 'lead', 'wing'), nameProblem(three, 'lead', ' '), nameProblem(three, 'lead', 'lead')]).toEqual([
-      'There already is a role wing.',
+      'A role named wing already exists.',
       'A role needs a name.',
       null,
     ]);

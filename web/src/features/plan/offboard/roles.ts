@@ -1,7 +1,7 @@
 /** Adds, renames and removes roles of a mission. Pure: each function returns a new mission. */
 
 import { roleNames, type Mission, type Role, type Step } from './mission';
-import { newStep } from './words';
+import { newStep } from './step-titles';
 
 export const MAX_ROLES = 10;
 /** Distance of a new role's start from the last one [m]. */
@@ -37,7 +37,7 @@ export function addRole(mission: Mission): Mission {
 /** Why a role cannot have this name; null if it can. */
 export function nameProblem(mission: Mission, old: string, name: string): string | null {
   if (name.trim() === '') return 'A role needs a name.';
-  if (name !== old && roleNames(mission).includes(name)) return `There already is a role ${name}.`;
+  if (name !== old && roleNames(mission).includes(name)) return `A role named ${name} already exists.`;
   return null;
 }
 

@@ -2,8 +2,8 @@
 
 import { nodeOf } from './edit';
 import { stepNameOf, pointOf, type Mission, type PointRef, type StepNode } from './mission';
-import { pointMark } from './picture';
-import { stepTitle } from './words';
+import { pointMark } from './mission-layer';
+import { stepTitle } from './step-titles';
 
 export interface ChosenStep {
   readonly node: StepNode;

@@ -10,8 +10,8 @@ export type Difference = Comparison['differences'][number];
 
 const PARTS = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
 const FIELDS: Readonly<Record<string, string>> = {
-  command: 'kind of item',
-  frame: 'what the altitude counts from',
+  command: 'command',
+  frame: 'altitude reference',
   z: 'altitude',
   autocontinue: 'autocontinue',
 };
@@ -37,9 +37,10 @@ export function isOnVehicle(holds: VehiclePlan | undefined, current: { readonly 
 /** Result of the comparison after reading the vehicle's plan back. */
 export function comparisonText(name: string, { equal, differences, still_held }: Comparison): string {
   if (still_held === false) return `The plan on ${name} has changed since it was read. Read it back again.`;
-  if (equal && differences.length === 0) return `Read back: ${name} holds exactly this plan.`;
-  if (equal) return `Read back: ${name} holds this plan, but does not keep ${differences.length === 1 ? 'a value' : `${differences.length} values`}:`;
-  return `Read back: ${name} holds a plan that differs:`;
+  if (equal && differences.length === 0) return `Read back: the plan on ${name} is identical to this plan.`;
+  if (equal)
+    return `Read back: the plan on ${name} matches this plan, but the vehicle does not store ${differences.length === 1 ? 'this value' : `these ${differences.length} values`}:`;
+  return `Read back: the plan on ${name} differs from this plan:`;
 }
 
 export function differenceText({ part, seq, field, planned, held }: Difference): string {

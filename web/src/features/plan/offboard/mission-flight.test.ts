@@ -13,7 +13,7 @@ import {
   startQuestion,
   stateWords,
   type Flown,
-} from './flown';
+} from './mission-flight';
 import type { Finding } from '../fixes';
 import type { Mission } from './mission';
 

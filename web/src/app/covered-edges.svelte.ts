@@ -3,7 +3,7 @@
  * the free area.
  */
 
-import { widest, type Edge } from './free';
+import { widest, type Edge } from './free-area';
 
 let panels = $state.raw<ReadonlyMap<HTMLElement, { edge: Edge; px: number }>>(new Map());
 

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { FLEET_RATE_HZ, FULL_RATE_HZ, fleetSubscription, detailSubscription, DISARMED_RATE_HZ, SMALL_FLEET } from './sight';
+import { FLEET_RATE_HZ, FULL_RATE_HZ, fleetSubscription, detailSubscription, DISARMED_RATE_HZ, SMALL_FLEET } from './subscriptions';
 
 describe('subscription', () => {
   it('has all topics of a small fleet, in one subscription', () => {

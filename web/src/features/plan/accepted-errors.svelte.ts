@@ -3,7 +3,7 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Finding } from './fixes';
-import type { Document } from './kinds';
+import type { Document } from './document-kinds';
 
 const keyOf = ({ code, text, place }: Finding): string => JSON.stringify([code, text, place]);
 const isError = ({ severity }: Finding): boolean => severity === 'error';

@@ -8,7 +8,7 @@ import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import type { WireEvent } from '../../live/wire';
 import type { Plan } from './document';
-import { isOnVehicle, type Comparison } from './held';
+import { isOnVehicle, type Comparison } from './vehicle-plan';
 
 type View = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;

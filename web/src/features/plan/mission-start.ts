@@ -1,7 +1,7 @@
 /** Starts the mission on a vehicle: at its beginning, at the current item, or at a chosen item. Pure. */
 
 import type { Question } from '../../app/actions/actions';
-import { findingCodes, acceptedErrorsText, findingText } from './accepted.svelte';
+import { findingCodes, acceptedErrorsText, findingText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from './document';
 import type { Finding } from './fixes';
 

@@ -151,7 +151,7 @@ export function resultLines({ nominal, monte_carlo: many, together }: DryRunView
   const lines = [`${nominal.finished ? 'Flown' : 'Not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
-    lines.push(`${roles.join(' and ')} come no nearer than ${fixed(distance_m, 1)} m, after ${duration(t_s)}.`);
+    lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${duration(t_s)}.`);
   if (many === null) return lines;
   const parts = [`95 % within ${fixed(Math.max(0, ...(many.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
   if (many.duration_s !== null) parts.push(`${duration(many.duration_s.p5)} to ${duration(many.duration_s.p95)}`);

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { displayText } from '../setpoints/info';
-import { formText, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, groupText, type Draft } from './order';
+import { displayText } from '../setpoints/offboard-info';
+import { formText, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, groupText, type Draft } from './group-form';
 import { reading, vehicle } from './vehicle.fixture';
 
 const PAIR: Draft = { ...NEW_DRAFT, members: ['1', '2'] };
@@ -61,7 +61,7 @@ describe('the group form', () => {
     const asked = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersContinue: true });
     expect(asked.title).toBe('Group: 1 Quad and 2 Quad');
     expect(asked.effect).toBe(
-      'Each switches to Offboard at its current position; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Separation at least 5.0 m; a vehicle that comes closer holds. Ends in Hold after 5.0 s. Hold group ends it.',
+      'Each switches to Offboard at its current position; in 30 s, all fly 1.0 m/s north, 0.5 m/s down together. Separation at least 5.0 m; only a vehicle that comes closer holds. After 5.0 s all switch to Hold. Hold group ends it.',
     );
     expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('Renewed while this page is visible');
   });
@@ -69,7 +69,7 @@ describe('the group form', () => {
 
 describe('the server’s texts', () => {
   it('use the form’s names of fields', () => {
-    expect(formText('Place them farther apart, or lower minimum_separation_m.')).toBe('Place them farther apart, or lower “Keep apart”.');
+    expect(formText('Place them farther apart, or lower minimum_separation_m.')).toBe('Place them farther apart, or lower “Minimum separation”.');
   });
 
   it('use the form’s names of setpoint kinds', () => {

@@ -128,7 +128,7 @@ export function startBody(setpoints: readonly MemberSetpoint[], draft: Draft, no
 
 /** Replaces the API's field names with the form's; the rest is the server's own text. */
 export function formText(words: string): string {
-  return words.replaceAll('minimum_separation_m', '“Keep apart”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
+  return words.replaceAll('minimum_separation_m', '“Minimum separation”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
 }
 
 const WAYS: readonly (readonly [string, string])[] = [
@@ -151,8 +151,8 @@ export function groupText(draft: Draft): string {
 export function startQuestion(names: readonly string[], draft: Draft): Question {
   const start = typed(draft.startIn_s) === null ? 'as soon as all have switched' : `in ${fixed(typed(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = lastingOf(draft);
-  const ends = renew ? 'Renewed while this page is visible' : `Ends in Hold after ${fixed(valid_for_s, 1)} s`;
-  const near = draft.othersContinue ? 'a vehicle that comes closer holds' : 'if two come closer, all hold';
+  const ends = renew ? 'Renewed while this page is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
+  const near = draft.othersContinue ? 'only a vehicle that comes closer holds' : 'if two vehicles come closer, all vehicles hold';
   return {
     title: `Group: ${listed(names)}`,
     effect: `Each switches to Offboard at its current position; ${start}, all ${groupText(draft)} together. Separation at least ${fixed(typed(draft.apart_m), 1)} m; ${near}. ${ends}. Hold group ends it.`,

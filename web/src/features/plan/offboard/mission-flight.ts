@@ -4,7 +4,7 @@ import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
 import { groundDistance_m, type GeoPosition } from '../../../vehicle/geo';
-import { acceptedErrorsText } from '../accepted.svelte';
+import { acceptedErrorsText } from '../accepted-errors.svelte';
 import type { DryRunView } from '../dry-run.svelte';
 import type { Finding } from '../fixes';
 import { nodesOf, type Mission } from './mission';
@@ -21,8 +21,8 @@ const WORDS: Readonly<Record<State, string>> = {
   starting: 'Switching to Offboard',
   flying: 'Flying',
   waiting: 'Waiting',
-  pausing: 'Slowing down to a pause',
-  paused: 'Paused on its path',
+  pausing: 'Pausing',
+  paused: 'Paused',
   landing: 'Landing',
   suspended: 'Suspended',
   done: 'Done',
@@ -75,7 +75,7 @@ export function commandQuestion(order: FlightCommand, flown: Flown, vehicleName:
     case 'resume':
       return {
         title: `Resume the mission of ${vehicleName}`,
-        effect: `Flies straight back to its path and continues with ${step}. Make sure that the way is clear.`,
+        effect: `Flies straight back to its path and continues with ${step}. Check that there are no obstacles on the way.`,
         verb: 'Resume',
         danger: false,
       };

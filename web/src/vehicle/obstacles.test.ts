@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { eastNorth } from './geo';
-import { returnsOf, type SensorValues } from './returns';
+import { returnsOf, type SensorValues } from './obstacles';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const NOTHING: SensorValues = { sensors: null, around: null };

@@ -7,11 +7,11 @@ import * as edit from './edit';
 import { newItem } from './items';
 import { insertionOf, picture, type Sketch } from './layer';
 import * as offboard from './offboard/edit';
-import type { Flight } from './offboard/flight';
+import type { Flight } from './offboard/compiled-path';
 import { isMission, nodesOf, pathOf, positionsOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
-import * as missionPicture from './offboard/picture';
+import * as missionPicture from './offboard/mission-layer';
 import { geoPointOf, type Frame } from './offboard/places';
-import { treeOf, type TreeEntry } from './tree';
+import { treeOf, type TreeEntry } from './list-entries';
 
 export type Document = Plan | Mission;
 

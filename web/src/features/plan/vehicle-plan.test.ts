@@ -1,13 +1,13 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient, ofVehicle } from '../../api/client';
 import { positionAt } from '../../vehicle/geo';
-import { AcceptedErrors, StartErrors } from './accepted.svelte';
+import { AcceptedErrors, StartErrors } from './accepted-errors.svelte';
 import { DEFAULT_ALTITUDE, EMPTY } from './document';
 import type { Finding } from './fixes';
-import { comparisonText, differenceText, vehiclePlanText, type Comparison } from './held';
+import { comparisonText, differenceText, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from './items';
-import { VehicleMission } from './mission.svelte';
-import { startBody, startQuestion } from './start';
+import { VehicleMission } from './plan-transfer.svelte';
+import { startBody, startQuestion } from './mission-start';
 
 describe('the plan on the vehicle', () => {
   const operation = (over: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...over });
@@ -106,9 +106,9 @@ describe('the plan on the vehicle', () => {
     expect(differenceText({ ...one, field: 'y', planned: 1, held: 0 })).toContain('parameter 6: 1 in the plan, 0 on');
     expect(differenceText({ ...one, field: 'param2', planned: null, held: 0 })).toContain('parameter 2: not set in the plan');
     expect(differenceText({ ...one, part: 'fence', seq: null, field: 'count' })).toBe('The geofence: 35 items in the plan, 20 on the vehicle.');
-    expect(comparisonText('1 Quad', found({}))).toContain('holds exactly this plan');
-    expect(comparisonText('1 Quad', found({ differences: [one] }))).toContain('does not keep a value');
-    expect(comparisonText('1 Quad', found({ equal: false }))).toContain('a plan that differs');
+    expect(comparisonText('1 Quad', found({}))).toContain('is identical to this plan');
+    expect(comparisonText('1 Quad', found({ differences: [one] }))).toContain('does not store this value');
+    expect(comparisonText('1 Quad', found({ equal: false }))).toContain('differs from this plan');
     expect(comparisonText('1 Quad', found({ still_held: false }))).toContain('Read it back again');
   });
 });

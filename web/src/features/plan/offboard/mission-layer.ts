@@ -5,11 +5,11 @@ import { duration } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { fencePicture, sketchLines, type Sketch } from '../layer';
 import { midpoint } from '../edit';
-import { fenceEntries, homeEntry, type TreeEntry } from '../tree';
+import { fenceEntries, homeEntry, type TreeEntry } from '../list-entries';
 import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
 import { geoPointOf, type Frame } from './places';
-import type { Flight, StepTime } from './flight';
-import { detailOf, stepTitle } from './words';
+import type { Flight, StepTime } from './compiled-path';
+import { detailOf, stepTitle } from './step-titles';
 
 /** Above this number of points, midpoints are shown only beside the selection. */
 const MAX_MIDPOINTS = 60;
