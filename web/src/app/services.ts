@@ -21,6 +21,8 @@ export interface Services {
     start: (facts: VehicleFacts, wish: StreamStart | null) => Promise<Outcome<unknown>>;
   };
   gimbal: {
+    /** The facts with the gimbal that is selected on the vehicle's card; the other functions are about this one. */
+    selected: (facts: VehicleFacts) => VehicleFacts;
     /** Whether this server controls the gimbal. */
     inControl: (facts: VehicleFacts) => boolean;
     /** Whether yaw is held relative to north. */

@@ -5,7 +5,7 @@ import type { components } from '../../api/schema';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { LatestSender } from './latest-sender';
-import { gimbalKey, limits, ofGimbal, type Angles } from '../../vehicle/gimbal';
+import { gimbalKey, limits, ofGimbal, withGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
 
 /**
@@ -28,6 +28,8 @@ export class GimbalControl {
   /** Whether yaw is locked relative to north; null: as the gimbal reports it. */
   private lockChosen = $state<boolean | null>(null);
   busy = $state(false);
+  /** Key of the gimbal that a person has selected, by vehicle. */
+  private chosen = $state.raw<Readonly<Record<string, string>>>({});
   /** Why the camera has not reached its target, by gimbal; null if it has or is still moving. */
   private limited = $state.raw<{ id: string; text: string } | null>(null);
   private settling: ReturnType<typeof setTimeout> | undefined;
@@ -135,8 +137,14 @@ export class GimbalControl {
     if (turning !== null) this.rates(turning, 0, 0);
   }
 
-  /** Another gimbal is shown: target and yaw lock of the previous one do not apply to it. */
-  forget(): void {
+  /** The facts with the selected gimbal of the vehicle; initially the first. */
+  selected(facts: VehicleFacts): VehicleFacts {
+    return withGimbal(facts, this.chosen[facts.id] ?? '');
+  }
+
+  /** Selects a gimbal of the vehicle; target and yaw lock of the previous one do not apply to it. */
+  select(facts: VehicleFacts, key: string): void {
+    this.chosen = { ...this.chosen, [facts.id]: key };
     clearTimeout(this.settling);
     this.asked = this.lockChosen = null;
   }

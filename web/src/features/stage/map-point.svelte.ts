@@ -1,11 +1,12 @@
 /** The menu at a map point: its state, altitudes and requests. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
-import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
+import type { ApiClient, Outcome } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { service } from '../../app/services';
 import type { Pixel } from '../../vehicle/geo';
+import { ofGimbal } from '../../vehicle/gimbal';
 import { isTargetActive, type RequestedTarget, type RequestedTargets } from './map-model';
 import { distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
 
@@ -91,29 +92,29 @@ export class MapPointMenu {
     });
   }
 
-  /** Points the camera at the point once. */
+  /** Points the facts' gimbal at the point once. */
   async lookAt(facts: VehicleFacts): Promise<void> {
     const angles = this.mapPoint === null ? null : lookAngles(facts, this.mapPoint, this.point_home_m);
     if (angles === null) return;
     const lock = service('gimbal').lock(facts);
     const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
-    await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofVehicle(facts.id), body }));
+    await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body }));
   }
 
-  /** Sets the point as the region of interest: the camera keeps pointing at it while the vehicle moves. */
+  /** Sets the point as the region of interest of the facts' gimbal: the camera keeps pointing at it while the vehicle moves. */
   async setRoi(facts: VehicleFacts): Promise<void> {
     const home = homeAmsl_m(facts);
     if (this.mapPoint === null || home === null) return;
     const { lat_deg, lon_deg } = this.mapPoint;
     const body = { lat_deg, lon_deg, alt_amsl_m: home + this.point_home_m };
-    await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...ofVehicle(facts.id), body }));
+    await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...ofGimbal(facts), body }));
   }
 
   /** The vehicle's targets for the map to draw. */
   targetsOf(facts: VehicleFacts): RequestedTargets {
     const going = this.activeTargets.get(facts.id);
     if (going !== undefined && !isTargetActive(going, facts, this.nowS())) this.activeTargets.delete(facts.id);
-    const roi = service('gimbal').roiOf(facts);
+    const roi = service('gimbal').roiOf(service('gimbal').selected(facts));
     const home = homeAmsl_m(facts);
     const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
     return { go: this.activeTargets.get(facts.id) ?? null, look };

@@ -1,0 +1,79 @@
+/** A vehicle with two gimbals: the one selected on the gimbal card is the one that the map's menu points. */
+
+import { beforeEach, describe, expect, it } from 'vitest';
+import type { ApiClient } from '../api/client';
+import type { ActionController } from '../app/actions/controller.svelte';
+import { provide } from '../app/services';
+import type { Gimbal } from '../live/topics';
+import type { VehicleFacts } from '../vehicle/facts';
+import { gimbalKey, gimbalsOf } from '../vehicle/gimbal';
+import { GimbalControl } from './gimbal/control.svelte';
+import { MapPointMenu } from './stage/map-point.svelte';
+
+interface Call {
+  path: string;
+  query: unknown;
+}
+
+const device = (component_id: number, gimbal_device_id: number): Gimbal =>
+  ({ component_id, gimbal_device_id, pitch_rad: 0, yaw_lock: false, gimbals: [] }) as unknown as Gimbal;
+const both = [device(1, 1), device(171, 0)];
+
+function vehicle(id: string): VehicleFacts {
+  const position = { lat_deg: 47, lon_deg: 8, alt_amsl_m: 510, alt_home_m: 10 };
+  return {
+    id,
+    name: id,
+    lost: false,
+    replayed: true,
+    gimbal: { value: { ...both[0], gimbals: both } },
+    global: { value: position },
+    home: { value: { ...position, alt_amsl_m: 500 } },
+    attitude: { value: { yaw_ned_rad: 0 } },
+  } as unknown as VehicleFacts;
+}
+
+describe('a vehicle with two gimbals', () => {
+  let calls: Call[] = [];
+  let gimbal: GimbalControl;
+  let menu: MapPointMenu;
+  const facts = vehicle('7');
+
+  beforeEach(() => {
+    calls = [];
+    const answer = async (path: string, { params }: { params: { query?: unknown } }): Promise<unknown> => {
+      calls.push({ path, query: params.query });
+      return { ok: true, value: { in_control: true, roi: null, limited: null } };
+    };
+    const api = { get: answer, post: answer } as unknown as ApiClient;
+    const actions = {
+      pending: null,
+      dismiss: () => undefined,
+      attempt: async (_what: string, _facts: unknown, _place: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
+    } as unknown as ActionController;
+    gimbal = new GimbalControl(api, actions);
+    provide('gimbal', gimbal);
+    menu = new MapPointMenu(api, actions, () => 0);
+  });
+
+  it('begins with the first, and the selection is kept for each vehicle', () => {
+    const [first = facts, second = facts] = gimbalsOf(facts);
+    expect(gimbalKey(gimbal.selected(facts))).toBe(gimbalKey(first));
+    gimbal.select(facts, gimbalKey(second));
+    expect(gimbalKey(gimbal.selected(facts))).toBe(gimbalKey(second));
+    expect(gimbalKey(gimbal.selected(vehicle('8')))).toBe('8/1.1');
+  });
+
+  it.each([
+    ['first', 0, { component: 1, device: 1 }],
+    ['second', 1, { component: 171 }],
+  ])('points the %s one at a map point if it is selected', async (_, index, query) => {
+    gimbal.select(facts, gimbalKey(gimbalsOf(facts)[index] ?? facts));
+    for (const act of [() => menu.lookAt(gimbal.selected(facts)), () => menu.setRoi(gimbal.selected(facts))]) {
+      menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, in3d: null }, facts); // it closes when the gimbal has taken the command
+      await act();
+    }
+    const posts = calls.filter((call) => !call.path.endsWith('/gimbal'));
+    expect(posts).toEqual(['angles', 'roi'].map((what) => ({ path: `/vehicles/{v}/gimbal/${what}`, query })));
+  });
+});
