@@ -15,7 +15,7 @@ class Clock(Protocol):
         ...
 
     def unix_s(self) -> float:
-        """Seconds since 1970 UTC, for display and files; may jump."""
+        """Seconds since 1970 UTC, for display and files; this time may jump."""
         ...
 
     async def sleep(self, seconds: float) -> None:
@@ -37,7 +37,7 @@ class SystemClock:
 
 
 class LoopClock:
-    """Follows the time of an event loop, which may be simulated.
+    """A clock that follows the time of an event loop, which may be simulated.
 
     Args:
         loop: the event loop; its `time()` is the monotonic time.

@@ -22,7 +22,7 @@
     ├── NoReply                  no answer within the deadline
     └── Disconnected             link or vehicle were lost during the wait
 
-`str(error)` tells a person what happened, why, and what to do.
+`str(error)` is a message for the operator: what happened, why, and what to do.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ MAX_REASON_LENGTH = 300
 
 
 def bounded_reasons(reasons: Iterable[str]) -> tuple[str, ...]:
-    """Limits the texts of a vehicle, which may send any number of them."""
+    """Limits number and length of the texts from a vehicle."""
     each = [text if len(text) <= MAX_REASON_LENGTH else f"{text[:MAX_REASON_LENGTH]}…" for text in reasons]
     more = len(each) - MAX_REASONS
     return (*each[:MAX_REASONS], f"and {more} more") if more > 0 else tuple(each)
 
 
 class GcsError(Exception):
-    """Root of all errors that a caller may see."""
+    """Base class of all errors that a caller may get."""
 
     code = "error"
 
@@ -52,7 +52,7 @@ class GcsError(Exception):
         """What the operator can do about it, as a sentence."""
 
     def details(self) -> dict[str, object]:
-        """Fields for problem+json besides code, message and remedy."""
+        """Additional fields for problem+json."""
         return {}
 
 
@@ -172,7 +172,7 @@ class NotPermitted(GcsError):
     def __init__(self, caller: str, command: str, permission: str) -> None:
         super().__init__(
             f"{caller} may not use {command!r}: its role does not include {permission!r}. Nothing was sent.",
-            remedy="Ask somebody whose role includes it.",
+            remedy="Ask a person with a role that includes it.",
         )
         self.permission = permission
 
@@ -265,7 +265,7 @@ class NotTogether(Refused):
 
 
 class Rejected(GcsError):
-    """The vehicle refused, by its acknowledgement or by its own state."""
+    """The vehicle refused, as shown by its acknowledgement or its state."""
 
     code = "rejected"
 
@@ -301,6 +301,6 @@ class NoReply(GcsError):
 
 
 class Disconnected(GcsError):
-    """The link closed or the vehicle was lost while a reply was awaited."""
+    """The link was closed or the vehicle was lost while a reply was awaited."""
 
     code = "disconnected"

@@ -8,11 +8,11 @@ import time
 log = logging.getLogger(__name__)
 
 TRACEBACKS = 10
-"""Number of different faults that are logged with traceback; further ones are only counted."""
+"""Number of different faults that are logged with traceback; more are only counted."""
 LOG_EVERY_S = 10.0
-"""Shortest time between two lines for faults that were logged before."""
+"""Minimum time between two log lines for faults that were logged before [s]."""
 STANDS_FOR_S = 60.0
-"""How long a fault is shown as a warning."""
+"""Time for which a fault is shown as a warning [s]."""
 MAX_TEXT_LENGTH = 200
 
 
@@ -66,13 +66,13 @@ class FaultLog:
 def _text(error: BaseException) -> str:
     try:
         text = f"{type(error).__name__}: {error}"
-    except Exception:  # the exception's text may also fail
+    except Exception:  # converting the exception to text may fail, too
         text = type(error).__name__
     return text if len(text) <= MAX_TEXT_LENGTH else text[:MAX_TEXT_LENGTH] + " …"
 
 
 def _line(error: BaseException) -> str:
-    """The line that raised it, so that errors with varying texts count as one kind."""
+    """The source line that raised the error, so that errors with varying texts count as one kind."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

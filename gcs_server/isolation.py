@@ -1,7 +1,7 @@
 """Isolates errors: runs each piece of work separately and keeps its error as text.
 
-An error here is a fault of this program caused by some vehicle's data. It is logged, and listed in `GET
-/warnings` until the same work succeeds; other vehicles are not affected.
+An error is a fault of this program that was triggered by a vehicle's data. It is logged, and listed in `GET
+/warnings` until the same work succeeds. Other vehicles are not affected.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import ParamSpec, TypeVar
 from gcs_server.clock import Clock
 
 LOG_EVERY_S = 60.0
-"""Period at which a lasting fault is logged again."""
+"""Period at which a persistent fault is logged again [s]."""
 MAX_FAULTS = 50
-"""Largest number of listed faults."""
+"""Maximum number of listed faults."""
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -25,7 +25,7 @@ class Isolation:
     """Runs pieces of work that may fail.
 
     Args:
-        clock: limits the log.
+        clock: clock for the limit of log lines.
         log: receives faults with traceback.
         owner: start of each sentence about a fault: "Vehicle 1", "The 3D view".
     """
@@ -41,7 +41,7 @@ class Isolation:
         """Result of the work; None if it failed."""
         try:
             result = work(*args, **kwargs)
-        except Exception as error:  # any error: the other vehicles must not be affected
+        except Exception as error:  # any error, so that other vehicles are not affected
             self._note(work_name, error)
             return None
         if self._faults:

@@ -1,4 +1,5 @@
-"""The command `gcs key`: creates, adds, lists and removes signing keys; a key is never an argument."""
+"""The command `gcs key`: creates, adds, lists and removes signing keys. A key is never passed as an
+argument."""
 
 from __future__ import annotations
 

@@ -15,14 +15,14 @@ class LogLimit(logging.Filter):
     """Passes `LINES` log lines of each source line per `PERIOD_S`.
 
     Args:
-        monotonic_s: the time [s].
+        monotonic_s: returns the time [s].
     """
 
     def __init__(self, monotonic_s: Callable[[], float]) -> None:
         super().__init__()
         self._monotonic_s = monotonic_s
         self._places: dict[tuple[str, int, str], tuple[float, int]] = {}
-        """By file, line and error: start of its period, and the number of lines since."""
+        """Start of the period and number of lines since then, by file, line and error."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether this line is written."""

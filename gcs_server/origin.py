@@ -1,4 +1,4 @@
-"""Reads `Origin` and `Host` headers; invalid values count as foreign.
+"""Parses `Origin` and `Host` headers; invalid values count as foreign.
 
 Pure functions on text; used by `api/access.py` for all requests, and by `scene/proxy.py` for the 3D view.
 """
@@ -31,12 +31,12 @@ def is_loopback(name: str) -> bool:
 
 
 def same_origin(origin: str, host: str, *, secure: bool = False) -> bool:
-    """Whether a page of `origin` was served under `host`, also behind port mappings.
+    """Whether a page with this origin was served by this host, even behind port mappings.
 
     Args:
         origin: the Origin header; "null" (sandboxed frames and files) is never the same.
         host: the Host header of the same request.
-        secure: whether the request used https; then the page must have used it too.
+        secure: whether the request used https; the page must then have used https, too.
     """
     scheme, mark, asking = origin.lower().partition("://")
     if not mark or scheme not in _DEFAULT_PORTS or (secure and scheme != "https"):
@@ -46,6 +46,7 @@ def same_origin(origin: str, host: str, *, secure: bool = False) -> bool:
 
 
 def is_same_origin(headers: Headers) -> bool:
-    """Whether the requesting page is this server's; also True without Origin, which browsers always send."""
+    """Whether the requesting page belongs to this server. True without an Origin header, because browsers
+    always send it."""
     origin = headers.get("origin")
     return origin is None or same_origin(origin, headers.get("host", ""))

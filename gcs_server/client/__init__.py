@@ -1,4 +1,4 @@
-"""The Python client: httpx and websockets, nothing else of ours.
+"""The Python client. It uses httpx and websockets, and no other module of this project.
 
     async with Gcs() as gcs:
         drone = await gcs.wait_for_vehicle(ready=True)
@@ -6,7 +6,7 @@
             await drone.arm()
             await offboard.position_ned(0, 0, -5)
 
-`SyncGcs` is the same without `await`.
+`SyncGcs` has the same calls without `await`.
 """
 
 from gcs_server.client import setpoints

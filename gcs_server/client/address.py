@@ -10,7 +10,7 @@ from urllib.parse import parse_qs, urlsplit, urlunsplit
 def address_and_token(
     url: str, token: str | None, environment: Mapping[str, str] | None = None
 ) -> tuple[str, str | None]:
-    """The server's address without the token, and the token: the given token, else the link's, else that of
+    """The server's address without the token, and the token: the given one, or the one in the URL, or
     `GCS_TOKEN`.
     """
     parts = urlsplit(url)

@@ -1,6 +1,6 @@
 """The asynchronous client: `async with Gcs() as gcs`.
 
-Units and frames are in the names: NED from the vehicle's local origin, metres, radians.
+Names contain units and frames: NED relative to the vehicle's local origin, metres, radians.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from gcs_server.client.setpoints import Body, Expiry, lifetime
 from gcs_server.client.vehicle import Vehicle, until_found
 
 LEAVING_S = 2.0
-"""How long the end of the block may wait for the server [s]."""
+"""Maximum wait for the server at the end of the block [s]."""
 
 
 class Gcs:
@@ -37,11 +37,12 @@ class Gcs:
     Args:
         url: address of the server.
         client: name of this program in the journal.
-        timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
-        token: required by a server that other machines can reach. Default: the token in `url`, if that
-            is the link that the server printed, else `GCS_TOKEN`.
-        client_id: distinguishes this program from others of the same name, because only one client
-            controls a vehicle. Default: `GCS_CLIENT_ID`, else a random id.
+        timeout_s: maximum wait for one answer [s]. A command is answered once the vehicle's state shows its
+            result.
+        token: access token, required if other machines can reach the server. Default: the token in `url`, or
+            else `GCS_TOKEN`.
+        client_id: distinguishes this program from others with the same name. Default: `GCS_CLIENT_ID`, or
+            else a random id.
     """
 
     def __init__(
@@ -66,13 +67,13 @@ class Gcs:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        if self._has_commanded:  # a client that has disconnected controls nothing
+        if self._has_commanded:  # releases control of all vehicles
             with suppress(httpx.TransportError):
                 await self._http.post("/me/leave", timeout=LEAVING_S)
         await self._http.aclose()
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any:
-        """One call below `/api/v1`.
+        """Sends one request below `/api/v1`.
 
         Raises:
             ApiError: the server or the vehicle refused.
@@ -84,7 +85,8 @@ class Gcs:
     async def raw(
         self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None
     ) -> bytes:
-        """One call below `/api/v1` that sends or returns a file; errors as `request`."""
+        """Sends one request below `/api/v1` that sends or returns a file; raises the same errors as
+        `request`."""
         self._has_commanded = self._has_commanded or method != "GET"
         try:
             response = await self._http.request(method, path, json=body, content=content)
@@ -108,13 +110,13 @@ class Gcs:
             vehicles: their ids; default: all armed vehicles.
 
         Returns:
-            For each `vehicle` whether it is `held`, otherwise its `problem`.
+            For each `vehicle`, whether it is `held`, or else its `problem`.
         """
         body: Body = {"vehicles": None if vehicles is None else list(vehicles)}
         return (await self.request("POST", "/hold", body))["results"]
 
     def operations(self) -> Operations:
-        """Operations (long-running work of the server): list, wait for the end, cancel."""
+        """Operations (long-running work of the server): list them, wait for their end, cancel them."""
         return Operations(self)
 
     def plans(self) -> Plans:
@@ -128,11 +130,10 @@ class Gcs:
     async def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
     ) -> Vehicle:
-        """Waits for a vehicle (any, without an id) to connect; with `ready`, until it reports that it can
-        arm.
+        """Waits until a vehicle (default: any) is connected; with `ready`, until it reports that it can arm.
 
         Raises:
-            Timeout: it did not connect, or did not become ready.
+            Timeout: no vehicle connected or became ready in time.
         """
 
         async def look() -> Vehicle | None:
@@ -154,7 +155,9 @@ class Gcs:
         address = f"{self.url.replace('http', 'ws', 1)}/api/v1{path}"
         try:
             return await connect(address, additional_headers=self._headers, compression=None)
-        except InvalidStatus as refused:  # a handshake has no reason; an ordinary call gets it
+        except (
+            InvalidStatus
+        ) as refused:  # a failed handshake has no text; an ordinary request returns the reason
             await self.request("GET", "/version")
             raise Unreachable(f"{self.url} refused {path}: {refused}.") from refused
         except OSError as error:
@@ -175,15 +178,16 @@ class Gcs:
     ) -> AsyncGenerator[Group]:
         """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
-        Each starts with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; if one
-        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of
+        All vehicles start at the same time, each with its setpoint (any of `gcs_server.client.setpoints`). If
+        one vehicle cannot start, none moves. All setpoints expire together, `valid_for_s` after the end of
         the longest path. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
             The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
 
         Raises:
-            Refused: a vehicle cannot fly, two would come too near, or another client has control of one.
+            Refused: a vehicle cannot fly, two vehicles would come too close, or another client has control of
+                one.
         """
         life = lifetime(valid_for_s, on_expiry, hold_for_s)
         given = {
@@ -199,7 +203,7 @@ class Gcs:
         except BaseException as error:
             try:
                 await asyncio.shield(group.hold())
-            except (ApiError, Unreachable) as problem:  # the error of the block must be raised
+            except (ApiError, Unreachable) as problem:  # the exception of the block is raised
                 error.add_note(f"Group {group.id} could not be put into Hold: {problem}")
             raise
         await group.hold()
@@ -218,7 +222,7 @@ class Gcs:
 
         Args:
             vehicles: the vehicle's id for each role.
-            mission: its document; otherwise give `plan_id` of a stored mission.
+            mission: the mission's document; or give the `plan_id` of a stored mission.
             plan_id: id of a stored mission.
             version: version of the stored mission; default: the newest.
             despite: codes of error findings that are accepted.
@@ -227,8 +231,8 @@ class Gcs:
             For each `vehicle` its `mission`, as `offboard_mission.state()`.
 
         Raises:
-            Refused: a vehicle cannot start, another client has control of one, or the mission has errors
-                that `despite` does not name.
+            Refused: a vehicle cannot start, another client has control of one, or the mission has errors that
+                `despite` does not list.
         """
         body = start_body(mission, plan_id, version, despite, vehicles=dict(vehicles))
         return (await self.request("POST", "/offboard_missions/start", body))["vehicles"]
@@ -236,7 +240,8 @@ class Gcs:
     async def telemetry(
         self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0
     ) -> AsyncGenerator[dict[str, Any]]:
-        """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only.
+        """Yields samples and events as they arrive: `{"type": "sample" | "event", …}`. Only the newest value
+        of a topic is sent.
 
         Raises:
             ApiError: the server refused the connection.

@@ -37,11 +37,12 @@ class SyncGcs(LoopThread):
     Args:
         url: address of the server.
         client: name of this program in the journal.
-        timeout_s: longest wait for one answer [s]; commands answer when the vehicle's state shows success.
-        token: required by a server that other machines can reach. Default: the token in `url`, if that
-            is the link that the server printed, else `GCS_TOKEN`.
-        client_id: distinguishes this program from others of the same name, because only one client
-            controls a vehicle. Default: `GCS_CLIENT_ID`, else a random id.
+        timeout_s: maximum wait for one answer [s]. A command is answered once the vehicle's state shows its
+            result.
+        token: access token, required if other machines can reach the server. Default: the token in `url`, or
+            else `GCS_TOKEN`.
+        client_id: distinguishes this program from others with the same name. Default: `GCS_CLIENT_ID`, or
+            else a random id.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class SyncGcs(LoopThread):
         self.url = self._inner.url
 
     def request(self, method: str, path: str, body: Body | None = None) -> Any:
-        """One call below `/api/v1`.
+        """Sends one request below `/api/v1`.
 
         Raises:
             ApiError: the server or the vehicle refused.
@@ -67,7 +68,9 @@ class SyncGcs(LoopThread):
         return self._portal.call(lambda: self._inner.request(method, path, body))
 
     def raw(self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None) -> bytes:
-        """One call below `/api/v1` that sends or returns a file; errors as `request`."""
+        """Sends one request below `/api/v1` that sends or returns a file; raises the same errors as
+        `request`.
+        """
         return self._portal.call(lambda: self._inner.raw(method, path, body=body, content=content))
 
     def vehicles(self) -> list[SyncVehicle]:
@@ -87,12 +90,12 @@ class SyncGcs(LoopThread):
             vehicles: their ids; default: all armed vehicles.
 
         Returns:
-            For each `vehicle` whether it is `held`, otherwise its `problem`.
+            For each `vehicle`, whether it is `held`, or else its `problem`.
         """
         return self._portal.call(lambda: self._inner.hold(vehicles))
 
     def operations(self) -> SyncOperations:
-        """Operations (long-running work of the server): list, wait for the end, cancel."""
+        """Operations (long-running work of the server): list them, wait for their end, cancel them."""
         return SyncOperations(self._inner.operations(), self._portal)
 
     def plans(self) -> SyncPlans:
@@ -106,11 +109,10 @@ class SyncGcs(LoopThread):
     def wait_for_vehicle(
         self, vehicle_id: str | None = None, *, ready: bool = False, timeout_s: float = 60.0
     ) -> SyncVehicle:
-        """Waits for a vehicle (any, without an id) to connect; with `ready`, until it reports that it can
-        arm.
+        """Waits until a vehicle (default: any) is connected; with `ready`, until it reports that it can arm.
 
         Raises:
-            Timeout: it did not connect, or did not become ready.
+            Timeout: no vehicle connected or became ready in time.
         """
         return SyncVehicle(
             self._portal.call(
@@ -134,15 +136,16 @@ class SyncGcs(LoopThread):
     ) -> Generator[SyncGroup]:
         """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
-        Each starts with its setpoint (any of `gcs_server.client.setpoints`), all at one instant; if one
-        cannot, none moves. Further setpoints expire together after `valid_for_s`, counted from the end of
+        All vehicles start at the same time, each with its setpoint (any of `gcs_server.client.setpoints`). If
+        one vehicle cannot start, none moves. All setpoints expire together, `valid_for_s` after the end of
         the longest path. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
             The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
 
         Raises:
-            Refused: a vehicle cannot fly, two would come too near, or another client has control of one.
+            Refused: a vehicle cannot fly, two vehicles would come too close, or another client has control of
+                one.
         """
         with self._portal.wrap_async_context_manager(
             self._inner.group(
@@ -172,7 +175,7 @@ class SyncGcs(LoopThread):
 
         Args:
             vehicles: the vehicle's id for each role.
-            mission: its document; otherwise give `plan_id` of a stored mission.
+            mission: the mission's document; or give the `plan_id` of a stored mission.
             plan_id: id of a stored mission.
             version: version of the stored mission; default: the newest.
             despite: codes of error findings that are accepted.
@@ -181,8 +184,8 @@ class SyncGcs(LoopThread):
             For each `vehicle` its `mission`, as `offboard_mission.state()`.
 
         Raises:
-            Refused: a vehicle cannot start, another client has control of one, or the mission has errors
-                that `despite` does not name.
+            Refused: a vehicle cannot start, another client has control of one, or the mission has errors that
+                `despite` does not list.
         """
         return self._portal.call(
             lambda: self._inner.start_together(
@@ -193,7 +196,8 @@ class SyncGcs(LoopThread):
     def telemetry(
         self, *, vehicles: Sequence[str] | str = "*", topics: Sequence[str] | str = "*", rate_hz: float = 10.0
     ) -> Generator[dict[str, Any]]:
-        """Samples and events as they come: `{"type": "sample" | "event", …}`, newest values only.
+        """Yields samples and events as they arrive: `{"type": "sample" | "event", …}`. Only the newest value
+        of a topic is sent.
 
         Raises:
             ApiError: the server refused the connection.
@@ -215,7 +219,7 @@ class SyncVehicle:
         self.offboard_mission = SyncOffboardMission(self._inner.offboard_mission, self._portal)
 
     def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
-        """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""
+        """Sends one request below `/api/v1/vehicles/{id}`; raises the same errors as `Gcs.request`."""
         return self._portal.call(lambda: self._inner.request(method, path, body))
 
     def show(self) -> dict[str, Any]:
@@ -227,14 +231,14 @@ class SyncVehicle:
         return self._portal.call(lambda: self._inner.status())
 
     def topic(self, name: str) -> dict[str, Any] | None:
-        """The newest value of a topic, or None before the first."""
+        """The newest value of a topic; None if none was received yet."""
         return self._portal.call(lambda: self._inner.topic(name))
 
     def position_ned_m(self) -> tuple[float, float, float]:
         """The vehicle's estimated local position [m].
 
         Raises:
-            Timeout: it has not reported one yet.
+            Timeout: the vehicle has not reported a position yet.
         """
         return self._portal.call(lambda: self._inner.position_ned_m())
 
@@ -289,11 +293,13 @@ class SyncVehicle:
         self._portal.call(lambda: self._inner.set_mode(mode))
 
     def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
-        """Flies there; `alt_amsl_m` or `alt_home_m`, optionally `yaw_ned_deg`, `max_distance_m`."""
+        """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg` and
+        `max_distance_m`.
+        """
         self._portal.call(lambda: self._inner.goto(lat_deg, lon_deg, **altitude_and_more))
 
     def kill(self) -> None:
-        """Stops the motors in flight, too: the vehicle falls."""
+        """Stops the motors, even in flight: the vehicle falls."""
         self._portal.call(lambda: self._inner.kill())
 
     def param(self, name: str) -> float:
@@ -301,18 +307,20 @@ class SyncVehicle:
         return self._portal.call(lambda: self._inner.param(name))
 
     def set_param(self, name: str, value: float) -> None:
-        """Sets one parameter, verified."""
+        """Sets one parameter and verifies it."""
         self._portal.call(lambda: self._inner.set_param(name, value))
 
     def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
         """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
 
-        A limit that is not given is removed. Returns these limits and the vehicle's own.
+        Omitted limits are removed. Returns these limits and the vehicle's own.
         """
         return self._portal.call(lambda: self._inner.set_offboard_limits(**limits))
 
     def set_obstacle_avoidance(self, on: bool, *, way: str = "over") -> dict[str, Any]:
-        """Switches obstacle avoidance: over obstacles, or with `way="around"` around them."""
+        """Switches obstacle avoidance on or off. The vehicle climbs over obstacles, or flies around them with
+        `way="around"`.
+        """
         return self._portal.call(lambda: self._inner.set_obstacle_avoidance(on, way=way))
 
     def set_offboard_failsafe(
@@ -335,7 +343,8 @@ class SyncVehicle:
         on_expiry: Expiry | None = None,
         hold_for_s: float | None = None,
     ) -> Generator[SyncOffboard]:
-        """Flies setpoints inside a block; leaving the block, also by an exception, ends in Hold.
+        """Flies setpoints inside a block. Leaving the block, even by an exception, switches the vehicle to
+        Hold.
 
         The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
         current position. If the vehicle has landed or another party controls it, nothing is sent at the end.

@@ -36,28 +36,28 @@ class SyncControl:
         self._portal = portal
 
     def show(self) -> dict[str, Any]:
-        """The holder, since when, and the requests."""
+        """The client in control, since when, and the requests."""
         return self._portal.call(lambda: self._inner.show())
 
     def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
         """Takes control.
 
         Args:
-            force: from another client, after it denied a request, did not answer, or because it cannot be
-                asked.
-            on_expiry: command sent to the flying vehicle if this program is silent for `lease_s`.
+            force: take control from another client, after it denied a request or did not answer, or if it
+                cannot be asked.
+            on_expiry: command sent to the flying vehicle if this program sends nothing for `lease_s`.
 
         Raises:
             NotInControl: another client has control.
-            Refused: forced without asking first.
+            Refused: `force` was used without asking first.
         """
         return self._portal.call(lambda: self._inner.take(force=force, on_expiry=on_expiry))
 
     def request(self, reason: str | None = None, *, wait_s: float = 0.0) -> dict[str, Any]:
-        """Requests control from the holder; `wait_s` is how long to wait for the answer.
+        """Requests control from the client that has it, and waits up to `wait_s` for the answer.
 
         Raises:
-            NotInControl: denied, or not answered within `wait_s`.
+            NotInControl: the request was denied, or not answered within `wait_s`.
         """
         return self._portal.call(lambda: self._inner.request(reason, wait_s=wait_s))
 
@@ -70,12 +70,12 @@ class SyncControl:
         return self._portal.call(lambda: self._inner.deny(client, reason))
 
     def release(self) -> dict[str, Any]:
-        """Releases control; the flight is not changed."""
+        """Releases control; the flight does not change."""
         return self._portal.call(lambda: self._inner.release())
 
     @contextmanager
     def held(self, *, force: bool = False, on_expiry: OnLost | None = None) -> Generator[dict[str, Any]]:
-        """Holds control inside a block: renewed while the program runs, released at the end."""
+        """Keeps control inside a block: control is renewed while the program runs and released at the end."""
         with self._portal.wrap_async_context_manager(
             self._inner.held(force=force, on_expiry=on_expiry)
         ) as found:
@@ -90,11 +90,11 @@ class SyncGimbal:
         self._portal = portal
 
     def at(self, *, component: int | None = None, device: int | None = None) -> SyncGimbal:
-        """Another gimbal of the vehicle; `gimbals` of the topic `gimbal` lists them.
+        """Selects another gimbal of the vehicle; the topic `gimbal` lists them in `gimbals`.
 
         Args:
-            component: MAVLink component of its manager (`component_id`).
-            device: its `gimbal_device_id`, where a manager has several.
+            component: MAVLink component id of the gimbal manager (`component_id`).
+            device: `gimbal_device_id`, if the gimbal manager has several gimbals.
         """
         return SyncGimbal(self._inner.at(component=component, device=device), self._portal)
 
@@ -109,17 +109,18 @@ class SyncGimbal:
     def angles(
         self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
     ) -> dict[str, Any] | None:
-        """Points it; yaw from the nose, from north with `yaw_lock`.
+        """Points the gimbal; yaw is relative to the nose, or to north with `yaw_lock`.
 
         Returns:
-            Where a limit stopped it (`limited` of the answer); None if it points as commanded.
+            The angles at which a limit stopped the gimbal (`limited` of the answer); None if it reached the
+            commanded angles.
         """
         return self._portal.call(
             lambda: self._inner.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
         )
 
     def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
-        """Turns it at constant rates until the next command; zeros stop both axes."""
+        """Turns the gimbal at constant rates until the next command; zeros stop both axes."""
         self._portal.call(lambda: self._inner.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
 
     def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
@@ -137,7 +138,7 @@ class SyncGroup:
     Args:
         gcs: the client.
         started: the server's answer to the start.
-        life: validity of setpoints, and the action on expiry.
+        life: validity of the setpoints, and the action on expiry.
     """
 
     def __init__(self, inner: group.Group, portal: BlockingPortal) -> None:
@@ -147,24 +148,25 @@ class SyncGroup:
         self.started = self._inner.started
 
     def send(self, setpoints: Setpoints) -> dict[str, Any]:
-        """New setpoints for some or all members, sent at the same instant; the others' setpoints are renewed.
+        """Sends new setpoints to some or all members at the same time, and renews the setpoints of the
+        others.
 
         Raises:
             Invalid: a value is invalid, or a vehicle is not in the group.
-            Refused: a setpoint cannot be flown, two vehicles would come too near, or the group has ended.
+            Refused: a setpoint cannot be flown, two vehicles would come too close, or the group has ended.
         """
         return self._portal.call(lambda: self._inner.send(setpoints))
 
     def renew(self) -> dict[str, Any]:
-        """Renews all setpoints for another `valid_for_s`; raises as `send`."""
+        """Renews all setpoints for another `valid_for_s`; raises the same errors as `send`."""
         return self._portal.call(lambda: self._inner.renew())
 
     def status(self) -> dict[str, Any]:
-        """State, members, the two nearest members, findings, and why it ended."""
+        """State, members, the two closest members, findings, and the reason for the end."""
         return self._portal.call(lambda: self._inner.status())
 
     def hold(self) -> dict[str, Any]:
-        """Puts all members that still follow the group into Hold; does nothing if it has ended."""
+        """Puts all current members into Hold; does nothing if the group has ended."""
         return self._portal.call(lambda: self._inner.hold())
 
 
@@ -188,12 +190,13 @@ class SyncMission:
         confirm: str | None = None,
         timeout_s: float = TRANSFER_S,
     ) -> dict[str, Any]:
-        """Uploads a plan, given or stored on the server, and verifies it; returns the result.
+        """Uploads a plan (a document, or one stored on the server), verifies it, and returns the result.
 
-        `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
+        `confirm` is required while the vehicle is in Mission mode: `vehicle {id} flies the new mission at
+        once`.
 
         Raises:
-            Refused: the vehicle refuses an item, or has other items afterwards; the text names them.
+            Refused: the vehicle refuses an item, or has different items afterwards; the text names them.
         """
         return self._portal.call(
             lambda: self._inner.upload(
@@ -202,7 +205,7 @@ class SyncMission:
         )
 
     def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
-        """Reads the vehicle's items; returns the same as `plan`."""
+        """Reads the vehicle's items; returns the same result as `plan`."""
         return self._portal.call(lambda: self._inner.download(timeout_s=timeout_s))
 
     def plan(self) -> dict[str, Any]:
@@ -212,18 +215,20 @@ class SyncMission:
     def compare(
         self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
     ) -> dict[str, Any]:
-        """Whether a plan is `equal` to the last downloaded one, and the `differences`."""
+        """Compares a plan with the last downloaded one: whether it is `equal`, and the `differences`."""
         return self._portal.call(lambda: self._inner.compare(plan, plan_id=plan_id, version=version))
 
     def clear(self) -> None:
-        """Clears mission, geofence and rally points on the vehicle; refused while it flies Mission."""
+        """Clears mission, geofence and rally points on the vehicle; refused while the vehicle is in Mission
+        mode.
+        """
         self._portal.call(lambda: self._inner.clear())
 
     def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
         """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
         Raises:
-            Refused: the plan has errors, or is not known, and `despite` does not name the codes.
+            Refused: the plan is unknown or has errors, and `despite` does not list the codes.
         """
         self._portal.call(lambda: self._inner.start(item, despite=despite))
 
@@ -251,12 +256,12 @@ class SyncOffboard(Steering[Answer]):
 
         Raises:
             Invalid: a value is invalid.
-            Refused: it cannot be flown, or no stream runs any more.
+            Refused: the setpoint cannot be flown, or the stream has ended.
         """
         return self._portal.call(lambda: self._inner.send(body))
 
     def follow_path(self, points: PathPoints) -> None:
-        """Flies a curve through points in time and returns at its end; then the last point is held.
+        """Flies a curve through timed points and returns at its end; the vehicle then holds the last point.
 
         Raises:
             Timeout: another setpoint, mode or client has interrupted it.
@@ -265,10 +270,10 @@ class SyncOffboard(Steering[Answer]):
 
     @contextmanager
     def live(self) -> Generator[SyncLiveOffboard]:
-        """Setpoints over a WebSocket, at up to 100 Hz; the stream continues after the block.
+        """Opens a WebSocket for setpoints at up to 100 Hz; the stream continues after the block.
 
         Yields:
-            The same calls; each returns once the server has answered.
+            An object with the same calls; each call returns once the server has answered.
         """
         with self._portal.wrap_async_context_manager(self._inner.live()) as found:
             yield SyncLiveOffboard(found, self._portal)
@@ -280,7 +285,7 @@ class SyncOffboard(Steering[Answer]):
         return self._portal.call(lambda: self._inner.status())
 
     def stop(self) -> None:
-        """Ends the stream in Hold; does nothing if it has ended already."""
+        """Switches the vehicle to Hold and ends the stream; does nothing if the stream has ended already."""
         self._portal.call(lambda: self._inner.stop())
 
 
@@ -292,11 +297,10 @@ class SyncLiveOffboard(Steering[Answer]):
         self._portal = portal
 
     def send(self, body: Body) -> Answer:
-        """Sends any setpoint body; returns the `applied` setpoint, and the limits that reduced it
-        (`limited`).
+        """Sends any setpoint body; returns the `applied` setpoint and what the limits changed (`limited`).
 
         Raises:
-            Invalid, Refused: as over HTTP; the socket stays open.
+            Invalid, Refused: as with `Offboard.send`; the socket stays open.
             Unreachable: the server has closed the connection.
         """
         return self._portal.call(lambda: self._inner.send(body))
@@ -305,7 +309,7 @@ class SyncLiveOffboard(Steering[Answer]):
 class SyncOffboardMission:
     """The offboard mission of a vehicle.
 
-    The mission continues without the program. Its document defines what it does when no client has control
+    The mission continues when the program ends. Its document defines the action when no client has control
     (`actions.control_lost`, default `hold`).
     """
 
@@ -332,14 +336,14 @@ class SyncOffboardMission:
         dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> dict[str, Any]:
-        """Starts a mission, given as document or stored on the server; arms and takes off if the mission has
-        these steps.
+        """Starts a mission (a document, or one stored on the server). The vehicle arms and takes off if the
+        mission has these steps.
 
-        With `dry_run`, the id of a dry run of several flights, the server reports when the vehicle leaves
-        its corridor.
+        `dry_run` is the id of a dry run with several flights; the server reports when the vehicle leaves its
+        corridor.
 
         Raises:
-            Refused: the mission has errors that `despite` does not name, or an estimate is missing.
+            Refused: the mission has errors that `despite` does not list, or an estimate is missing.
         """
         return self._portal.call(
             lambda: self._inner.start(
@@ -360,7 +364,7 @@ class SyncOffboardMission:
         return self._portal.call(lambda: self._inner.skip())
 
     def go_on(self) -> dict[str, Any]:
-        """Answers the question of a step that waits for the operator."""
+        """Continues after a step that waits for the operator."""
         return self._portal.call(lambda: self._inner.go_on())
 
     def abort(self, then: str = "hold") -> dict[str, Any]:

@@ -22,7 +22,7 @@ from gcs_server.client.setpoints import Body
 
 
 class SyncDryRuns:
-    """Dry runs of the server; none of them commands a vehicle."""
+    """Dry runs of the server; they command no vehicle."""
 
     def __init__(self, inner: dry_runs.DryRuns, portal: BlockingPortal) -> None:
         self._inner = inner
@@ -45,7 +45,7 @@ class SyncDryRuns:
             plan_id: id of a stored plan, instead of `plan`.
             version: version of the stored plan; default: the newest.
             vehicle_id: the vehicle whose parameters, position and battery charge are used.
-            flights: Monte Carlo: number of further flights, each in other conditions.
+            flights: number of additional flights in varied conditions (Monte Carlo).
             settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`;
                 `vehicles` by role, for a mission of several vehicles.
         """
@@ -75,11 +75,11 @@ class SyncDryRuns:
         settings: Body | None = None,
         timeout_s: float = RUN_S,
     ) -> dict[str, Any]:
-        """As `start`; waits for the end, and returns the result.
+        """Starts a dry run as `start` does, waits for its end, and returns the result.
 
         Raises:
-            ApiError: it failed; the error has the reason.
-            Timeout: it still runs, and continues without this program.
+            ApiError: the dry run failed; the error contains the reason.
+            Timeout: the dry run is still running, and continues without this program.
         """
         return self._portal.call(
             lambda: self._inner.run(
@@ -95,7 +95,7 @@ class SyncDryRuns:
 
 
 class SyncOperations:
-    """The server's running and last ended operations; each as from `GET /operations/{o}`."""
+    """The server's operations, running or recently ended; each as from `GET /operations/{o}`."""
 
     def __init__(self, inner: operations.Operations, portal: BlockingPortal) -> None:
         self._inner = inner
@@ -110,11 +110,11 @@ class SyncOperations:
         return self._portal.call(lambda: self._inner.get(operation_id))
 
     def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
-        """Waits for the end; then `state` is `succeeded` or `cancelled`.
+        """Waits for the end and returns the operation; its `state` is `succeeded` or `cancelled`.
 
         Raises:
-            ApiError: it failed; the error has the reason.
-            Timeout: it still runs, and continues without this program.
+            ApiError: the operation failed; the error contains the reason.
+            Timeout: the operation is still running, and continues without this program.
         """
         return self._portal.call(lambda: self._inner.wait(operation_id, timeout_s=timeout_s))
 
@@ -150,40 +150,41 @@ class SyncPlans:
         """Adds a version, based on `base_version`.
 
         Raises:
-            Refused: another client saved meanwhile (`conflict`); nothing is overwritten.
+            Refused: another client has saved a newer version (`conflict`); nothing is overwritten.
         """
         return self._portal.call(lambda: self._inner.save(plan_id, name, plan, base_version=base_version))
 
     def delete(self, plan_id: str, *, base_version: int) -> None:
-        """Deletes a plan with all its versions; raises as `save`."""
+        """Deletes a plan with all its versions; raises the same errors as `save`."""
         self._portal.call(lambda: self._inner.delete(plan_id, base_version=base_version))
 
     def check(
         self, plan: Plan, *, vehicle_id: str | None = None, power: Mapping[str, float] | None = None
     ) -> dict[str, Any]:
-        """`findings` and `estimates`; for an offboard mission also `flight`: its path, and the duration of
-        each step.
+        """Checks a plan: `findings` and `estimates`, and for an offboard mission `flight` with its path and
+        the duration of each step.
 
-        With `vehicle_id`, the vehicle's parameters and home are used, as far as known. With `power`
-        (`hover_power_w`, `battery_wh`, `mass_kg`) energy is checked as well.
+        With `vehicle_id`, the vehicle's parameters and home are used if they are known. With `power`
+        (`hover_power_w`, `battery_wh`, `mass_kg`), the energy is checked as well.
         """
         return self._portal.call(lambda: self._inner.check(plan, vehicle_id=vehicle_id, power=power))
 
     def convert(self, plan: Plan, name: str, *, vehicle_id: str | None = None) -> dict[str, Any]:
-        """The offboard mission (`plan`) that flies a waypoint plan, and `notes`; saves nothing."""
+        """Converts a waypoint plan to an offboard mission: `plan` and `notes`. Saves nothing."""
         return self._portal.call(lambda: self._inner.convert(plan, name, vehicle_id=vehicle_id))
 
     def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
-        """A waypoint plan (`plan`) with its altitudes above the ground resolved by elevation files; saves
-        nothing.
+        """Resolves a waypoint plan's altitudes above the ground with the elevation files. Returns `plan`;
+        saves nothing.
 
-        With `tolerance_m`, waypoints are added where a straight line would be farther than that from its
-        height.
+        With `tolerance_m`, waypoints are added until the height above the ground is within this tolerance.
         """
         return self._portal.call(lambda: self._inner.follow_ground(plan, tolerance_m=tolerance_m))
 
     def elevation_files(self) -> dict[str, Any]:
-        """The server's elevation files (`files`), where they are (`folder`), and those it cannot use."""
+        """The server's elevation files (`files`), their `folder`, and the files that cannot be used
+        (`unreadable`).
+        """
         return self._portal.call(lambda: self._inner.elevation_files())
 
     def schema(self, kind: str = "offboard_mission") -> dict[str, Any]:
@@ -191,19 +192,20 @@ class SyncPlans:
         return self._portal.call(lambda: self._inner.schema(kind))
 
     def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
-        """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
+        """Converts a file to a plan (`plan`, `areas`, `notes`); saves nothing.
 
         `altitude_m` and `altitude_reference` are for points that have no altitude.
         """
         return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
 
     def write_file(self, plan: Plan, format: str) -> bytes:
-        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`.
-
-        An offboard mission: `yaml` or `json`.
+        """Converts a plan to a file. Formats of waypoint plans: `json`, `plan`, `waypoints`, `csv`,
+        `geojson`, `kml`, `kmz`; of offboard missions: `yaml`, `json`.
         """
         return self._portal.call(lambda: self._inner.write_file(plan, format))
 
     def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
-        """A survey, corridor, perimeter, orbit or structure: `plan` with its items, `lines`, `figures`."""
+        """Generates a survey, corridor, perimeter, orbit or structure scan: `plan` with the items, `lines`,
+        `figures`.
+        """
         return self._portal.call(lambda: self._inner.pattern(kind, **fields))

@@ -1,7 +1,7 @@
 """Control of a vehicle by a program: `async with vehicle.control.held(): …`.
 
-Most programs need no call here: the first command takes control that nobody holds, and the end of the `Gcs`
-block releases it. While another client has control, commands raise `NotInControl`.
+Most programs do not need these calls: the first command takes control if no client has it, and the end of the
+`Gcs` block releases it. While another client has control, commands raise `NotInControl`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ POLL_S = 0.25
 
 
 class Requester(Protocol):
-    """The part of a vehicle that is needed here."""
+    """The part of a vehicle that this module uses."""
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any: ...
 
@@ -32,20 +32,20 @@ class Control:
         self._vehicle = vehicle
 
     async def show(self) -> dict[str, Any]:
-        """The holder, since when, and the requests."""
+        """The client in control, since when, and the requests."""
         return await self._vehicle.request("GET", "/control")
 
     async def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
         """Takes control.
 
         Args:
-            force: from another client, after it denied a request, did not answer, or because it cannot be
-                asked.
-            on_expiry: command sent to the flying vehicle if this program is silent for `lease_s`.
+            force: take control from another client, after it denied a request or did not answer, or if it
+                cannot be asked.
+            on_expiry: command sent to the flying vehicle if this program sends nothing for `lease_s`.
 
         Raises:
             NotInControl: another client has control.
-            Refused: forced without asking first.
+            Refused: `force` was used without asking first.
         """
         body: Body = {"force": force}
         return await self._vehicle.request(
@@ -53,10 +53,10 @@ class Control:
         )
 
     async def request(self, reason: str | None = None, *, wait_s: float = 0.0) -> dict[str, Any]:
-        """Requests control from the holder; `wait_s` is how long to wait for the answer.
+        """Requests control from the client that has it, and waits up to `wait_s` for the answer.
 
         Raises:
-            NotInControl: denied, or not answered within `wait_s`.
+            NotInControl: the request was denied, or not answered within `wait_s`.
         """
         status = await self._vehicle.request(
             "POST", "/control/request", {} if reason is None else {"reason": reason}
@@ -82,14 +82,14 @@ class Control:
         return await self._vehicle.request("POST", "/control/deny", {"client": client, **body})
 
     async def release(self) -> dict[str, Any]:
-        """Releases control; the flight is not changed."""
+        """Releases control; the flight does not change."""
         return await self._vehicle.request("POST", "/control/release")
 
     @asynccontextmanager
     async def held(
         self, *, force: bool = False, on_expiry: OnLost | None = None
     ) -> AsyncGenerator[dict[str, Any]]:
-        """Holds control inside a block: renewed while the program runs, released at the end."""
+        """Keeps control inside a block: control is renewed while the program runs and released at the end."""
         status = await self.take(force=force, on_expiry=on_expiry)
         problem: BaseException | None = None
         async with asyncio.TaskGroup() as group:
@@ -107,5 +107,5 @@ class Control:
     async def _renew(self, period_s: float) -> None:
         while True:
             await asyncio.sleep(period_s)
-            with suppress(ApiError, Unreachable):  # a lost lease is noticed by the next command
+            with suppress(ApiError, Unreachable):  # if control was lost, the next command raises the error
                 await self._vehicle.request("POST", "/control/renew")

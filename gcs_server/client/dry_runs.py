@@ -12,13 +12,13 @@ RUN_S = 900.0
 
 
 class Caller(Protocol):
-    """The part of `Gcs` that is needed here."""
+    """The part of `Gcs` that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
 
 
 class DryRuns:
-    """Dry runs of the server; none of them commands a vehicle."""
+    """Dry runs of the server; they command no vehicle."""
 
     def __init__(self, gcs: Caller) -> None:
         self._gcs = gcs
@@ -40,7 +40,7 @@ class DryRuns:
             plan_id: id of a stored plan, instead of `plan`.
             version: version of the stored plan; default: the newest.
             vehicle_id: the vehicle whose parameters, position and battery charge are used.
-            flights: Monte Carlo: number of further flights, each in other conditions.
+            flights: number of additional flights in varied conditions (Monte Carlo).
             settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`;
                 `vehicles` by role, for a mission of several vehicles.
         """
@@ -66,11 +66,11 @@ class DryRuns:
         settings: Body | None = None,
         timeout_s: float = RUN_S,
     ) -> dict[str, Any]:
-        """As `start`; waits for the end, and returns the result.
+        """Starts a dry run as `start` does, waits for its end, and returns the result.
 
         Raises:
-            ApiError: it failed; the error has the reason.
-            Timeout: it still runs, and continues without this program.
+            ApiError: the dry run failed; the error contains the reason.
+            Timeout: the dry run is still running, and continues without this program.
         """
         operation = await self.start(
             plan, plan_id=plan_id, version=version, vehicle_id=vehicle_id, flights=flights, settings=settings

@@ -19,7 +19,7 @@ import httpx
 
 
 class ApiError(Exception):
-    """The server's problem+json, readable."""
+    """An error answer (problem+json) of the server."""
 
     def __init__(self, status: int, problem: dict[str, object]) -> None:
         reasons = problem.get("reasons")
@@ -38,7 +38,7 @@ class NotAllowed(ApiError):
 
 
 class Invalid(ApiError):
-    """A value is invalid; `field` names it."""
+    """A value is invalid; `field` is its path in the request."""
 
 
 class Unknown(ApiError):
@@ -50,13 +50,13 @@ class Refused(ApiError):
 
 
 class NotInControl(Refused):
-    """Another client has control of the vehicle: `holder` names it."""
+    """Another client has control of the vehicle; `holder` is its name."""
 
     def __init__(self, status: int, problem: dict[str, object]) -> None:
         super().__init__(status, problem)
         self.holder = str(problem.get("holder", ""))
         self.holder_key = str(problem.get("holder_key", ""))
-        """Distinguishes holders of the same name."""
+        """Distinguishes clients with the same name."""
 
 
 class NoReply(ApiError):

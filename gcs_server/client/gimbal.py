@@ -16,11 +16,11 @@ class Gimbal:
         self._which = which
 
     def at(self, *, component: int | None = None, device: int | None = None) -> Gimbal:
-        """Another gimbal of the vehicle; `gimbals` of the topic `gimbal` lists them.
+        """Selects another gimbal of the vehicle; the topic `gimbal` lists them in `gimbals`.
 
         Args:
-            component: MAVLink component of its manager (`component_id`).
-            device: its `gimbal_device_id`, where a manager has several.
+            component: MAVLink component id of the gimbal manager (`component_id`).
+            device: `gimbal_device_id`, if the gimbal manager has several gimbals.
         """
         named = (("component", component), ("device", device))
         which = "&".join(f"{name}={value}" for name, value in named if value is not None)
@@ -40,10 +40,11 @@ class Gimbal:
     async def angles(
         self, pitch_deg: float, yaw_deg: float, *, roll_deg: float | None = None, yaw_lock: bool = False
     ) -> dict[str, Any] | None:
-        """Points it; yaw from the nose, from north with `yaw_lock`.
+        """Points the gimbal; yaw is relative to the nose, or to north with `yaw_lock`.
 
         Returns:
-            Where a limit stopped it (`limited` of the answer); None if it points as commanded.
+            The angles at which a limit stopped the gimbal (`limited` of the answer); None if it reached the
+            commanded angles.
         """
         body: Body = {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock}
         if roll_deg is not None:
@@ -51,7 +52,7 @@ class Gimbal:
         return (await self._post("angles", body))["limited"]
 
     async def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
-        """Turns it at constant rates until the next command; zeros stop both axes."""
+        """Turns the gimbal at constant rates until the next command; zeros stop both axes."""
         body: Body = {"pitch_rate_deg_s": pitch_rate_deg_s, "yaw_rate_deg_s": yaw_rate_deg_s}
         await self._post("rates", {**body, "yaw_lock": yaw_lock})
 

@@ -12,7 +12,7 @@ Setpoints = Mapping[str, Body]
 
 
 class Requester(Protocol):
-    """The part of the client that is needed here."""
+    """The part of the client that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
 
@@ -23,7 +23,7 @@ class Group:
     Args:
         gcs: the client.
         started: the server's answer to the start.
-        life: validity of setpoints, and the action on expiry.
+        life: validity of the setpoints, and the action on expiry.
     """
 
     def __init__(self, gcs: Requester, started: dict[str, Any], life: Body) -> None:
@@ -31,32 +31,34 @@ class Group:
         self._life = life
         self.id: str = started["id"]
         self.started = started
-        """As `status`; `start_unix_s` is the common start."""
+        """The server's answer to the start, as from `status`; `start_unix_s` is the time of the common
+        start."""
 
     async def send(self, setpoints: Setpoints) -> dict[str, Any]:
-        """New setpoints for some or all members, sent at the same instant; the others' setpoints are renewed.
+        """Sends new setpoints to some or all members at the same time, and renews the setpoints of the
+        others.
 
         Raises:
             Invalid: a value is invalid, or a vehicle is not in the group.
-            Refused: a setpoint cannot be flown, two vehicles would come too near, or the group has ended.
+            Refused: a setpoint cannot be flown, two vehicles would come too close, or the group has ended.
         """
         return await self._gcs.request(
             "POST", f"/groups/{self.id}/setpoints", {"setpoints": members_of(setpoints), **self._life}
         )
 
     async def renew(self) -> dict[str, Any]:
-        """Renews all setpoints for another `valid_for_s`; raises as `send`."""
+        """Renews all setpoints for another `valid_for_s`; raises the same errors as `send`."""
         return await self.send({})
 
     async def status(self) -> dict[str, Any]:
-        """State, members, the two nearest members, findings, and why it ended."""
+        """State, members, the two closest members, findings, and the reason for the end."""
         return await self._gcs.request("GET", f"/groups/{self.id}")
 
     async def hold(self) -> dict[str, Any]:
-        """Puts all members that still follow the group into Hold; does nothing if it has ended."""
+        """Puts all current members into Hold; does nothing if the group has ended."""
         return await self._gcs.request("POST", f"/groups/{self.id}/hold")
 
 
 def members_of(setpoints: Setpoints) -> list[Body]:
-    """The members as in the API."""
+    """The members in the format of the API."""
     return [{"vehicle": vehicle, "setpoint": dict(setpoint)} for vehicle, setpoint in setpoints.items()]

@@ -11,7 +11,7 @@ from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body
 
 TRANSFER_S = 600.0
-"""Longest wait [s]: a thousand items take some minutes on a link that loses every third packet."""
+"""Maximum wait [s]; a thousand items take a few minutes on a link that loses every third packet."""
 
 
 class Mission:
@@ -34,19 +34,20 @@ class Mission:
         confirm: str | None = None,
         timeout_s: float = TRANSFER_S,
     ) -> dict[str, Any]:
-        """Uploads a plan, given or stored on the server, and verifies it; returns the result.
+        """Uploads a plan (a document, or one stored on the server), verifies it, and returns the result.
 
-        `confirm` is needed while the vehicle flies Mission: `vehicle {id} flies the new mission at once`.
+        `confirm` is required while the vehicle is in Mission mode: `vehicle {id} flies the new mission at
+        once`.
 
         Raises:
-            Refused: the vehicle refuses an item, or has other items afterwards; the text names them.
+            Refused: the vehicle refuses an item, or has different items afterwards; the text names them.
         """
         body = {**_which(plan, plan_id, version), **({} if confirm is None else {"confirm": confirm})}
         begun = await self._vehicle.request("POST", "/mission/upload", body)
         return (await self._operations.wait(begun["id"], timeout_s=timeout_s))["result"]
 
     async def download(self, *, timeout_s: float = TRANSFER_S) -> dict[str, Any]:
-        """Reads the vehicle's items; returns the same as `plan`."""
+        """Reads the vehicle's items; returns the same result as `plan`."""
         begun = await self._vehicle.request("POST", "/mission/download")
         await self._operations.wait(begun["id"], timeout_s=timeout_s)
         return await self.plan()
@@ -58,18 +59,19 @@ class Mission:
     async def compare(
         self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
     ) -> dict[str, Any]:
-        """Whether a plan is `equal` to the last downloaded one, and the `differences`."""
+        """Compares a plan with the last downloaded one: whether it is `equal`, and the `differences`."""
         return await self._vehicle.request("POST", "/mission/compare", _which(plan, plan_id, version))
 
     async def clear(self) -> None:
-        """Clears mission, geofence and rally points on the vehicle; refused while it flies Mission."""
+        """Clears mission, geofence and rally points on the vehicle; refused while the vehicle is in Mission
+        mode."""
         await self._vehicle.request("DELETE", "/mission")
 
     async def start(self, item: int | None = None, *, despite: Sequence[str] = ()) -> None:
         """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
 
         Raises:
-            Refused: the plan has errors, or is not known, and `despite` does not name the codes.
+            Refused: the plan is unknown or has errors, and `despite` does not list the codes.
         """
         body: Body = {"despite": list(despite)}
         await self._vehicle.request(

@@ -1,4 +1,4 @@
-"""Setpoint calls of a program: each call replaces the setpoint of the running stream at once.
+"""Setpoint calls of a program; each call immediately replaces the setpoint of the running stream.
 
 `Steering` has the calls for all clients; they return the result of `send`, which is a value or an awaitable.
 """
@@ -26,7 +26,7 @@ Answer = dict[str, Any]
 
 
 class Steering(ABC, Generic[R_co]):
-    """One call for each kind of setpoint; a subclass has `send`."""
+    """One call for each kind of setpoint; subclasses implement `send`."""
 
     @abstractmethod
     def send(self, body: Body) -> R_co:
@@ -77,7 +77,7 @@ class Steering(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """A velocity in the local NED frame."""
+        """Fly at a velocity in the local NED frame."""
         body = setpoints.velocity_ned(
             north_m_s, east_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -92,7 +92,7 @@ class Steering(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """A velocity in the heading frame."""
+        """Fly at a velocity in the heading frame."""
         body = setpoints.velocity_body(
             forward_m_s, right_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -106,7 +106,7 @@ class Steering(ABC, Generic[R_co]):
         *,
         yaw_ned_rad: float | None = None,
     ) -> R_co:
-        """An acceleration in the local NED frame, without gravity."""
+        """Fly at an acceleration in the local NED frame, without gravity."""
         body = setpoints.acceleration_ned(north_m_s2, east_m_s2, down_m_s2, yaw_ned_rad=yaw_ned_rad)
         return self.send(body)
 
@@ -119,7 +119,7 @@ class Steering(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Position with velocity and acceleration as feed-forward."""
+        """Fly to a position, with velocity and acceleration as feed-forward."""
         body = setpoints.trajectory(
             position_ned_m=position_ned_m,
             velocity_ned_m_s=velocity_ned_m_s,
@@ -139,7 +139,7 @@ class Steering(ABC, Generic[R_co]):
         q_ned_frd: Sequence[float] | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """An attitude by three angles or a quaternion, with collective thrust (0 to 1)."""
+        """Fly an attitude, given by three angles or a quaternion, with collective thrust (0 to 1)."""
         body = setpoints.attitude(
             thrust,
             roll_rad=roll_rad,
@@ -151,7 +151,7 @@ class Steering(ABC, Generic[R_co]):
         return self.send(body)
 
     def rates(self, roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float) -> R_co:
-        """Body rates with collective thrust."""
+        """Fly body rates with collective thrust."""
         return self.send(setpoints.rates(roll_rad_s, pitch_rad_s, yaw_rad_s, thrust))
 
     def thrust_torque(self, thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> R_co:
@@ -163,7 +163,7 @@ class Steering(ABC, Generic[R_co]):
         return self.send(setpoints.actuators(motors, servos))
 
     def path(self, points: PathPoints) -> R_co:
-        """Starts a curve through points in time, which the server flies by itself."""
+        """Starts a curve through timed points, which the server flies by itself."""
         return self.send(setpoints.path(points))
 
     def follow(
@@ -174,13 +174,13 @@ class Steering(ABC, Generic[R_co]):
         offset_frd_m: Sequence[float] | None = None,
         yaw: Literal["keep", "same", "face"] = "keep",
     ) -> R_co:
-        """Keep a position relative to another vehicle; the server updates it by itself."""
+        """Keep a position relative to another vehicle; the server updates the setpoint by itself."""
         body = setpoints.follow(vehicle_id, offset_ned_m=offset_ned_m, offset_frd_m=offset_frd_m, yaw=yaw)
         return self.send(body)
 
 
 class Requester(Protocol):
-    """The part of a vehicle that is needed here."""
+    """The part of a vehicle that this module uses."""
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any: ...
     async def socket(self, path: str) -> ClientConnection: ...
@@ -205,12 +205,12 @@ class Offboard(Steering[Awaitable[Answer]]):
 
         Raises:
             Invalid: a value is invalid.
-            Refused: it cannot be flown, or no stream runs any more.
+            Refused: the setpoint cannot be flown, or the stream has ended.
         """
         return await self._vehicle.request("POST", "/offboard/setpoint", {"setpoint": body, **self._life})
 
     async def follow_path(self, points: PathPoints) -> None:
-        """Flies a curve through points in time and returns at its end; then the last point is held.
+        """Flies a curve through timed points and returns at its end; the vehicle then holds the last point.
 
         Raises:
             Timeout: another setpoint, mode or client has interrupted it.
@@ -226,10 +226,10 @@ class Offboard(Steering[Awaitable[Answer]]):
 
     @asynccontextmanager
     async def live(self) -> AsyncGenerator[LiveOffboard]:
-        """Setpoints over a WebSocket, at up to 100 Hz; the stream continues after the block.
+        """Opens a WebSocket for setpoints at up to 100 Hz; the stream continues after the block.
 
         Yields:
-            The same calls; each returns once the server has answered.
+            An object with the same calls; each call returns once the server has answered.
         """
         socket = await self._vehicle.socket("/offboard/stream")
         async with socket:
@@ -242,7 +242,7 @@ class Offboard(Steering[Awaitable[Answer]]):
         return await self._vehicle.request("GET", "/offboard")
 
     async def stop(self) -> None:
-        """Ends the stream in Hold; does nothing if it has ended already."""
+        """Switches the vehicle to Hold and ends the stream; does nothing if the stream has ended already."""
         await self._vehicle.request("POST", "/offboard/stop")
 
 
@@ -255,11 +255,10 @@ class LiveOffboard(Steering[Awaitable[Answer]]):
         self._seq = 0
 
     async def send(self, body: Body) -> Answer:
-        """Sends any setpoint body; returns the `applied` setpoint, and the limits that reduced it
-        (`limited`).
+        """Sends any setpoint body; returns the `applied` setpoint and what the limits changed (`limited`).
 
         Raises:
-            Invalid, Refused: as over HTTP; the socket stays open.
+            Invalid, Refused: as with `Offboard.send`; the socket stays open.
             Unreachable: the server has closed the connection.
         """
         self._seq += 1

@@ -13,7 +13,7 @@ from gcs_server.client.setpoints import Body
 class OffboardMission:
     """The offboard mission of a vehicle.
 
-    The mission continues without the program. Its document defines what it does when no client has control
+    The mission continues when the program ends. Its document defines the action when no client has control
     (`actions.control_lost`, default `hold`).
     """
 
@@ -39,14 +39,14 @@ class OffboardMission:
         dry_run: str | None = None,
         despite: Sequence[str] = (),
     ) -> dict[str, Any]:
-        """Starts a mission, given as document or stored on the server; arms and takes off if the mission has
-        these steps.
+        """Starts a mission (a document, or one stored on the server). The vehicle arms and takes off if the
+        mission has these steps.
 
-        With `dry_run`, the id of a dry run of several flights, the server reports when the vehicle leaves
-        its corridor.
+        `dry_run` is the id of a dry run with several flights; the server reports when the vehicle leaves its
+        corridor.
 
         Raises:
-            Refused: the mission has errors that `despite` does not name, or an estimate is missing.
+            Refused: the mission has errors that `despite` does not list, or an estimate is missing.
         """
         return await self._do("start", start_body(mission, plan_id, version, despite, dry_run=dry_run))
 
@@ -63,7 +63,7 @@ class OffboardMission:
         return await self._do("skip")
 
     async def go_on(self) -> dict[str, Any]:
-        """Answers the question of a step that waits for the operator."""
+        """Continues after a step that waits for the operator."""
         return await self._do("go_on")
 
     async def abort(self, then: str = "hold") -> dict[str, Any]:

@@ -12,13 +12,13 @@ POLL_S = 0.25
 
 
 class Caller(Protocol):
-    """The part of `Gcs` that is needed here."""
+    """The part of `Gcs` that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
 
 
 class Operations:
-    """The server's running and last ended operations; each as from `GET /operations/{o}`."""
+    """The server's operations, running or recently ended; each as from `GET /operations/{o}`."""
 
     def __init__(self, gcs: Caller) -> None:
         self._gcs = gcs
@@ -33,11 +33,11 @@ class Operations:
         return await self._gcs.request("GET", f"/operations/{operation_id}")
 
     async def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
-        """Waits for the end; then `state` is `succeeded` or `cancelled`.
+        """Waits for the end and returns the operation; its `state` is `succeeded` or `cancelled`.
 
         Raises:
-            ApiError: it failed; the error has the reason.
-            Timeout: it still runs, and continues without this program.
+            ApiError: the operation failed; the error contains the reason.
+            Timeout: the operation is still running, and continues without this program.
         """
         loop = asyncio.get_running_loop()
         end_s = loop.time() + timeout_s

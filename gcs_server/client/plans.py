@@ -10,11 +10,11 @@ from urllib.parse import quote, urlencode
 from gcs_server.client.setpoints import Body
 
 Plan = Mapping[str, Any]
-"""The document of a waypoint plan or of an offboard mission, as docs/missions.md describes them."""
+"""The document of a waypoint plan or of an offboard mission (docs/missions.md)."""
 
 
 class Caller(Protocol):
-    """The part of `Gcs` that is needed here."""
+    """The part of `Gcs` that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
     async def raw(
@@ -49,24 +49,24 @@ class Plans:
         """Adds a version, based on `base_version`.
 
         Raises:
-            Refused: another client saved meanwhile (`conflict`); nothing is overwritten.
+            Refused: another client has saved a newer version (`conflict`); nothing is overwritten.
         """
         body: Body = {"name": name, "plan": dict(plan), "base_version": base_version}
         return await self._gcs.request("PUT", f"/plans/{quote(plan_id, safe='')}", body)
 
     async def delete(self, plan_id: str, *, base_version: int) -> None:
-        """Deletes a plan with all its versions; raises as `save`."""
+        """Deletes a plan with all its versions; raises the same errors as `save`."""
         path = f"/plans/{quote(plan_id, safe='')}?base_version={base_version}"
         await self._gcs.request("DELETE", path)
 
     async def check(
         self, plan: Plan, *, vehicle_id: str | None = None, power: Mapping[str, float] | None = None
     ) -> dict[str, Any]:
-        """`findings` and `estimates`; for an offboard mission also `flight`: its path, and the duration of
-        each step.
+        """Checks a plan: `findings` and `estimates`, and for an offboard mission `flight` with its path and
+        the duration of each step.
 
-        With `vehicle_id`, the vehicle's parameters and home are used, as far as known. With `power`
-        (`hover_power_w`, `battery_wh`, `mass_kg`) energy is checked as well.
+        With `vehicle_id`, the vehicle's parameters and home are used if they are known. With `power`
+        (`hover_power_w`, `battery_wh`, `mass_kg`), the energy is checked as well.
         """
         body: dict[str, Any] = {"plan": dict(plan)}
         if vehicle_id is not None:
@@ -76,24 +76,24 @@ class Plans:
         return await self._gcs.request("POST", "/plans/check", body)
 
     async def convert(self, plan: Plan, name: str, *, vehicle_id: str | None = None) -> dict[str, Any]:
-        """The offboard mission (`plan`) that flies a waypoint plan, and `notes`; saves nothing."""
+        """Converts a waypoint plan to an offboard mission: `plan` and `notes`. Saves nothing."""
         body: dict[str, Any] = {"plan": dict(plan), "name": name}
         if vehicle_id is not None:
             body["vehicle"] = vehicle_id
         return await self._gcs.request("POST", "/plans/convert", body)
 
     async def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
-        """A waypoint plan (`plan`) with its altitudes above the ground resolved by elevation files; saves
-        nothing.
+        """Resolves a waypoint plan's altitudes above the ground with the elevation files. Returns `plan`;
+        saves nothing.
 
-        With `tolerance_m`, waypoints are added where a straight line would be farther than that from its
-        height.
+        With `tolerance_m`, waypoints are added until the height above the ground is within this tolerance.
         """
         body: dict[str, Any] = {"plan": dict(plan), "tolerance_m": tolerance_m}
         return await self._gcs.request("POST", "/plans/ground", body)
 
     async def elevation_files(self) -> dict[str, Any]:
-        """The server's elevation files (`files`), where they are (`folder`), and those it cannot use."""
+        """The server's elevation files (`files`), their `folder`, and the files that cannot be used
+        (`unreadable`)."""
         return await self._gcs.request("GET", "/elevation")
 
     async def schema(self, kind: str = "offboard_mission") -> dict[str, Any]:
@@ -101,7 +101,7 @@ class Plans:
         return await self._gcs.request("GET", f"/plans/schema/{quote(kind, safe='')}")
 
     async def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
-        """The plan of a file (`plan`, `areas`, `notes`); saves nothing.
+        """Converts a file to a plan (`plan`, `areas`, `notes`); saves nothing.
 
         `altitude_m` and `altitude_reference` are for points that have no altitude.
         """
@@ -109,13 +109,13 @@ class Plans:
         return json.loads(await self._gcs.raw("POST", f"/plans/import?{query}", content=data))
 
     async def write_file(self, plan: Plan, format: str) -> bytes:
-        """The plan as a file: `json`, `plan`, `waypoints`, `csv`, `geojson`, `kml` or `kmz`.
-
-        An offboard mission: `yaml` or `json`.
+        """Converts a plan to a file. Formats of waypoint plans: `json`, `plan`, `waypoints`, `csv`,
+        `geojson`, `kml`, `kmz`; of offboard missions: `yaml`, `json`.
         """
         path = f"/plans/export?{urlencode({'format': format})}"
         return await self._gcs.raw("POST", path, body={"plan": dict(plan)})
 
     async def pattern(self, kind: str, **fields: Any) -> dict[str, Any]:
-        """A survey, corridor, perimeter, orbit or structure: `plan` with its items, `lines`, `figures`."""
+        """Generates a survey, corridor, perimeter, orbit or structure scan: `plan` with the items, `lines`,
+        `figures`."""
         return await self._gcs.request("POST", "/plans/pattern", {"kind": kind, **fields})

@@ -1,4 +1,4 @@
-"""Runs the asynchronous client for the blocking one: an event loop in its own thread."""
+"""Runs the asynchronous client for the blocking client, on an event loop in a separate thread."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _END: Any = object()
 
 
 class LoopThread:
-    """The thread of the event loop; it runs during a `with` block.
+    """The thread with the event loop; it runs during a `with` block.
 
     Args:
-        leave: called on the loop at the end of the block.
+        leave: called in the event loop at the end of the block.
     """
 
     def __init__(self, leave: Callable[..., Any]) -> None:
@@ -42,7 +42,7 @@ class LoopThread:
 
 
 def iterate(portal: BlockingPortal, source: AsyncGenerator[T]) -> Generator[T]:
-    """Iterates over an asynchronous generator, and closes it at the end of the iteration in any case."""
+    """Iterates over an asynchronous generator, and always closes it at the end of the iteration."""
 
     async def following() -> T:
         return await anext(source, _END)

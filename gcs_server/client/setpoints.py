@@ -1,4 +1,5 @@
-"""Makes setpoint bodies for the API: one function for each kind. None: "not controlled" or "not given"."""
+"""Creates setpoint bodies for the API; one function for each kind. None means "not controlled" or "not
+given"."""
 
 from __future__ import annotations
 
@@ -62,8 +63,8 @@ def position_global(
 def position_body(
     forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
 ) -> Body:
-    """An offset from the vehicle's position when the server accepts it, along its heading; zeros hold the
-    position.
+    """An offset along the heading from the vehicle's position at the time when the server accepts the
+    setpoint; zeros hold the position.
     """
     return _body("position_body", offset_frd_m=(forward_m, right_m, down_m), yaw_offset_rad=yaw_offset_rad)
 
@@ -93,7 +94,7 @@ def velocity_body(
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """A velocity along the heading, level; it turns with the vehicle."""
+    """A velocity in the level heading frame, which turns with the vehicle."""
     return _body(
         "velocity_body",
         velocity_frd_m_s=(forward_m_s, right_m_s, down_m_s),
@@ -127,7 +128,8 @@ def trajectory(
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """Position, velocity and acceleration in this priority, the lower ones as feed-forward."""
+    """Position, velocity and acceleration, in this order of priority; those of lower priority are
+    feed-forward."""
     return _body(
         "trajectory",
         position_ned_m=_tuple(position_ned_m),
@@ -147,7 +149,7 @@ def attitude(
     q_ned_frd: Sequence[float] | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """An attitude, by three angles or a quaternion (w, x, y, z), with the rotors' thrust (0 to 1)."""
+    """An attitude, given by three angles or a quaternion (w, x, y, z), with collective thrust (0 to 1)."""
     return _body(
         "attitude",
         thrust=thrust,
@@ -160,22 +162,22 @@ def attitude(
 
 
 def rates(roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float) -> Body:
-    """Turning rates about the body's axes, with thrust (0 to 1)."""
+    """Body rates with collective thrust (0 to 1)."""
     return _body("rates", rates_frd_rad_s=(roll_rad_s, pitch_rad_s, yaw_rad_s), thrust=thrust)
 
 
 def thrust_torque(thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> Body:
-    """Body thrust and torque, bypassing all controllers; MAVLink links refuse it."""
+    """Body thrust and torque, which bypass all controllers; refused on MAVLink links."""
     return _body("thrust_torque", thrust_frd=_tuple(thrust_frd), torque_frd=_tuple(torque_frd))
 
 
 def actuators(motors: Partial = (), servos: Partial = ()) -> Body:
-    """Individual motors and servos, -1 to 1, None is disarmed; MAVLink links refuse it."""
+    """Values of individual motors and servos, -1 to 1, None: disarmed; refused on MAVLink links."""
     return _body("actuators", motors=tuple(motors), servos=tuple(servos))
 
 
 def path(points: PathPoints) -> Body:
-    """A curve through points in time; the server flies it even if this program ends."""
+    """A curve through timed points; the server flies it even if this program ends."""
     listed: list[Body] = []
     for t_s, position_ned_m, *yaw in points:
         point: Body = {"t_s": t_s, "position_ned_m": list(position_ned_m)}
@@ -190,7 +192,8 @@ def follow(
     offset_frd_m: Sequence[float] | None = None,
     yaw: Literal["keep", "same", "face"] = "keep",
 ) -> Body:
-    """A position relative to another vehicle, in NED or along its heading; the server updates it."""
+    """A position relative to another vehicle, in NED or along that vehicle's heading; the server updates
+    it."""
     return _body(
         "follow",
         vehicle=vehicle_id,
@@ -207,7 +210,7 @@ def first_setpoint(
     yaw_ned_rad: float | None,
     yaw_rate_ned_rad_s: float | None,
 ) -> Body:
-    """The first setpoint of a stream: any setpoint, or a position or velocity; else the vehicle holds its
+    """The first setpoint of a stream: any setpoint body, a position, or a velocity; default: hold the current
     position.
 
     Raises:
@@ -228,8 +231,7 @@ def first_setpoint(
 
 
 def lifetime(valid_for_s: float | None, on_expiry: Expiry | None, hold_for_s: float | None) -> Body:
-    """Validity of a setpoint and the action on timeout; values that are not given are the server's
-    defaults."""
+    """Validity of a setpoint and the action on expiry; the server has defaults for omitted values."""
     body: Body = {}
     if valid_for_s is not None:
         body["valid_for_s"] = valid_for_s

@@ -44,7 +44,7 @@ class Vehicle:
         self.offboard_mission = OffboardMission(self)
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
-        """One call below `/api/v1/vehicles/{id}`; errors as `Gcs.request`."""
+        """Sends one request below `/api/v1/vehicles/{id}`; raises the same errors as `Gcs.request`."""
         return await self._gcs.request(method, f"/vehicles/{self.id}{path}", body)
 
     async def show(self) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class Vehicle:
         return (await self.show())["status"]
 
     async def topic(self, name: str) -> dict[str, Any] | None:
-        """The newest value of a topic, or None before the first."""
+        """The newest value of a topic; None if none was received yet."""
         sample = (await self.show())["topics"].get(name)
         return None if sample is None else sample["value"]
 
@@ -64,7 +64,7 @@ class Vehicle:
         """The vehicle's estimated local position [m].
 
         Raises:
-            Timeout: it has not reported one yet.
+            Timeout: the vehicle has not reported a position yet.
         """
         local = await self.topic("local_position")
         if local is None:
@@ -129,11 +129,12 @@ class Vehicle:
         await self.request("POST", "/mode", {"mode": mode})
 
     async def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
-        """Flies there; `alt_amsl_m` or `alt_home_m`, optionally `yaw_ned_deg`, `max_distance_m`."""
+        """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg` and
+        `max_distance_m`."""
         await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **altitude_and_more})
 
     async def kill(self) -> None:
-        """Stops the motors in flight, too: the vehicle falls."""
+        """Stops the motors, even in flight: the vehicle falls."""
         await self.request("POST", "/kill", {"confirm": f"motors stop, vehicle {self.id} falls"})
 
     async def param(self, name: str) -> float:
@@ -141,18 +142,19 @@ class Vehicle:
         return (await self.request("GET", f"/params/{name}"))["value"]
 
     async def set_param(self, name: str, value: float) -> None:
-        """Sets one parameter, verified."""
+        """Sets one parameter and verifies it."""
         await self.request("PUT", f"/params/{name}", {"value": value})
 
     async def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
         """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
 
-        A limit that is not given is removed. Returns these limits and the vehicle's own.
+        Omitted limits are removed. Returns these limits and the vehicle's own.
         """
         return await self.request("PUT", "/offboard/limits", limits)
 
     async def set_obstacle_avoidance(self, on: bool, *, way: str = "over") -> dict[str, Any]:
-        """Switches obstacle avoidance: over obstacles, or with `way="around"` around them."""
+        """Switches obstacle avoidance on or off. The vehicle climbs over obstacles, or flies around them with
+        `way="around"`."""
         return await self.request("PUT", "/offboard/avoidance", {"on": on, "way": way})
 
     async def set_offboard_failsafe(
@@ -181,7 +183,8 @@ class Vehicle:
         on_expiry: Expiry | None = None,
         hold_for_s: float | None = None,
     ) -> AsyncGenerator[Offboard]:
-        """Flies setpoints inside a block; leaving the block, also by an exception, ends in Hold.
+        """Flies setpoints inside a block. Leaving the block, even by an exception, switches the vehicle to
+        Hold.
 
         The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
         current position. If the vehicle has landed or another party controls it, nothing is sent at the end.
@@ -201,17 +204,17 @@ class Vehicle:
         except BaseException as error:
             try:
                 await asyncio.shield(stream.stop())
-            except (ApiError, Unreachable) as problem:  # the error of the block must be raised
+            except (ApiError, Unreachable) as problem:  # the exception of the block is raised
                 error.add_note(f"Vehicle {self.id} could not be put into Hold: {problem}")
             raise
         await stream.stop()
 
 
 async def until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
-    """Polls `look` until it returns a value.
+    """Polls until `poll` returns a value.
 
     Raises:
-        Timeout: it did not return one in time.
+        Timeout: `poll` returned no value in time.
     """
     loop = asyncio.get_running_loop()
     end_s = loop.time() + timeout_s

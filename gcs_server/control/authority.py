@@ -1,7 +1,6 @@
-"""Decides which client may command a vehicle; every command passes here, and every change is published.
-
-Holds a lease for each vehicle, knows which clients are connected (open telemetry sockets), publishes each
-change, writes it to the journal, and carries out `on_expiry` when a holder is no longer connected.
+"""Decides which client may command a vehicle; every command is checked here. The module has a lease for each
+vehicle and the list of connected clients (open telemetry sockets). It publishes each change, writes it to the
+journal, and executes `on_expiry` when the client in control is no longer connected.
 """
 
 from __future__ import annotations
@@ -30,31 +29,31 @@ log = logging.getLogger(__name__)
 EXPIRY_PERIOD_S = 0.5
 FLYING = ("in_air", "taking_off", "landing")
 ON_ITS_WAY = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
-"""Modes in which the vehicle moves by itself and Hold stops it. In others a person flies, or it hovers or
-lands."""
+"""Modes in which the vehicle moves by itself, so that Hold stops it. In other modes a pilot flies, or the
+vehicle hovers or lands."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControlStatus:
-    """The topic `control`, and what the routes of control answer."""
+    """State of control: the topic `control`, and the answer of the control routes."""
 
     holder: str | None
-    """The client in control; null: the first client that commands gets it."""
+    """The client in control; null: no client (the next client that sends a command takes control)."""
     holder_key: str | None
-    """Distinguishes clients of the same name; `GET /me` returns the caller's own."""
+    """Distinguishes clients with the same name; `GET /me` returns the caller's own."""
     since_unix_s: float | None
     expires_in_s: float | None
-    """Time until control ends if the holder sends no request [s]. A request renews it; with an open telemetry
-    socket it does not expire.
+    """Time until control ends if the client in control sends no request [s]. Each request renews it; it does
+    not expire while the client's telemetry socket is open.
     """
     can_be_asked: bool
-    """Whether the holder can see a request: its telemetry socket is open."""
+    """Whether the client in control can be asked, because its telemetry socket is open."""
     on_expiry: OnControlLost | None
-    """Command sent to the flying vehicle when the holder's control expires."""
+    """Command sent to the flying vehicle when control expires."""
     requests: tuple[ControlRequest, ...]
     """Clients that request control."""
     lease_s: float
-    """How long control lasts without a request [s]."""
+    """Duration of control without a request [s]."""
     answer_s: float
     """Time to answer a request before control may be taken by force [s]."""
     mode_cause: ModeCause | None
@@ -148,7 +147,7 @@ class Authority:
         return any(key == client_key for _, key in self._holders())
 
     def warnings(self) -> list[Notice]:
-        """Warnings for vehicles for which no more clients can request control."""
+        """Warnings for vehicles with the maximum number of control requests."""
         return [
             Notice(
                 "control",
@@ -163,10 +162,10 @@ class Authority:
     # --- commands -------------------------------------------------------------------------------
 
     def admit(self, principal: Principal, command: Command, vehicle_id: str) -> None:
-        """Called before each command: accepts it, taking control if nobody has it, or refuses it.
+        """Called before each command: accepts it (and takes control if no client has it) or refuses it.
 
         Raises:
-            NotInControl: another client holds control, and the command needs it.
+            NotInControl: another client has control, and the command requires it.
         """
         if command.control != "lease":
             return
@@ -186,7 +185,8 @@ class Authority:
         return None
 
     def report_command(self, principal: Principal, command: Command, vehicle_id: str) -> None:
-        """Called after each successful command: informs the holder of commands by other clients."""
+        """Called after each successful command: informs the client in control about commands of other
+        clients."""
         if command.control != "open":
             return
         lease = self._lease(vehicle_id)
@@ -221,14 +221,15 @@ class Authority:
         self._controls.pop(vehicle.id, None)
 
     def _holders(self) -> Generator[tuple[str, str]]:
-        """(vehicle id, key of the holder) of all controlled vehicles."""
+        """(vehicle id, key of the client in control) of all controlled vehicles."""
         for vehicle in self._fleet.all():
             holder = self._controls[vehicle.id].lease.holder
             if holder is not None:
                 yield vehicle.id, holder.key
 
     def _lease(self, vehicle_id: str) -> Lease | None:
-        """None for unknown vehicles and recordings, which refuse every command."""
+        """The lease of a vehicle; None for unknown vehicles and recordings, to which every command is
+        refused."""
         try:
             vehicle = self._fleet.get(vehicle_id)
         except UnknownVehicle:
@@ -262,10 +263,10 @@ class Authority:
                 self._supervisor.spawn("control-lost", self._act(vehicle, change))
 
     async def _act(self, vehicle: Vehicle, change: ControlChange) -> None:
-        """Carries out `on_expiry` of a holder that is no longer connected; never while a person flies the
+        """Executes `on_expiry` of a client that is no longer connected, but never while a pilot flies the
         vehicle."""
         action, began_s = change.on_expiry, self._clock.monotonic_s()
-        await vehicle.command.kill_over()  # afterwards the action may not be needed
+        await vehicle.command.kill_over()  # the action may have become unnecessary
         status = vehicle.status
         commanded_here = status.mode != "offboard" or vehicle.streaming
         moves_by_itself = status.mode in ON_ITS_WAY and commanded_here

@@ -1,7 +1,6 @@
-"""What each command needs: permission, control, confirmation, and whether the journal notes it. One table.
-
-Routes, WebSocket messages, journal, `docs/authority.md` and the OpenAPI description (`x-authority`) follow
-from it; a route without a row stops the server from starting.
+"""The table of commands: the required permission, control and confirmation, and whether the journal records
+them. Routes, WebSocket messages, the journal, `docs/authority.md` and the OpenAPI description (`x-authority`)
+use this table. The server does not start if a route has no row.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ saving and deleting plans."""
 PERMISSIONS: frozenset[Permission] = frozenset(get_args(Permission))
 
 Control = Literal["none", "lease", "open", "not_anothers", "changes"]
-"""`none`: commands no vehicle. `lease`: the caller needs control, and takes it if nobody has it. `open`:
-needs no control; the holder keeps it and is informed. `not_anothers`: refused while another client has
-control; takes none. `changes`: changes control itself."""
+"""`none`: the command is sent to no vehicle. `lease`: the caller needs control, and takes it if no client has
+it. `open`: does not need control; the client in control keeps it and is informed. `not_anothers`: refused
+while another client has control; does not take control. `changes`: changes control itself."""
 
 CONTROL_TEXT: dict[Control, str] = {
     "none": "none",
@@ -36,25 +35,25 @@ CONTROL_TEXT: dict[Control, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One row of the table: what a caller needs for one command."""
+    """One row of the table: the requirements of one command."""
 
     name: str
     """Name in the journal."""
     permission: Permission | None
     """None: no permission beyond the token."""
     calls: tuple[str, ...]
-    """`METHOD /path`, below `/api/v1` unless it begins with `//`; of a message of a WebSocket
-    `WS /path message`."""
+    """`METHOD /path`, below `/api/v1` unless it begins with `//`; for a WebSocket message `WS /path
+    message`."""
     control: Control = "none"
     vehicles: str = ""
-    """The vehicles whose control is needed."""
+    """The vehicles for which control is needed."""
     confirmed: bool = False
-    """Whether the page has a person confirm it."""
+    """Whether the page asks the operator for confirmation."""
     words: str | None = None
-    """Text that the request's `confirm` must have, with placeholders for names."""
+    """Required text of the request's `confirm`, with placeholders for names."""
     journaled: bool = True
     label: str = ""
-    """Label for people, in the message to the holder."""
+    """Label of the command in the message to the client in control."""
 
     def full_calls(self) -> tuple[str, ...]:
         """`METHOD /path` of the application."""
@@ -73,7 +72,7 @@ class Command:
         }
 
     def confirmation_text(self, **names: str) -> str:
-        """The text that `confirm` must have for these names."""
+        """The required text of `confirm` for these names."""
         assert self.words is not None
         return self.words.format(**names)
 
@@ -81,7 +80,7 @@ class Command:
         """Checks the confirmation before anything is sent.
 
         Raises:
-        InvalidRequest: `said` is something else.
+        InvalidRequest: the confirmation is a different text.
         """
         expected = self.confirmation_text(**names)
         if confirmation != expected:
@@ -195,7 +194,7 @@ ALL: tuple[Command, ...] = (
         confirmed=True,
     ),
     _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
-    # open to all: anybody who sees danger may stop a vehicle
+    # allowed to all clients: anyone who sees a danger may stop a vehicle
     _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
     _stops("land_now", "Land now", "POST /vehicles/{v}/land_now", words="vehicle {vehicle} lands now"),
     _stops("kill", "Kill", "POST /vehicles/{v}/kill", words="motors stop, vehicle {vehicle} falls"),

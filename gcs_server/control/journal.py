@@ -1,8 +1,8 @@
-"""The journal of commands: client, command, time and result, one line each, refused ones too.
-
-A command never waits for the disk: a thread writes waiting lines in batches, each synced to disk (fsync)
-before the next. If the disk fails, lines are lost on disk, but the command goes on. Commands that were
-refused before anything was sent go to a file with its own quota, so that refusals cannot displace commands.
+"""The journal of commands: one line with client, command, time and result for each command, including refused
+ones. A command never waits for the disk: a thread writes waiting lines in batches, and syncs each batch to
+disk (fsync) before the next. If the disk fails, lines are lost on disk, but commands still work. Commands
+that were refused before anything was sent are written to a separate file with its own size limit, so that
+refusals cannot displace commands.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from gcs_server.supervise import Supervisor
 log = logging.getLogger(__name__)
 
 TAIL_LENGTH, REFUSED_TAIL_LENGTH = 1000, 300
-"""Lines in memory: the longest answer always has more commands than refusals."""
+"""Numbers of commands and refusals in memory; more commands than refusals are kept."""
 QUEUE_LENGTH = 2000
 MAX_BYTES = 10_000_000
 """A file of this size is rotated to `journal.1.jsonl`."""
 MAX_REFUSED_BYTES = 1_000_000
 TAIL_BYTES = 1_000_000
-"""Bytes of each file that are read at the start."""
+"""Number of bytes of each file that are read at the start."""
 MAX_TEXT_LENGTH = 500
 MAX_ARGUMENTS_LENGTH = 4000
 """As JSON."""
 REPEAT_S = 10.0
-"""Equal refusals within this time become one line, followed by one with their number."""
+"""Equal refusals within this time become one line, followed by a line with their number [s]."""
 MAX_REPEATS = 500
 RETRY_S = 5.0
 NOT_SENT = frozenset(
@@ -50,7 +50,7 @@ NOT_SENT = frozenset(
         "unknown_recording",
     }
 )
-"""Results of commands that were refused before anything was sent."""
+"""Result codes of commands that were refused before anything was sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +68,11 @@ class JournalEntry:
     """Text of the error."""
     duration_s: float
     repeated: int = 1
-    """Number of equal refusals of this client that this line represents."""
+    """Number of equal refusals of this client that this line stands for."""
 
 
 class _FileLines:
-    """Lines of one file: the newest ones in memory, and those that wait for the disk."""
+    """Lines of one file: the newest lines in memory, and the lines that wait for the disk."""
 
     def __init__(self, path: Path | None, max_bytes: int, in_memory: int) -> None:
         self.in_memory = in_memory
@@ -105,7 +105,7 @@ class Journal:
     """The append-only journal.
 
     Args:
-    clock: gives the time of entries.
+    clock: clock for the times of entries.
     path: the file of commands (`journal.jsonl`; refusals go to `journal-refused.jsonl` beside it); None
         keeps the tail in memory only.
     max_bytes: size of one file of commands; two files are kept.
@@ -118,10 +118,10 @@ class Journal:
         self._commands = _FileLines(path, max_bytes, TAIL_LENGTH)
         self._refusals = _FileLines(refused, MAX_REFUSED_BYTES, REFUSED_TAIL_LENGTH)
         self._repeats: OrderedDict[tuple[object, ...], tuple[float, int, JournalEntry]] = OrderedDict()
-        """Equal refusals: time of their last line, number since then, and the newest entry."""
+        """For equal refusals: time of the last line, number since then, and the newest entry."""
         self._wake = asyncio.Event()
         self.warning: str | None = None
-        """Why lines cannot be written to disk; None while they can."""
+        """Why lines cannot be written to disk; None if they can."""
 
     async def load(self) -> None:
         """Reads the newest lines from before the server's start; invalid lines are skipped."""
@@ -167,7 +167,8 @@ class Journal:
         return entry
 
     def tail(self, limit: int) -> list[JournalEntry]:
-        """The newest `limit` lines, newest first; equal refusals that are still counted as one."""
+        """The newest `limit` lines, newest first; equal refusals that are still being counted appear as one
+        line."""
         self._settle_repeats()
         both = [*self._commands.tail, *self._refusals.tail]
         return sorted(both, key=lambda entry: entry.unix_s)[: -limit - 1 : -1]
@@ -194,7 +195,7 @@ class Journal:
         return True
 
     def _settle_repeats(self, *, at_once: bool = False) -> None:
-        """Writes a line with the number of repeated refusals once their time is over."""
+        """Writes a line with the number of repeated refusals when their period has ended."""
         now_s = self._clock.monotonic_s()
         while self._repeats:  # in chronological order
             key = next(iter(self._repeats))
@@ -244,7 +245,7 @@ class Journal:
 
 
 def _append(kept: _FileLines, entries: list[JournalEntry]) -> str | None:
-    """Writes lines and returns None, or the reason why not. Called in any thread."""
+    """Writes lines; returns None, or the reason for a failure. May be called in any thread."""
     if kept.log is None or not entries:
         return None
     text = "".join(json.dumps(asdict(entry), allow_nan=False, default=str) + "\n" for entry in entries)

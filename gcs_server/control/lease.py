@@ -1,11 +1,12 @@
-"""Control of a vehicle: one client at a time, for as long as it stays connected. Pure, on an injected clock.
+"""Control of a vehicle: one client at a time, for as long as it stays connected. No I/O; the clock is
+injected.
 
-A client takes control explicitly, or by commanding a vehicle that nobody controls. The lease lasts `lease_s`
-from the holder's last request; while the holder's telemetry socket is open, it does not expire. Another
-client requests control; the holder grants or denies the request. A client may take control by force if it was
-denied, if it got no answer within `answer_s`, or if the holder cannot be asked. A client without an id (a
-call from a shell) that took control only by a command does not keep it: the next client that commands gets
-control.
+A client takes control explicitly, or by commanding a vehicle that no client controls; it is then the holder.
+The lease lasts `lease_s` from the holder's last request. It does not expire while the holder's telemetry
+socket is open. Other clients request control; the holder grants or denies each request. A client may take
+control by force if its request was denied, if it got no answer within `answer_s`, or if the holder cannot be
+asked. A client without an id (such as a call from a shell) that took control only by a command does not keep
+it: the next client that sends a command takes control.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class ControlChange:
     reason: str | None = None
     on_expiry: OnControlLost = "nothing"
     to: Principal | None = None
-    """The client whose request it answers."""
+    """The client whose request was answered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class ControlRequest:
     client: str
     """Name of the client."""
     key: str
-    """Distinguishes clients of the same name; `GET /me` returns the caller's own."""
+    """Distinguishes clients with the same name; `GET /me` returns the caller's own."""
     reason: str | None
     """The reason that the client gave."""
     since_unix_s: float
@@ -80,7 +81,7 @@ class Lease:
     """The lease of one vehicle.
 
     Args:
-        vehicle_id: used in texts.
+        vehicle_id: id for messages.
         terms: durations of leases and answers.
         reachable: whether a client has an open telemetry socket, so that it can be asked.
         on_change: called with each change.
@@ -98,7 +99,7 @@ class Lease:
 
     @property
     def holder(self) -> Principal | None:
-        """The client in control; None: the first client that commands gets control."""
+        """The client in control; None: no client (the next client that sends a command takes control)."""
         self.expire_due()
         return None if self._holding is None else self._holding.client
 
@@ -126,7 +127,7 @@ class Lease:
 
     @property
     def has_most_requests(self) -> bool:
-        """Whether no more clients can ask for control."""
+        """Whether the maximum number of control requests is reached."""
         return len(self._requests) >= MAX_REQUESTS
 
     def requests(self) -> tuple[ControlRequest, ...]:
@@ -140,10 +141,10 @@ class Lease:
     # --- the holder -----------------------------------------------------------------------------
 
     def command(self, client: Principal) -> None:
-        """Checks a command of this client: it has control, or takes it if nobody has.
+        """Checks a command of this client, which must have control or takes it if no client has it.
 
         Raises:
-            NotInControl: another holds it.
+            NotInControl: another client has control.
         """
         self.expire_due()
         if self._holding is None:
@@ -160,7 +161,7 @@ class Lease:
             raise self._not_in_control(self._holding)
 
     def refusal(self, client: Principal) -> NotInControl | None:
-        """The error that a command of this client would get; changes nothing."""
+        """The error for a command of this client; None: allowed. Changes nothing."""
         self.expire_due()
         holding = self._holding
         if holding is None or holding.client.key == client.key or self._yields(holding):
@@ -168,12 +169,12 @@ class Lease:
         return self._not_in_control(holding)
 
     def renew(self, client: Principal) -> None:
-        """The client made a request: if it is the holder, its lease is renewed."""
+        """Called with each request of a client; renews the lease if the client is the holder."""
         if self._holding is not None and self._holding.client.key == client.key:
             self._holding.last_request_s = self.clock.monotonic_s()
 
     def take(self, client: Principal, *, force: bool = False, on_expiry: OnControlLost | None = None) -> None:
-        """Takes control that nobody holds, or by force from its holder.
+        """Takes control if no client has it, or by force from the holder.
 
         Args:
             client: the caller.
@@ -181,8 +182,9 @@ class Lease:
             on_expiry: command sent to the vehicle when the holder's control expires; default "nothing".
 
         Raises:
-            NotInControl: another holds it, and it was not forced.
-            Refused: forced without asking a holder that can be asked, or before its time to answer is over.
+            NotInControl: another client has control, and `force` is false.
+            Refused: `force` without asking a holder that can be asked, or before its time to answer has
+                ended.
         """
         self.expire_due()
         holding = self._holding
@@ -214,7 +216,7 @@ class Lease:
             to: key or name of the requesting client.
 
         Raises:
-            NotInControl: `client` does not hold it.
+            NotInControl: `client` does not have control.
             Refused: no client of that name has requested control.
         """
         holding = self._own(client)
@@ -237,8 +239,8 @@ class Lease:
         )
 
     def release(self, client: Principal) -> None:
-        """Releases control (the first requesting client gets it), or withdraws a request; otherwise does
-        nothing."""
+        """Releases control (the first requesting client gets it), or withdraws the client's request. Does
+        nothing if it has neither."""
         self.expire_due()
         pending = self._requests.pop(client.key, None)
         holding = self._holding
@@ -252,7 +254,7 @@ class Lease:
     # --- other clients --------------------------------------------------------------------------
 
     def request(self, client: Principal, reason: str | None = None) -> None:
-        """Requests control from the holder; if nobody has it, takes it at once."""
+        """Requests control from the holder; takes it immediately if no client has it."""
         self.expire_due()
         holding = self._holding
         if holding is None or (self._yields(holding) and holding.client.key != client.key):
@@ -273,7 +275,7 @@ class Lease:
         self.on_change(ControlChange("requested", client, text, holding.client, reason=reason))
 
     def intervened(self, client: Principal, command_label: str) -> None:
-        """A client used a command that is open to all."""
+        """Reports a command that needs no control to the holder."""
         self.expire_due()
         holding = self._holding
         if holding is None or holding.client.key == client.key:
@@ -285,7 +287,7 @@ class Lease:
         self.on_change(ControlChange("intervened", client, text, holding.client))
 
     def expire_due(self) -> None:
-        """Ends what has expired. Called before each step and periodically."""
+        """Ends expired leases and requests. Called before each step and periodically."""
         now_s = self.clock.monotonic_s()
         for key, pending in list(self._requests.items()):
             if now_s - pending.lifetime_start_s > REQUEST_LIFETIME_S:
@@ -330,7 +332,7 @@ class Lease:
             self._give(waiting.client, "taken", waiting.client, text)
 
     def _yields(self, holding: _Holding) -> bool:
-        """Whether the holder has no id of its own and never took control explicitly."""
+        """Whether the holder has no client id and never took control explicitly."""
         return not (holding.taken_explicitly or holding.client.identified or self.reachable(holding.client))
 
     def _own(self, client: Principal) -> _Holding:

@@ -1,7 +1,7 @@
 """Decides who may close a link to a flying vehicle, and who may add a link to another ground station.
 
 Closing a link disconnects a vehicle from its pilot. A link to another ground station (`forward=1`) lets that
-station command without control. Neither is allowed to clients without control.
+station command without control. Both require control.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class LinkGuard:
 
     Args:
         router: the links.
-        fleet: the vehicles heard on them.
+        fleet: the vehicles connected over them.
         authority: control of these vehicles.
     """
 
@@ -45,7 +45,7 @@ class LinkGuard:
 
         Raises:
             UnknownLink: there is none of that name.
-            NotInControl: another client controls a vehicle that is heard on this link.
+            NotInControl: another client controls a vehicle that is connected over this link.
             Refused: a flying vehicle would lose its last link, and the confirmation is missing.
         """
         link = self._router.connection(name).link
@@ -89,7 +89,7 @@ class LinkGuard:
 
 
 def is_flown(vehicle: Vehicle) -> bool:
-    """Whether the vehicle is armed or has a setpoint stream, as far as known."""
+    """Whether the vehicle is armed or has a setpoint stream, as far as the server knows."""
     return vehicle.status.armed or vehicle.streaming
 
 

@@ -1,9 +1,9 @@
 """The caller of a request: `api/principals.py` makes one principal per caller for routes and WebSockets.
 
 A caller gives its name in `X-Client` and an id in `X-Client-Id`, which distinguishes callers of the same name
-(WebSockets of browsers: `?client=` and `&client_id=`). Without an id, name and address identify it. This
-coordinates people; it does not protect against a caller that claims to be another. Access itself is protected
-by the token.
+(WebSockets of browsers: `?client=` and `&client_id=`). Without an id, the caller is identified by name and
+address. This coordinates operators; it does not protect against a caller that uses the identity of another.
+Access itself is protected by the token.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ KEY_LENGTH = 12
 
 @dataclass(frozen=True, slots=True)
 class Principal:
-    """A caller. Equal names may be two callers: compare `key`."""
+    """A caller. Two callers may have the same name: compare `key`."""
 
     name: str
-    """The name it gave, else its address."""
+    """The caller's name, or else its address."""
     key: str
     """Derived from the id or the address; does not reveal the id."""
     address: str = ""
-    """Address of its request; empty if only a name is known."""
+    """Address of the request; empty if only a name is known."""
     identified: bool = False
-    """Whether it gave an id."""
+    """Whether the caller gave an id."""
     permissions: frozenset[Permission] = PERMISSIONS
-    """Its permissions; today every caller has all of them."""
+    """The caller's permissions; currently every caller has all permissions."""
 
     def __str__(self) -> str:
         return self.name
 
     @classmethod
     def of(cls, name: str, own_id: str = "", address: str = "") -> Principal:
-        """Makes a principal from a request's headers.
+        """Creates a principal from a request's headers.
 
         Args:
             name: `X-Client`; if empty, the address is used.

@@ -8,10 +8,10 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
 
 MAX_REQUESTS = 20
-"""Clients that may request control of one vehicle at a time."""
+"""Maximum number of clients that request control of one vehicle."""
 MAX_REQUESTS_PER_ADDRESS = 10
 REQUEST_LIFETIME_S = 120.0
-"""Lifetime of a request, and of the right to force after a denial [s]."""
+"""Lifetime of a request, and of the right to take control by force after a denial [s]."""
 
 
 @dataclass(slots=True)

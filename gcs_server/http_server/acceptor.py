@@ -33,7 +33,7 @@ class Acceptor:
 
     Args:
         listener: bound, listening, not blocking.
-        protocol: makes the protocol of a new connection.
+        protocol: creates the protocol of a new connection.
         connections: decides whether there is room.
         clock: the server's.
     """
@@ -52,10 +52,11 @@ class Acceptor:
         self._supervisor = Supervisor(clock)
         self._accepting: asyncio.Task[None] | None = None
         self._spare: int | None = None
-        """A spare file, closed to accept and refuse one connection when no other descriptor is left."""
+        """A spare file descriptor. It is closed to accept and refuse one connection when no other descriptor
+        is free."""
 
     def start(self) -> None:
-        """Begins."""
+        """Starts accepting connections."""
         self._keep_spare()
         self._accepting = self._supervisor.start("acceptor", self._accept_for_ever)
         self._supervisor.start("deadlines of connections", self._check_for_ever)
@@ -69,7 +70,7 @@ class Acceptor:
             self._spare = None
 
     async def wait_closed(self) -> None:
-        """For uvicorn."""
+        """Does nothing; uvicorn calls this method."""
 
     async def _accept_for_ever(self) -> None:
         loop = asyncio.get_running_loop()
@@ -94,12 +95,13 @@ class Acceptor:
         loop = asyncio.get_running_loop()
         try:
             await loop.connect_accepted_socket(lambda: self._protocol(connection), accepted)
-        except OSError:  # it is already closed
+        except OSError:  # the connection is already closed
             self._connections.closed(connection)
             accepted.close()
 
     async def _failed(self, error: OSError) -> None:
-        """No file descriptor is left: refuses one waiting connection, and tries again a little later."""
+        """Handles a failure to accept. Without a free file descriptor, refuses one waiting connection and
+        retries later."""
         if error.errno not in NO_FILES:
             return  # the client disconnected before it was accepted
         log.warning("no connection can be accepted: %s", error.strerror)
@@ -125,7 +127,7 @@ class Acceptor:
 
 
 def _turn_away(accepted: socket.socket) -> None:
-    """Sends the refusal without waiting, and closes."""
+    """Sends the refusal without waiting, and closes the connection."""
     with accepted, contextlib.suppress(OSError):
         accepted.setblocking(False)
         accepted.send(raw_answer(FULL))

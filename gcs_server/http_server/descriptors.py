@@ -1,4 +1,4 @@
-"""Limit of open files of the process, and how many of them client connections may use."""
+"""The limit of open files of the process, and the share for client connections."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KEPT = 256
 
 
 def for_connections() -> int:
-    """Raises the soft limit as far as useful and allowed; returns the number of connections with which
+    """Raises the soft limit as far as useful and allowed. Returns the number of possible connections, so that
     `KEPT` descriptors stay free.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -1,8 +1,6 @@
-"""HTTP of one connection, within limits of size, time and number.
-
-uvicorn's protocol does the work; this class counts input before it is stored, and refuses it with a reason. A
-refused connection is closed so that the answer arrives: the server closes its own side, and drops further
-input.
+"""The HTTP protocol of one connection, with limits of size, time and number. It extends uvicorn's protocol:
+input is counted before it is stored, and refused with a reason. After a refusal the server closes its own
+side first and drops further input, so that the answer arrives.
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ def raw_answer(refusal: r.LimitRefusal) -> bytes:
 
 
 class _Stop(Exception):
-    """Stops the parsing of received bytes."""
+    """Raised to stop parsing received bytes."""
 
 
 class BoundedHttp(HttpToolsProtocol):
@@ -59,7 +57,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._clock = clock = context.clock
         self._stall = Stall(clock)
         self._since_s = clock.monotonic_s()
-        """Start of the current deadline: for the head, or for the body."""
+        """Start of the current deadline, for the head or the body."""
         self._in_head = False
         self._in_body = False
         self._head_bytes = 0
@@ -69,7 +67,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._fed_bytes = 0
         """Raw bytes since the message began, without those received together with its start."""
         self._began = False
-        """Whether a message starts in the bytes being parsed."""
+        """Whether a message starts in the bytes that are being parsed."""
         self._unanswered: deque[RequestResponseCycle] = deque()
         self._present: RequestResponseCycle | None = None
         """The request whose body is arriving; None until its head is complete."""
@@ -83,7 +81,7 @@ class BoundedHttp(HttpToolsProtocol):
         """The connection is open."""
         super().connection_made(cast(asyncio.Transport, transport))
         self.connection.socket = self
-        if self.connection.closed:  # it was closed meanwhile for another connection
+        if self.connection.closed:  # the connection was closed in favour of another one
             self.end()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -105,7 +103,7 @@ class BoundedHttp(HttpToolsProtocol):
         except httptools.HttpParserUpgrade:
             if self._should_upgrade():
                 self.handle_websocket_upgrade()
-            return  # another protocol is requested (h2c): the request is answered as HTTP/1.1
+            return  # a request for another protocol (h2c) is answered as HTTP/1.1
         except httptools.HttpParserError:
             self._refuse(r.MALFORMED)
             return
@@ -191,7 +189,7 @@ class BoundedHttp(HttpToolsProtocol):
         super().on_response_complete()
 
     def handle_websocket_upgrade(self) -> None:
-        """Hands the connection over to a WebSocket."""
+        """Continues the connection as a WebSocket."""
         if self._unanswered:
             self._refuse(r.MALFORMED)
             return
@@ -206,7 +204,7 @@ class BoundedHttp(HttpToolsProtocol):
     # --- for `Connections` ----------------------------------------------------------------------
 
     def end(self) -> None:
-        """Closes the connection at once."""
+        """Closes the connection immediately."""
         if self.transport is not None:  # type: ignore[redundant-expr]
             self.transport.abort()
 

@@ -18,7 +18,7 @@ from gcs_server.http_server.http_protocol import BoundedHttp
 
 
 class HttpServer(uvicorn.Server):
-    """Serves an application on a listening socket, and prints its addresses once everything is running.
+    """Serves an application on a listening socket, and prints the addresses once it is ready.
 
     Args:
         app: the application.
@@ -63,8 +63,8 @@ class HttpServer(uvicorn.Server):
             acceptor = Acceptor(listener, self._protocol, self._connections, self._clock)
             acceptor.start()
             self.servers.append(cast(Any, acceptor))
-        # Imported objects are never freed. If they are not frozen, each full garbage collection scans them
-        # again, pauses the process and costs as much as decoding a fleet's telemetry.
+        # Imported objects are never freed. Unless they are frozen, each full garbage collection scans them,
+        # pauses the process, and costs as much as decoding a fleet's telemetry.
         gc.collect()
         gc.freeze()
         if self.started:

@@ -7,7 +7,7 @@ from gcs_server.clock import Clock
 
 
 class Stall:
-    """Watches one connection.
+    """Monitors one connection.
 
     Args:
         clock: the server's.
@@ -19,10 +19,10 @@ class Stall:
         self._since_s = 0.0
 
     def too_long(self, unread_bytes: int) -> bool:
-        """Whether nothing was read for `UNREAD_DEADLINE_S`; call periodically.
+        """Whether the client has read nothing for `UNREAD_DEADLINE_S`; call periodically.
 
         Args:
-            unread_bytes: bytes that wait in the process now.
+            unread_bytes: number of bytes that wait in the process.
         """
         now_s = self._clock.monotonic_s()
         if not unread_bytes or unread_bytes < self._last_bytes or not self._last_bytes:

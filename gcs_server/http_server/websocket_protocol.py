@@ -1,8 +1,7 @@
-"""One WebSocket within limits: input is parsed in small pieces, and only as fast as the application reads it.
-
-uvicorn's protocol parses all input at once and stores each message; a quarter of a megabyte of empty frames
-would stall the event loop for most of a second. Here the next piece is parsed, in a turn of its own, when the
-application has read the messages of the previous one.
+"""The protocol of one WebSocket, with limits: input is parsed in small pieces, and only as fast as the
+application reads it. uvicorn's protocol parses all input at once and stores each message; a quarter of a
+megabyte of empty frames would stall the event loop for almost a second. Here each piece is parsed in a
+separate turn of the event loop, once the application has read the messages of the previous piece.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from gcs_server.http_server.stall import Stall
 
 PIECE_BYTES = 2048
 MAX_FRAMES = 1024
-"""Largest number of frames of one message."""
+"""Maximum number of frames of one message."""
 MAX_FRAMES_PER_S = 5000
 MAX_UNREAD_PONG_BYTES = 65_536
 CLOSE_DEADLINE_S = 5.0
@@ -50,7 +49,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
     # --- input ----------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Taken over from HTTP."""
+        """Called when the connection is continued as a WebSocket."""
         super().connection_made(transport)
         self.connection.socket = self
         self._connections.set_busy(self.connection, True)
@@ -63,7 +62,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
 
     def data_received(self, data: bytes) -> None:
         """Splits bytes of the client into pieces."""
-        if not self.handshake_initiated:  # the head, from this server's parser
+        if not self.handshake_initiated:  # the request head, from this server's parser
             super().data_received(data)
             return
         if self.close_sent and not self._parsing:  # only the answer to the close frame matters
@@ -73,7 +72,8 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self._parse_some()
 
     def _parse_some(self) -> None:
-        """Parses one piece; the next follows in another turn, once the application has read its messages."""
+        """Parses one piece. The next piece is parsed in another turn, once the application has read the
+        messages."""
         self._parsing = False
         if self.transport.is_closing() or self.disconnected:
             self._unparsed.clear()
@@ -101,7 +101,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         """Sends to the client.
 
         Raises:
-            ClientDisconnected: the client disconnected before it was accepted.
+            ClientDisconnected: the client disconnected before the WebSocket was accepted.
         """
         accepting = not self.handshake_complete
         if accepting and self.transport.is_closing():
@@ -145,7 +145,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
     # --- for `Connections` ----------------------------------------------------------------------
 
     def end(self) -> None:
-        """Closes the connection at once."""
+        """Closes the connection immediately."""
         self.transport.abort()
 
     def unread_bytes(self) -> int:
@@ -153,7 +153,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         return self.transport.get_write_buffer_size()
 
     def check(self, now_s: float) -> None:
-        """Closes the connection if the client does not read, or does not answer the close."""
+        """Closes the connection if the client does not read, or does not answer the close frame."""
         if self.transport.is_closing() or self.close_sent:
             if self._closing_since_s is None:
                 self._closing_since_s = now_s
@@ -163,7 +163,8 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
             self._fail(CLOSE_TOO_SLOW, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
 
     def _fail(self, code: int, reason: str) -> None:
-        """Closes with a code and a reason; `check` closes the connection if they are not read."""
+        """Sends a close frame with code and reason; `check` closes the connection if the client does not read
+        it."""
         if self.close_sent or self.transport.is_closing():
             return
         self._connections.count_refusal()

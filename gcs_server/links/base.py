@@ -17,7 +17,7 @@ from gcs_server.links.writer import LinkWriter
 
 FIRST_RETRY_S = 0.5
 MAX_RETRY_S = 5.0
-OPENING_FAILED = "A fault in this server kept the link from opening; its log says more. This is tried again."
+OPENING_FAILED = "The link could not be opened: a fault in this server (see its log). This is tried again."
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,13 @@ class Recording:
     """The recording of a link."""
 
     file: str | None
-    """The tlog's name in the data folder's `recordings`; null before the first frame."""
+    """Name of the tlog in the folder `recordings`; null before the first frame."""
     bytes: int
     """Size of this file; when it is full, the next file begins."""
     started_unix_s: float | None
     """Start time of this file."""
     stopped: str | None
-    """Why nothing is recorded now; null while recording works."""
+    """Why recording has stopped; null while recording works."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class SigningOptions:
     key: str
     """Name of the key; the key itself is never in a URL."""
     required: bool
-    """Whether unsigned frames are refused; wrongly signed ones always are."""
+    """Whether unsigned frames are refused. Wrongly signed frames are always refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +64,15 @@ class SigningReport:
     link_id: int
     """The link id in all signatures of this link, 0 to 255."""
     unsigned: int
-    """Refused: no signature, but one is required."""
+    """Frames refused because they have no signature, although one is required."""
     wrong_signature: int
-    """Refused: signed with another key, or changed in transfer."""
+    """Frames refused because they were signed with another key or changed in transfer."""
     replayed: int
-    """Refused: not newer than an earlier frame of this sender."""
+    """Frames refused because they are not newer than an earlier frame of the same sender."""
     too_old: int
-    """Refused: a sender's first frame, more than a minute behind this server's time."""
+    """First frames of a sender refused because they are more than a minute behind this server's time."""
     too_many_streams: int
-    """Refused: more senders with this key than the server can track."""
+    """Frames refused because there are more senders with this key than the server can track."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +84,14 @@ class LinkInfo:
     state: str
     """connecting, open, waiting (it will try again), closed, ended (a replay at its end)."""
     detail: str
-    """What is wrong and what to do about it; empty if there is no problem."""
+    """The problem and what to do about it; empty if there is no problem."""
     replay: bool
     forward: bool
     peers: tuple[str, ...]
     bytes_received: int
     bytes_sent: int
     bytes_dropped: int
-    """Not sent because the queue was full, the system refused it, or no peer was connected."""
+    """Bytes not sent because the queue was full, the system refused them, or no peer was connected."""
     frames_sent: int = 0
     """Sent frames."""
     frames_waiting: int = 0
@@ -103,7 +103,7 @@ class LinkInfo:
     frames_dropped: int = 0
     """Frames not sent because the queue was full or the link failed."""
     frames_received: int = 0
-    """Received MAVLink frames, including those of former peers, as in the next four counters."""
+    """Received MAVLink frames. This counter and the next four include former peers."""
     frames_unknown: int = 0
     """Frames of messages that are not in the dialect."""
     frames_lost: int = 0
@@ -113,9 +113,9 @@ class LinkInfo:
     bytes_skipped: int = 0
     """Bytes that are not part of a frame: garbage, another protocol, a wrong baud rate."""
     handler_errors: int = 0
-    """Messages that were skipped and logged because of an error in this server."""
+    """Messages that were skipped because of an error in this server."""
     frames_refused: int = 0
-    """Frames refused because of a wrong or missing signature; `signing` says why."""
+    """Frames refused because of a wrong or missing signature; `signing` contains the reasons."""
     frames_unverified: int = 0
     """Signed frames accepted without a check, because this link has no key."""
     signing: SigningReport | None = None
@@ -132,26 +132,26 @@ OnState = Callable[[], None]
 
 
 class Link(ABC):
-    """Transports bytes only; opens itself, and reopens after it was lost.
+    """Transports bytes only. The link opens itself, and opens again after a loss.
 
     Subclasses implement `_open`, `_close`, `_writer`; they call `_opened`, `_lost` and `_received`.
     Everything but `submit` and `send` happens in the event loop.
     """
 
     replay = False
-    """True where what arrives is a recording; nothing can be sent."""
+    """Whether the link plays a recording, so that nothing can be sent."""
     clock: Clock | None = None
-    """The clock of vehicles on this link: a recording has its own; None is the server's."""
+    """The clock of the vehicles on this link. A recording has its own clock; None: the server's clock."""
     signing: SigningOptions | None = None
     """The signing key; None: frames are not signed, and signatures are not checked."""
     quiet = False
-    """True while received frames only restore a vehicle's state: its events are not published."""
+    """True while received frames only restore a vehicle's state; no events are published then."""
 
     def __init__(self, name: str, url: str, *, forward: bool = False) -> None:
         self.name = name
         self.url = url
         self.forward = forward
-        """True for a link to another ground station, which gets the vehicles' messages."""
+        """Whether the link leads to another ground station, to which the vehicles' messages are forwarded."""
         self._state = "closed"
         self._detail = ""
         self._peers: dict[str, Peer] = {}
@@ -163,7 +163,8 @@ class Link(ABC):
         self.faults = FaultLog(f"link {name}")
         """Errors of this server's code while serving this link."""
         self.now_s: Callable[[], float] = time.monotonic
-        """The clock by which packets expire: the event loop's, once started. Callable from any thread."""
+        """The clock for the expiry of packets: the event loop's clock after the start. May be called from any
+        thread."""
         self._loop: asyncio.AbstractEventLoop
         self._on_bytes: OnBytes
         self._on_peer_gone: OnPeerGone
@@ -178,13 +179,13 @@ class Link(ABC):
         self._wanted = True
         try:
             self._try()
-        except BaseException:  # a fault of this program: release what was opened
+        except BaseException:  # after a fault of this program, release what was opened
             self._wanted = False
             self._shut()
             raise
 
     def submit(self, packet: Packet) -> bool:
-        """Sends or queues a packet by priority, from any thread; False if it was dropped at once."""
+        """Sends a packet or queues it by priority, from any thread. Returns False if it was dropped."""
         writer = None if self._state != "open" or self.replay else self._writer(packet.peer)
         if writer is not None:
             return writer.submit(packet)
@@ -194,11 +195,11 @@ class Link(ABC):
         return False
 
     def send(self, data: bytes, peer: Peer) -> bool:
-        """Like `submit`, for plain bytes with the lowest priority and no expiry."""
+        """Sends bytes with the lowest priority and without expiry; otherwise like `submit`."""
         return self.submit(Packet(peer, len(data), lambda: data))
 
     def datagrams(self) -> socket.socket | None:
-        """The open socket, if each send is a datagram: another process may send with it too."""
+        """The open socket of a datagram link, with which another process may also send; otherwise None."""
         return None
 
     def sent_elsewhere(self, size_bytes: int) -> None:
@@ -235,7 +236,7 @@ class Link(ABC):
         )
 
     async def close(self) -> None:
-        """Closes the link; returns when socket or device are released."""
+        """Closes the link; returns once the socket or device is released."""
         self._wanted = False
         if self._retry is not None:
             self._retry.cancel()
@@ -246,18 +247,18 @@ class Link(ABC):
 
     @abstractmethod
     def _open(self) -> None:
-        """Starts to open; ends with `_opened()` or `_lost(why)`; may raise OSError."""
+        """Starts opening; later calls `_opened()` or `_lost(why)`. May raise OSError."""
 
     @abstractmethod
     def _close(self) -> None:
-        """Releases what `_open` acquired; may be called at any time."""
+        """Releases everything that `_open` acquired; may be called at any time."""
 
     @abstractmethod
     def _writer(self, peer: Peer) -> LinkWriter | None:
-        """The writer for this peer, usable from any thread; None if there is no peer."""
+        """The writer for this peer, which may be used from any thread; None if there is no peer."""
 
     def _explain(self, error: OSError) -> str:
-        """The error as text for people."""
+        """The error as a message for the operator."""
         if error.errno in (errno.EMFILE, errno.ENFILE):
             return "This server has too many files and connections open. Close some; this is tried again."
         return f"{error.strerror or error}"
@@ -278,7 +279,7 @@ class Link(ABC):
         self._retry_s = min(self._retry_s * 2, MAX_RETRY_S)
 
     def _received(self, data: bytes, peer: Peer, now_s: float | None = None) -> None:
-        """Passes on received bytes; errors of the receiver do not end the link.
+        """Passes received bytes to the receiver; errors of the receiver do not end the link.
 
         Args:
             now_s: the event loop's time, if the caller knows it.
@@ -309,7 +310,7 @@ class Link(ABC):
             self._changed()
 
     def _attempt(self, step: Callable[..., None], *arguments: object) -> None:
-        """Runs a step of opening; if it fails, the link is tried again."""
+        """Runs a step of opening the link; if the step fails, opening is tried again."""
         try:
             step(*arguments)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""Efficient reading for links with a file descriptor; `writer.py` writes."""
+"""Efficient reading for links with a file descriptor (writing: `writer.py`)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Callable
 from gcs_server.faults import FaultLog
 
 WAKE_INTERVAL_S = 0.005
-"""Shortest time between two reads of a busy link; bytes after a pause are read at once."""
+"""Minimum time between two reads of a busy link; bytes after a pause are read immediately [s]."""
 MAX_READ_S = 0.02
-"""Longest time spent on one link per turn of the event loop. The rest waits in the system's buffer; if that
-overflows, bytes are lost on this link only."""
+"""Maximum time spent on one link per turn of the event loop [s]. The remaining data wait in the system's
+buffer; if it overflows, bytes are lost on this link only."""
 PACES = ((2000.0, 0.020), (500.0, 0.010))
-"""(pieces per second, seconds between two reads): a busy link is read less often, because each wake costs as
-much as reading dozens of pieces."""
+"""(pieces per second, seconds between two reads). A busy link is read less often, because each wake-up costs
+as much as reading dozens of pieces."""
 
 
 def pace(pieces_per_s: float) -> float:
@@ -25,7 +25,7 @@ def pace(pieces_per_s: float) -> float:
 class ThrottledReader:
     """Calls `drain()` when data can be read, at the link's `pace`.
 
-    While bytes keep arriving a timer is used instead of watching the descriptor, because it is cheaper.
+    While bytes keep arriving, a timer is used instead of watching the descriptor, because a timer costs less.
 
     Args:
         drain: reads everything and returns the number of pieces. If it raises, reading continues.
@@ -49,7 +49,7 @@ class ThrottledReader:
 
     def _read(self) -> None:
         self._timer = None
-        pieces = 1  # if it fails, read again soon, not at once
+        pieces = 1  # if reading fails, read again after a short time
         try:
             pieces = self._drain()
         except Exception as error:

@@ -1,8 +1,8 @@
 """Detects TCP connections that do not speak MAVLink: web pages and browsers, by their first bytes.
 
 Any web page can make a browser send a request with any body to a TCP port of this computer, and the body
-could be read as MAVLink. But a page cannot choose the first bytes: a method and a blank (RFC 9112, 3), the
-preface of HTTP/2 (`PRI * HTTP/2.0`, RFC 9113, 3.4), or a TLS record (RFC 8446, 5.1).
+could be read as MAVLink. However, a page cannot choose the first bytes, which are a method and a blank (RFC
+9112, 3), the preface of HTTP/2 (`PRI * HTTP/2.0`, RFC 9113, 3.4), or a TLS record (RFC 8446, 5.1).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import re
 log = logging.getLogger(__name__)
 
 MAX_UNDECIDED_BYTES = 24
-"""Longer than every HTTP method, so this many bytes decide the protocol."""
+"""Number of bytes that identify the protocol; longer than every HTTP method."""
 LOG_INTERVAL_S = 10.0
 SHOWN_FOR_S = 600.0
-"""How long a link's detail shows the last closed connection [s]."""
+"""Time for which a link's detail shows the last closed connection [s]."""
 
 _HTTP = re.compile(rb"[A-Z]{3,20} |HTTP/")
 _MAYBE_HTTP = re.compile(rb"[A-Z]{1,20}|HTTP/?")
@@ -24,7 +24,8 @@ _TLS = re.compile(rb"[\x14-\x17]\x03")
 
 
 def foreign_protocol(first: bytes) -> str | None:
-    """ "HTTP" or "TLS" if the first bytes of a connection match; "" if more bytes are needed."""
+    """The protocol ("HTTP" or "TLS") that the first bytes of a connection match; "" if more bytes are
+    needed."""
     if _HTTP.match(first):
         return "HTTP"
     if _TLS.match(first):
@@ -34,7 +35,7 @@ def foreign_protocol(first: bytes) -> str | None:
 
 
 class FirstBytes:
-    """Holds back a connection's bytes until they show that it is not a web client."""
+    """Holds back a connection's first bytes until it is certain that the other side is not a web client."""
 
     __slots__ = ("_decided", "_held")
 
@@ -46,7 +47,7 @@ class FirstBytes:
         """The bytes that may be read as MAVLink; empty until the protocol is known.
 
         Raises:
-            ForeignProtocol: it is HTTP or TLS; close the connection without reading it.
+            ForeignProtocol: the protocol is HTTP or TLS; close the connection without reading the bytes.
         """
         if self._decided:
             return data

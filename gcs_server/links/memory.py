@@ -13,7 +13,7 @@ class MemoryLink(Link):
 
     Args:
         outgoing: called with (data, peer) for all sent bytes.
-        replay: acts as a recording.
+        replay: whether the link behaves as a recording.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class MemoryLink(Link):
         self._sender = LinkWriter(None, self._write, self._counts, self.faults, lambda: self.now_s())
 
     def inject(self, data: bytes, peer: Peer | str = "peer") -> None:
-        """Bytes arrive from `peer`."""
+        """Simulates the arrival of bytes from `peer`."""
         if self._state != "open":
             return
         name = peer if isinstance(peer, str) else peer.name
@@ -40,7 +40,7 @@ class MemoryLink(Link):
         self._received(data, known)
 
     def drop_peer(self, name: str) -> None:
-        """The peer is gone."""
+        """Simulates the loss of a peer."""
         self._forget(self._peers[name])
 
     def _open(self) -> None:

@@ -1,4 +1,4 @@
-"""Rules for names and targets of links, for given and derived names."""
+"""Rules for the names and targets of links."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME_RULE = (
 _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME_LENGTH - 1}}}")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 _LOOKS_SECRET = re.compile(r"[0-9A-Fa-f]{32,}|[A-Za-z0-9_-]{43}")
-"""Matches a text that looks like 32 bytes in hexadecimal digits or base64."""
+"""Matches a text that could be a key: 32 bytes as hexadecimal digits or base64."""
 _HOST = re.compile(r"(?=.{1,253}\Z)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?")
 
 
@@ -37,8 +37,8 @@ def checked_key_name(name: str) -> str:
     """Returns the name of a signing key if it is valid in URLs and file names.
 
     Raises:
-        InvalidRequest: it is not. The error does not repeat it, because it may be the key itself, given by
-            mistake.
+        InvalidRequest: the name is not valid. The error does not repeat the name, because it may be the key
+            itself, given by mistake.
     """
     if not _NAME.fullmatch(name) or _LOOKS_SECRET.fullmatch(name):
         raise InvalidRequest(
@@ -50,7 +50,7 @@ def checked_key_name(name: str) -> str:
 
 
 def shown_url(url: str) -> str:
-    """A link's URL for journal and log: hides anything that is not a key's name."""
+    """A link's URL for journal and log, in which anything that could be a key is hidden."""
 
     def hidden(match: re.Match[str]) -> str:
         try:
@@ -63,7 +63,7 @@ def shown_url(url: str) -> str:
 
 
 def derived_name(text: str) -> str:
-    """A name for a link without one; `text` begins with its kind."""
+    """Derives a name for a link; `text` begins with the link's kind."""
     return _NOT_IN_A_NAME.sub("-", text)[:MAX_NAME_LENGTH]
 
 
@@ -71,7 +71,7 @@ def checked_host(url: str, host: str) -> str:
     """Returns `host` if it is valid.
 
     Raises:
-        InvalidRequest: it is neither an IPv4 address nor a host name.
+        InvalidRequest: the host is neither an IPv4 address nor a host name.
     """
     if not _HOST.fullmatch(host):
         raise InvalidRequest(
@@ -86,7 +86,7 @@ def checked_path(url: str, path: str) -> str:
     """Returns the path of a device or recording if it is valid.
 
     Raises:
-        InvalidRequest: it is not a valid file name.
+        InvalidRequest: the path is not a valid file name.
     """
     parts = path.encode(errors="replace").split(b"/")
     too_long = sum(map(len, parts)) > MAX_PATH_BYTES or max(map(len, parts)) > MAX_PATH_PART_BYTES

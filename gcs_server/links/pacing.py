@@ -1,7 +1,7 @@
 """Decides when a link may send the next frame.
 
-Little data may wait in the buffers of system and driver, because there it cannot be overtaken and does not
-expire.
+Only little data may wait in the buffers of the system and the driver, because urgent packets cannot overtake
+it there, and it does not expire.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ LOOK_AGAIN_S = 0.005
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
 AHEAD_S = 0.005
-"""How long before the line is idle the next frame may be written, because timers fire late."""
+"""Time before the line becomes idle at which the next frame may be written, because timers fire late [s]."""
 TIMER_STEP_S = 0.0001
-"""Shortest timer."""
+"""Shortest timer [s]."""
 DRIVER_SLACK_BYTES = 64
-"""Drivers count in blocks."""
+"""Tolerance for drivers that count in blocks."""
 UNPACED_DRIVER_BYTES = 512
 """Bytes that may wait in the driver of a device without a line speed (USB)."""
 ACKED_WITHIN_S = 0.1
-"""TCP: written bytes must be acknowledged within this and two round trips; otherwise sending pauses."""
+"""TCP: sending pauses if written bytes are not acknowledged within this time plus two round trips [s]."""
 MAX_IN_FLIGHT_BYTES = 64_000
 _RTT_OFFSET_BYTES = 68
 """Offset of `tcpi_rtt` [us] in Linux' struct tcp_info."""
@@ -39,7 +39,7 @@ class Pacer(Protocol):
     """Decides when the next frame may be written."""
 
     def wait_s(self, now_s: float) -> float:
-        """Time until the next frame may be written; 0: now."""
+        """Time until the next frame may be written [s]; 0: now."""
         ...
 
     def wrote(self, size_bytes: int, now_s: float) -> None:
@@ -48,7 +48,7 @@ class Pacer(Protocol):
 
 
 class Unpaced:
-    """No pacing: as much as the socket accepts (UDP)."""
+    """No pacing: writes as much as the socket accepts (UDP)."""
 
     def wait_s(self, now_s: float) -> float:
         return 0.0
@@ -58,11 +58,11 @@ class Unpaced:
 
 
 class LinePacer:
-    """A serial line: as fast as its bytes are sent, by its speed and its driver's count.
+    """Paces a serial line by its speed and by the number of bytes in the driver.
 
     Args:
-        baud: infinity if the device has no line speed.
-        in_driver: bytes that the driver has not sent yet.
+        baud: line speed; infinity if the device has none.
+        in_driver: returns the number of bytes that the driver has not sent yet.
     """
 
     def __init__(self, baud: float, in_driver: Callable[[], int]) -> None:
@@ -72,7 +72,7 @@ class LinePacer:
         self._ahead = 0.0 if unlimited else self._bytes_per_s * AHEAD_S
         self._driver_limit = UNPACED_DRIVER_BYTES if unlimited else self._ahead + DRIVER_SLACK_BYTES
         self._on_line = 0.0
-        """Bytes written but not sent yet, if the line is never idle."""
+        """Bytes written but not sent yet, assuming that the line is never idle."""
         self._at_s = 0.0
 
     def wait_s(self, now_s: float) -> float:
@@ -91,11 +91,11 @@ class LinePacer:
 
 
 class AckPacer:
-    """TCP: sends nothing while an acknowledgement is overdue, so that little data waits during a stall.
+    """Paces TCP: sends nothing while an acknowledgement is overdue, so that little data waits during a stall.
 
     Args:
-        unacknowledged: written bytes that are not acknowledged.
-        round_trip_s: round trip time measured by the system.
+        unacknowledged: returns the number of written bytes that are not acknowledged.
+        round_trip_s: returns the round trip time measured by the system.
     """
 
     def __init__(self, unacknowledged: Callable[[], int], round_trip_s: Callable[[], float]) -> None:

@@ -16,10 +16,11 @@ def resolve(
     found: Callable[[Address], None],
     failed: Callable[[str], None],
 ) -> None:
-    """Calls `found` at once for an IPv4 address, later for a name; on failure calls `failed` with a sentence.
+    """Resolves a host. Calls `found` immediately for an IPv4 address and later for a name, or `failed` with a
+    message.
 
     Args:
-        found: must not raise, because nothing would handle the error.
+        found: must not raise, because no caller would handle the error.
     """
     try:
         socket.inet_pton(socket.AF_INET, host)

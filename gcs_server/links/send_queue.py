@@ -1,4 +1,5 @@
-"""The packets that wait on a link: the most urgent is sent first, and each expires (pure; no clock)."""
+"""The queue of packets that wait on a link. The most urgent packet is sent first, and every packet expires.
+No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -16,11 +17,12 @@ CLASSES = 5
 """Class 0 is the most urgent. `mavlink/priority.py` defines the classes."""
 FIRST, LAST = 0, CLASSES - 1
 PASSED_OVER = 4
-"""A waiting class is sent next after this many more urgent packets, unless a packet of class 0 waits."""
+"""A class is sent next after this many packets of more urgent classes were sent before it, unless a packet of
+class 0 waits."""
 LAST_LIMIT_BYTES = 64_000
 """Limit of the least urgent class: further packets are dropped."""
 CLASS_LIMIT = 512
-"""Limits of the classes between; packets of class 0 are never dropped."""
+"""Limit of each class between; packets of class 0 are never dropped."""
 
 
 def _nothing(_data: bytes) -> None:
@@ -29,18 +31,18 @@ def _nothing(_data: bytes) -> None:
 
 @dataclass(slots=True, eq=False)
 class Packet:
-    """A packet to send, completed when it is sent.
+    """A packet to send; its bytes are completed at the time of sending.
 
     Args:
         peer: the receiver.
-        size_bytes: largest size when completed.
-        finish: returns the bytes to send now (numbered and signed); called again if they could not be sent.
-        on_sent: called with the bytes once they are sent; only then the frame's number is used.
-        priority: its class.
-        expires_s: it is not sent after this time, on the link's clock.
-        key: it replaces the waiting packet with the same peer and key; None: it replaces nothing.
-        group: it removes waiting packets of the same peer and group that are not more urgent and not of class
-            0.
+        size_bytes: maximum size of the completed packet.
+        finish: returns the bytes to send, numbered and signed. It is called again if they could not be sent.
+        on_sent: called with the bytes once they are sent; the frame's number is then used up.
+        priority: class of the packet.
+        expires_s: time on the link's clock after which the packet is not sent.
+        key: the packet replaces a waiting packet with the same peer and key; None: it replaces none.
+        group: the packet removes waiting packets of the same peer and group, except more urgent ones and
+            class 0.
     """
 
     peer: Peer
@@ -55,7 +57,7 @@ class Packet:
 
 @dataclass(slots=True)
 class SendCounts:
-    """Counts of the packets of a link by outcome; change them with the lock held."""
+    """Counters of a link's packets by outcome; changed only with the lock held."""
 
     frames_sent: int = 0
     bytes_sent: int = 0
@@ -68,8 +70,8 @@ class SendCounts:
 
 
 class SendQueue:
-    """Packets by class. Class 0 is always first. Of the others the most urgent is first, but a class that was
-    passed over by `PASSED_OVER` packets is next, so that none waits forever.
+    """Packets by class. Class 0 is always sent first, then the most urgent of the other classes. A class over
+    which `PASSED_OVER` packets were preferred is sent next, so that no packet waits forever.
     """
 
     def __init__(self, counts: SendCounts) -> None:
@@ -92,7 +94,9 @@ class SendQueue:
             self._counts.frames_replaced += 1
             if packet.priority == LAST:
                 self._last_bytes += packet.size_bytes - older.size_bytes
-            waiting[name] = packet  # it keeps its position in the queue, so that vehicles take turns
+            waiting[name] = (
+                packet  # the new packet takes the position of the old one, so that vehicles take turns
+            )
             return True
         if self._is_full(packet):
             self.purge(now_s)
@@ -106,7 +110,7 @@ class SendQueue:
         return True
 
     def take(self, now_s: float) -> Packet | None:
-        """Takes the packet to send now; None if none waits."""
+        """Takes the next packet to send; None if no packet waits."""
         while (chosen := self._choose()) is not None:
             _, packet = self._waiting[chosen].popitem(last=False)
             if chosen == LAST:

@@ -1,4 +1,4 @@
-"""A serial port or USB radio, which may be unplugged and plugged in."""
+"""A serial port or USB radio, which may be unplugged and plugged in again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DEFAULT_BAUD = 57600
 
 
 class SerialLink(Link):
-    """One device, opened exclusively."""
+    """A link over one device, which is opened exclusively."""
 
     def __init__(self, name: str, url: str, device: str, baud: int, *, forward: bool = False) -> None:
         super().__init__(name, url, forward=forward)
@@ -32,7 +32,9 @@ class SerialLink(Link):
     def _open(self) -> None:
         try:
             port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
-        except serial.SerialException as error:  # pyserial keeps the system's number, not always its class
+        except (
+            serial.SerialException
+        ) as error:  # pyserial keeps the system's error number, but not always the exception class
             raise OSError(error.errno or _errno_of(error), str(error)) from error
         except ValueError as error:
             raise OSError(errno.EINVAL, f"{self._baud} baud is not possible: {error}") from error
@@ -75,7 +77,7 @@ class SerialLink(Link):
         return f"{self._device}: {error.strerror or error}"
 
     def _line_baud(self) -> float:
-        """Line speed; a flight controller's USB port (CDC ACM) has none, whatever is set."""
+        """Line speed; infinity for a flight controller's USB port (CDC ACM), which ignores the setting."""
         return math.inf if Path(self._device).resolve().name.startswith("ttyACM") else float(self._baud)
 
     def _writer(self, peer: Peer) -> LinkWriter | None:
@@ -92,7 +94,8 @@ class SerialLink(Link):
 
 
 def _no_data_is_no_end(descriptor: int) -> None:
-    """pyserial lets an empty port read as b"", which would look like its end; with VMIN 1 it blocks."""
+    """Makes reads of an empty port block (VMIN 1). With pyserial's setting they return b"", like the end of
+    the stream."""
     try:
         attributes = termios.tcgetattr(descriptor)
         attributes[6][termios.VMIN] = 1

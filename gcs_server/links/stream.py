@@ -1,4 +1,4 @@
-"""The common part of TCP and serial links: one descriptor, a stream of bytes."""
+"""Common code of TCP and serial links, which have one descriptor and a stream of bytes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class StreamSession:
     """Reads and writes one open stream until it ends.
 
     Args:
-        read: returns some bytes, b"" at the end; raises BlockingIOError if there are none.
-        write: writes some of the bytes and returns how many.
-        pacer: when the next frame may be written.
+        read: returns some bytes, or b"" at the end; raises BlockingIOError if there are none.
+        write: writes some of the bytes and returns their number.
+        pacer: decides when the next frame may be written.
         received: called with received bytes.
-        ended: called once with a sentence.
+        ended: called once at the end, with the reason.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class StreamSession:
         self._reader = ThrottledReader(loop, fileno, self._drain, faults)
 
     def close(self) -> None:
-        """Stops; the descriptor may be closed afterwards."""
+        """Stops reading and writing; the descriptor may be closed afterwards."""
         self._closed = True
         self._reader.close()
         self.writer.close()

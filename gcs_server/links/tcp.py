@@ -1,4 +1,4 @@
-"""TCP: `tcp` connects and reconnects, `tcpin` listens for several."""
+"""TCP links: `tcp` connects to a server, `tcpin` listens for several clients."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
 MAX_CLIENTS = 256
-"""Most connections of one listening link; further ones are closed at once."""
+"""Maximum number of connections of one listening link; further ones are closed immediately."""
 OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 ACCEPT_AGAIN_AFTER_S = 1.0
 
@@ -78,7 +78,7 @@ class TcpLink(Link):
         try:
             data = self._first_bytes.accept(data)
         except ForeignProtocol as error:
-            self._retry_s = MAX_RETRY_S  # it is unlikely to speak MAVLink later
+            self._retry_s = MAX_RETRY_S  # the other side will not switch to MAVLink later
             reason = f"{self._peer.name} speaks {error.protocol}, not MAVLink."
             self._lost(f"{reason} Check the port; this is tried again.")
             return

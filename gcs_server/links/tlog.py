@@ -1,4 +1,4 @@
-"""A link that plays a telemetry log with speed, pause, and jumps to any time."""
+"""A link that plays a telemetry log: with playback speed, pause, and jumps to any time."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ class ReplayState:
     """The state of a replay."""
 
     state: str
-    """connecting (reading the file), open, ended (at its end, or it cannot be played: see `detail`)."""
+    """connecting (the file is being read), open, or ended (at the end, or the file cannot be played: see
+    `detail`)."""
     detail: str
-    """For people; empty while all is well."""
+    """Message for the operator; empty if there is no problem."""
     playing: bool
     speed: float
     """Playback speed; 1 is real time, 0 is as fast as possible."""
@@ -222,7 +223,7 @@ class TlogLink(Link):
         is_behind = everything or len(due) > RECORDS_PER_TICK
         self._feed(due[:RECORDS_PER_TICK], clock)
         if not pending and not self._at_end:
-            return  # reading the file is slower than playback
+            return  # the file is read more slowly than it is played
         if is_behind:
             timeline.jump(self._loop.time(), clock.time_us)
         else:

@@ -1,4 +1,4 @@
-"""UDP: `udpin` listens and answers its peers, `udpout` sends first."""
+"""UDP links: `udpin` listens and answers its peers, `udpout` sends first."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from gcs_server.links.resolve import Address, resolve
 from gcs_server.links.writer import LinkWriter
 
 FORGET_AFTER_S = 30.0
-"""A peer that is silent for longer is removed."""
+"""Time without bytes after which a peer is removed [s]."""
 MAX_PEERS = 256
 EVICT_AFTER_S = 5.0
-"""With MAX_PEERS peers, a new one replaces a peer that has been silent for this long; otherwise new ones are
+"""If there are MAX_PEERS peers, a new peer replaces one that was silent for this long [s], or else is
 ignored."""
 LOOK_AGAIN_S = 0.25
 DATAGRAMS_PER_WAKE = 4000
 BUFFER_BYTES = 4_000_000
 MAX_DATAGRAM_BYTES = 65536
 SEND_BUFFER_BYTES = 32_768
-"""About 80 datagrams, because data in the buffer of a blocked interface (Wi-Fi retries) cannot expire."""
+"""About 80 datagrams. The buffer is small because data in the buffer of a blocked interface (Wi-Fi retries)
+cannot expire."""
 
 
 class UdpLink(Link):
@@ -30,7 +31,7 @@ class UdpLink(Link):
 
     Args:
         host: address to listen on, or to send to.
-        outgoing: sends first to `host:port`, from a port chosen by the system.
+        outgoing: whether the link sends first to `host:port`, from a port chosen by the system.
     """
 
     def __init__(
@@ -177,7 +178,7 @@ class UdpLink(Link):
         try:
             return sock.sendto(data, peer.address)
         except OSError as error:
-            if error.errno == errno.ENOBUFS:  # the interface's queue is full: same as would block
+            if error.errno == errno.ENOBUFS:  # the interface's queue is full; handled like a blocked socket
                 raise BlockingIOError from error
             raise
 

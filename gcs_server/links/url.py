@@ -8,10 +8,10 @@
     tlog:///path/to/flight.tlog?speed=1    0: as fast as it goes
     ros2://0/px4_1                     a DDS domain (docs/links.md)
 
-`forward=1` on a network link marks another ground station: it gets the vehicles' messages, and the vehicles
-get its messages. `key=NAME` on any link except a recording signs sent frames and checks received ones with
-that key (docs/links.md): `signing=required`, the default, refuses unsigned frames, `signing=allowed` accepts
-them.
+`forward=1` on a network link marks another ground station: messages are forwarded between that station and
+the vehicles. With `key=NAME`, on any link except a recording, sent frames are signed and received frames are
+checked with that key (docs/links.md). `signing=required` (the default) refuses unsigned frames,
+`signing=allowed` accepts them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ REMEDY = "Examples: udpin://127.0.0.1:14550, tcp://127.0.0.1:5760, serial:///dev
 
 
 def make_link(url: str, name: str | None = None, others: Mapping[str, LinkMaker] = NO_OTHERS) -> Link:
-    """Makes the link of a URL, not yet started.
+    """Creates the link of a URL, without starting it.
 
     Args:
         url: a link URL.
@@ -49,11 +49,11 @@ def make_link(url: str, name: str | None = None, others: Mapping[str, LinkMaker]
         others: further kinds of links, by the beginning of their URL.
 
     Raises:
-        InvalidRequest: the URL is not understood, or the name cannot be one.
+        InvalidRequest: the URL or the name is not valid.
         LinkError: the recording does not exist, or software that the link needs is missing.
     """
     for given in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
-        checked_key_name(unquote(given))  # first, because the messages below repeat the URL
+        checked_key_name(unquote(given))  # checked first, because the messages below repeat the URL
     link = _link(url, name, others)
     link.signing = _signing(url)
     return link

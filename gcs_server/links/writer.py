@@ -1,4 +1,4 @@
-"""Writes the waiting packets of a link, frame by frame, from any thread and a timer of the event loop."""
+"""Writes the waiting packets of a link frame by frame, from any thread and from a timer of the event loop."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
 PURGE_EVERY_S = 0.1
 Write = Callable[[bytes, "Peer"], int]
-"""Writes some of the bytes and returns how many; raises BlockingIOError if it would block."""
+"""Writes some of the bytes and returns their number; raises BlockingIOError if it would block."""
 
 
 class LinkWriter:
-    """Sends a queue's packets as its pacer allows. `submit` writes at once what can be sent now; the rest is
-    written by the next `submit`, or by the event loop's timer. A packet is completed only when its bytes can
-    be sent. A partly sent frame is finished before the next one; if its end is too late, it is sent with a
-    wrong checksum, so that the vehicle ignores it and reads the next frame.
+    """Sends a queue's packets as the pacer allows. `submit` writes immediately what can be sent; the rest is
+    written by the next `submit` or by the event loop's timer. A packet is completed only when its bytes can
+    be sent. A partly sent frame is finished before the next one. If it has expired by then, its end is sent
+    with a wrong checksum, so that the vehicle ignores the frame and reads the next one.
 
     Args:
-        loop: for the timer; None if writing never blocks.
-        now_s: the clock by which packets expire (the event loop's).
-        failed: called in the event loop when the descriptor is broken; None: only the packet is lost.
+        loop: event loop for the timer; None if writing never blocks.
+        now_s: clock for the expiry of packets (the event loop's).
+        failed: called in the event loop if the descriptor fails; None: only the packet is lost.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class LinkWriter:
             return kept and not self._was_lost(packet)
 
     def close(self) -> None:
-        """Drops waiting packets; call before the descriptor is closed. Afterwards nothing is written."""
+        """Drops waiting packets; nothing is written afterwards. Call before the descriptor is closed."""
         with self._counts.lock:
             self._closed = True
             self._partial = None
@@ -164,7 +164,7 @@ class LinkWriter:
 
     def _in_loop(self, callback: Callable[..., None], argument: object) -> None:
         assert self._loop is not None
-        with contextlib.suppress(RuntimeError):  # the event loop has ended, and the server with it
+        with contextlib.suppress(RuntimeError):  # the event loop and the server have ended
             self._loop.call_soon_threadsafe(callback, argument)
 
     # --- in the loop ------------------------------------------------------------------------------

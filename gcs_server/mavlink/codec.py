@@ -30,7 +30,7 @@ _checksum = struct.Struct("<H")
 
 @dataclass(slots=True, eq=False)
 class Frame:
-    """One checked frame. The payload is extracted only on request, because few are decoded."""
+    """One checked frame. The payload is extracted only on request, because few frames are decoded."""
 
     msg_id: int
     system_id: int
@@ -39,7 +39,7 @@ class Frame:
     raw: bytes
     received_monotonic_s: float
     known: bool = True
-    """False: not in the dialect, so that its CRC could not be checked."""
+    """Whether the message is in the dialect; otherwise its checksum could not be checked."""
 
     @property
     def payload(self) -> bytes:
@@ -50,9 +50,9 @@ class Frame:
 
 
 class FrameParser:
-    """Splits one peer's bytes into frames, and resynchronises after garbage. A byte that starts no valid
-    frame is skipped and counted. An unknown message cannot be checked; it is accepted if another frame, or
-    the end of the data, follows it.
+    """Splits the bytes of one peer into frames, and resynchronises after garbage. A byte that does not start
+    a valid frame is skipped and counted. An unknown message cannot be checked; it is accepted if another
+    frame or the end of the data follows.
     """
 
     __slots__ = (
@@ -73,7 +73,7 @@ class FrameParser:
         self.bytes_skipped = 0
         self.crc_errors = 0
         self.lost: dict[tuple[int, int], int] = {}
-        """Frames missed, by the gaps in the sequence numbers, per (system, component)."""
+        """Number of missed frames per (system, component), counted by gaps in the sequence numbers."""
         self._last_seq: dict[int, int] = {}
         """The last sequence number by system id * 256 + component id."""
         self._rest = b""
@@ -165,7 +165,7 @@ class FrameParser:
         self._last_seq[key] = seq
         if last is not None and seq != (last + 1) & 0xFF:
             gap = (seq - last - 1) & 0xFF
-            if gap < 128:  # larger: an older frame arrived late, or the sender restarted
+            if gap < 128:  # a larger gap: an older frame arrived late, or the sender restarted
                 of = (system_id, component_id)
                 self.lost[of] = self.lost.get(of, 0) + gap
 
@@ -232,7 +232,8 @@ def encode_frame(
     """A MAVLink 2 frame; trailing zeros of the payload are removed as the protocol requires.
 
     Args:
-        signer: signs it; frames must be sent in the order in which they were signed. None: unsigned.
+        signer: signs the frame; frames must be sent in the order in which they were signed. None: the frame
+            is not signed.
     """
     payload = payload.rstrip(b"\0") or payload[:1]
     header = _header_v2.pack(

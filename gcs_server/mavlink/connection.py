@@ -40,11 +40,10 @@ class ParserCounts:
 
 
 class FrameSender:
-    """The only place that completes outgoing frames, so that all threads share the sequence numbers.
-
-    A frame is completed when it is sent, with the link's lock held: `_finish` returns the bytes to send now,
-    `_on_sent` uses their number. Numbers count per peer; otherwise each of several vehicles on one link would
-    count frames to the others as lost.
+    """Completes all outgoing frames, so that all threads share the sequence numbers. A frame is completed
+    when it is sent, with the link's lock held: `_finish` returns the bytes to send, and `_on_sent` advances
+    the number. Each peer has its own numbers; otherwise a vehicle would count frames to other vehicles on the
+    same link as lost.
     """
 
     def __init__(
@@ -71,11 +70,11 @@ class FrameSender:
         created_s: float | None = None,
         until_s: float | None = None,
     ) -> bool:
-        """Sends or queues a message, from any thread; False if it was dropped at once.
+        """Sends or queues a message, from any thread. Returns False if it was dropped.
 
         Args:
-            created_s: when it was made, on the link's clock; None: now.
-            until_s: it is not sent later than this, even if its type has a longer lifetime.
+            created_s: time of its creation on the link's clock; None: now.
+            until_s: the message is not sent after this time, even if its type has a longer lifetime.
         """
         urgency = classify(msg_id, payload)
         expires_s = (self._link.now_s() if created_s is None else created_s) + urgency.lifetime_s
@@ -92,7 +91,7 @@ class FrameSender:
         return self._link.submit(packet)
 
     def forward(self, frame: Frame, peer: Peer) -> bool:
-        """Forwards a frame unchanged: neither numbered nor signed by this server."""
+        """Forwards a frame unchanged; this server neither numbers nor signs it."""
         urgency = classify_forwarded(frame)
         packet = Packet(
             peer,
@@ -106,7 +105,7 @@ class FrameSender:
         return self._link.submit(packet)
 
     def forget(self, peer: Peer) -> None:
-        """The peer is gone; its numbers restart."""
+        """Called when a peer is lost; its numbers restart."""
         self._seq.pop(peer.name, None)
 
     def _finish(self, msg_id: int, payload: bytes, peer: Peer) -> bytes:
@@ -122,16 +121,16 @@ OnFrame = Callable[[Frame, "Connection", Peer], None]
 
 
 class Connection:
-    """One link in use.
+    """An open link, with parsers, recording and signing.
 
     Args:
-        recording: gets every accepted or sent frame; None for replays.
-        signing: signs sent frames and refuses wrongly signed ones; None: neither.
+        recording: records every accepted and every sent frame; None for replays.
+        signing: signs sent frames and refuses wrongly signed ones; None: no signing.
         on_frame: called with each received frame.
     """
 
     protocol = "MAVLink"
-    """The link's protocol, which decides which kinds of setpoint it can carry."""
+    """The link's protocol, which determines the supported kinds of setpoint."""
 
     def __init__(
         self,
@@ -157,7 +156,7 @@ class Connection:
         self._on_state = on_state
         self._parsers: dict[str, FrameParser] = {}
         self._stamped_s, self._stamp = -1.0, b""
-        """When the newest bytes arrived, on both clocks."""
+        """Arrival time of the newest bytes, on both clocks."""
         self._former = ParserCounts(0, 0, 0, 0, 0)
         """Sum of the counts of former peers."""
         signer = None if signing is None else signing.signer
@@ -165,7 +164,7 @@ class Connection:
 
     @property
     def name(self) -> str:
-        """The link's."""
+        """The link's name."""
         return self.link.name
 
     def start(self) -> None:
@@ -183,14 +182,14 @@ class Connection:
         self.sender.forward(frame, peer)
 
     def sent_elsewhere(self, time_us: int, raw: bytes) -> None:
-        """Records a frame that the streams' process has sent with this link's socket at that time (since
-        1970); from any thread."""
+        """Records a frame that the stream process has sent with this link's socket, with its time [us since
+        1970]. May be called from any thread."""
         self.link.sent_elsewhere(len(raw))
         if self._recording is not None:
             self._recording.append(stamp(time_us), raw)
 
     def mavlink_peers(self) -> tuple[Peer, ...]:
-        """Peers that get heartbeats: all except those that sent only garbage."""
+        """Peers to which heartbeats are sent: all except those that sent only garbage."""
         return tuple(
             peer
             for peer in self.link.peers()
@@ -227,7 +226,9 @@ class Connection:
         frames = parser.feed(data, received_s)
         if not frames:
             return
-        if is_new:  # also if its frames are refused: a vehicle adopts the signing time from heartbeats
+        if (
+            is_new
+        ):  # even if its frames are refused, because a vehicle adopts the signing time from heartbeats
             try:
                 self._on_new_peer(self, peer)
             except Exception as error:

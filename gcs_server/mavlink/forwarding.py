@@ -1,7 +1,8 @@
 """Forwards frames between vehicles and other ground stations.
 
-There are no loops: frames never go back to their source, and never from one station to another; frames that a
-station sends with a vehicle's id are dropped. If a vehicle is heard on two links, one is forwarded.
+Loops are impossible: frames are never sent back to their source or from one station to another, and frames
+that a station sends with a vehicle's id are dropped. If a vehicle is connected over two links, the frames of
+one link are forwarded.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class _Route:
 
 
 class Forwarder:
-    """Forwards frames; knows on which connection each system was heard."""
+    """Forwards frames, and tracks the connection of each system."""
 
     def __init__(self, own_system_id: int) -> None:
         self.stations: tuple[Connection, ...] = ()
@@ -58,7 +59,7 @@ class Forwarder:
                 other.forward(frame, station)
 
     def peer_gone(self, connection: Connection, peer: Peer) -> None:
-        """Forgets the systems heard from this peer."""
+        """Forgets the systems behind this peer."""
         for system_id, route in list(self._routes.items()):
             if route.connection is connection and route.peer is peer:
                 del self._routes[system_id]

@@ -1,4 +1,4 @@
-"""Signing keys by name, each in a file that only its owner can read, and the newest used timestamp."""
+"""Stores signing keys by name, each in a file that only its owner can read, and the newest used timestamp."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from gcs_server.mavlink.signing import KEY_BYTES, SecretKey
 SUFFIX = ".key"
 MAX_FILE_LENGTH = 4096
 MIN_PASSPHRASE_LENGTH = 12
-"""Characters. An attacker with a recorded signed frame can try passphrases offline."""
+"""Minimum number of characters, because an attacker with a recorded signed frame can try passphrases
+offline."""
 FORM_RULE = f"{KEY_BYTES} bytes as {2 * KEY_BYTES} hexadecimal digits or as base64"
 
 
@@ -63,7 +64,7 @@ class KeyStore:
             known = ", ".join(self.names()) or "none"
             raise KeyUnusable(
                 f"There is no signing key {name!r}; known: {known}.",
-                remedy=f"Make it: gcs key new {name}, or give it one: gcs key add {name}.",
+                remedy=f"Create it: gcs key new {name}, or add an existing one: gcs key add {name}.",
             ) from None
         except OSError as error:
             raise KeyUnusable(
@@ -78,7 +79,7 @@ class KeyStore:
             return parse_key(text.decode("ascii", errors="replace"))
         except ValueError:
             raise KeyUnusable(
-                f"The signing key {name!r} ({path}) is damaged.", remedy=f"It holds {FORM_RULE}."
+                f"The signing key {name!r} ({path}) is damaged.", remedy=f"The file must contain {FORM_RULE}."
             ) from None
 
     def add(self, name: str, key: SecretKey) -> None:
@@ -86,7 +87,7 @@ class KeyStore:
 
         Raises:
             InvalidRequest: the name is not valid, or in use.
-            KeyUnusable: it cannot be written.
+            KeyUnusable: the file cannot be written.
         """
         path = self._path(name)
         try:
@@ -108,7 +109,7 @@ class KeyStore:
         """Deletes a key; open links keep using it until they are closed.
 
         Raises:
-            KeyUnusable: it does not exist, or cannot be deleted.
+            KeyUnusable: the key does not exist, or cannot be deleted.
         """
         try:
             self._path(name).unlink()
@@ -139,7 +140,7 @@ def parse_key(text: str) -> SecretKey:
     """Parses a key: 64 hexadecimal digits, or base64 of 32 bytes.
 
     Raises:
-        ValueError: it is not a key; the error does not repeat the text.
+        ValueError: the text is not a key; the error does not repeat it.
     """
     text = text.strip()
     if re.fullmatch(rf"[0-9A-Fa-f]{{{2 * KEY_BYTES}}}", text):

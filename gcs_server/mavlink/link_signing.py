@@ -24,12 +24,12 @@ from gcs_server.mavlink.signing import (
 log = logging.getLogger(__name__)
 
 UNSIGNED_TAKEN = frozenset({d.MAVLINK_MSG_ID_RADIO_STATUS})
-"""Messages that a telemetry radio adds itself, without a key (MAVLink guide, "Accepting Unsigned
-Packets")."""
+"""Messages that are accepted without a signature, because telemetry radios add them and have no key (MAVLink
+guide, "Accepting Unsigned Packets")."""
 WARNED_FOR_S = 60.0
-"""How long a warning is shown after the last refusal."""
+"""Time for which a warning is shown after the last refusal [s]."""
 KEEP_INTERVAL_S = 10.0
-"""How often the newest timestamp is stored; the guide requires once a minute."""
+"""Period at which the newest timestamp is stored [s]; the MAVLink guide requires once a minute."""
 MAX_LINK_IDS = 256
 
 _REFUSAL_TEXT = {
@@ -79,7 +79,7 @@ class LinkSigning:
         return False
 
     def report(self) -> SigningReport:
-        """For `GET /links`."""
+        """Report for `GET /links`."""
         return SigningReport(
             key=self.options.key,
             mode="required" if self.options.required else "allowed",
@@ -113,17 +113,18 @@ class Signing:
         self._store = store
         self.clock = SigningClock(clock.unix_s)
         newest = 0 if store is None else store.newest_timestamp()
-        if newest >= self.clock.now():  # the system clock went back, or a vehicle's was ahead of it
+        if newest >= self.clock.now():  # the system clock was set back, or a vehicle's clock was ahead of it
             unwritten = round(KEEP_INTERVAL_S * TICKS_PER_S)
             self.clock = SigningClock(clock.unix_s, newest + unwritten)
         self._verifiers: list[tuple[SecretKey, KeyVerifier]] = []
-        """Kept when the links of a key are closed, with the received timestamps."""
+        """Verifiers stay after the links of a key are closed, because they contain the received
+        timestamps."""
         self._link_ids: set[int] = set()
         self._failed = False
 
     @property
     def in_use(self) -> bool:
-        """Whether a link signs."""
+        """Whether any link signs."""
         return bool(self._link_ids)
 
     def open(self, link: str, options: SigningOptions) -> LinkSigning:
@@ -146,8 +147,8 @@ class Signing:
         return LinkSigning(link, options, signer, self._verifier(key), self._clock)
 
     def _verifier(self, key: SecretKey) -> KeyVerifier:
-        """One verifier per key, also if it has several names: a frame received on one link is a replay on
-        another."""
+        """The verifier of a key. Links with the same key share it, even under several names, because a frame
+        received on one link is a replay on another."""
         for known, verifier in self._verifiers:
             if known == key:
                 return verifier

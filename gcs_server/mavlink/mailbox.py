@@ -1,4 +1,5 @@
-"""Waits for messages: armed before the request is sent, resolved or failed at once."""
+"""Waits for messages. A waiter is registered before the request is sent, and ends with a reply or an
+error."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ Matches = Callable[[Reply], bool]
 
 
 MAX_WAITING = 4096
-"""Messages that wait in one waiter; more than PX4's parameters in one burst."""
+"""Maximum number of messages that wait in one waiter; more than PX4's parameters in one burst."""
 
 
 class Waiter:
@@ -33,7 +34,7 @@ class Waiter:
         self._queue: asyncio.Queue[MAVLink_message | GcsError] = asyncio.Queue()
 
     def take(self) -> Reply | None:
-        """A waiting match, or None; raises as `next`."""
+        """A waiting match, or None; raises the same errors as `next`."""
         if self._queue.empty():
             return None
         item = self._queue.get_nowait()
@@ -65,7 +66,7 @@ class Waiter:
 
 
 class Mailbox:
-    """Hands replies to the tasks that wait for them; a frame is decoded only if a task waits for it."""
+    """Delivers replies to the tasks that wait for them; a frame is decoded only if a task waits for it."""
 
     def __init__(self, decode: Callable[[Frame], MAVLink_message | None]) -> None:
         self._decode = decode
@@ -76,7 +77,7 @@ class Mailbox:
 
     @contextmanager
     def expect(self, *msg_ids: int, matches: Matches | None = None) -> Generator[Waiter]:
-        """Arms a waiter for messages of these ids; send the request inside the `with`."""
+        """Registers a waiter for messages of these ids; send the request inside the `with` block."""
         waiter = Waiter(frozenset(msg_ids), matches)
         self._waiters.append(waiter)
         self._refresh()
@@ -101,7 +102,7 @@ class Mailbox:
                     self._faults.add(error, f"matching {message.get_type()}")
 
     def fail_all(self, error: GcsError) -> None:
-        """Fails everything pending, at once, with this error."""
+        """Ends all waiters immediately with this error."""
         for waiter in tuple(self._waiters):
             waiter.fail(error)
 

@@ -1,8 +1,8 @@
-"""Priority and lifetime of each message on a link; pure.
+"""Priority and lifetime of each message on a link. No I/O.
 
-On a slow link frames wait. Stop motors is sent first, then mode changes and disarm, other commands and
-replies, setpoints, the rest. Every message expires: a setpoint is replaced by the next one, and a command
-must not reach the vehicle after its sender has given up.
+Frames wait on a slow link. The order is: stop motors; mode changes and disarm; other commands and replies;
+setpoints; everything else. Every message expires: a setpoint is replaced by the next one, and a command must
+not reach the vehicle after the server has stopped waiting for the answer.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from gcs_server.mavlink.tables import TARGET_SYSTEM_OFFSET
 
 SETPOINT_LIFETIME_S = 0.1
 COMMAND_LIFETIME_S = 0.5
-"""At most the period after which an unanswered command is repeated."""
+"""Not longer than the period after which an unanswered command is repeated [s]."""
 STOP_LIFETIME_S = 1.0
-"""Longer than the period of attempts, so that one always waits in the queue."""
+"""Longer than the period of the attempts, so that one always waits in the queue [s]."""
 HEARTBEAT_LIFETIME_S = 1.0
 REST_LIFETIME_S = 3.0
 
@@ -29,7 +29,7 @@ class Priority(IntEnum):
     """The classes of a link's send queue, most urgent first."""
 
     STOP = 0
-    """Stop motors and flight termination: before all others."""
+    """Stop motors and flight termination; sent before all other messages."""
     MODE = 1
     """Mode changes, hold, land, return, disarm."""
     COMMAND = 2
@@ -46,12 +46,12 @@ class Urgency:
 
     priority: Priority
     lifetime_s: float
-    """Longest time between making and sending it."""
+    """Maximum time between creation and sending [s]."""
     key: Hashable = None
-    """A message replaces the waiting one with the same key; None: it replaces nothing."""
+    """A message replaces a waiting message with the same key; None: it replaces none."""
     flight: Hashable = None
-    """Set for messages that change how a vehicle flies: a newer one replaces those that wait for this vehicle
-    and are not more urgent. Stop motors is never replaced."""
+    """Vehicle of messages that change its flight. A newer message replaces waiting ones for the same vehicle
+    that are not more urgent. Stop motors is never replaced."""
 
 
 _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
@@ -75,7 +75,7 @@ INPUTS = frozenset(
         d.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET,
     }
 )
-"""Stick inputs: as short-lived as setpoints."""
+"""Stick inputs, with the same lifetime as setpoints."""
 GIMBAL_INPUTS = frozenset(
     {
         d.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE,
@@ -102,7 +102,7 @@ FLIGHT_COMMANDS = frozenset(
         d.MAV_CMD_MISSION_START,
     }
 )
-"""They also fly the vehicle, but a mode change is more urgent."""
+"""Commands that also change the flight, but are less urgent than a mode change."""
 
 
 def classify(msg_id: int, payload: bytes) -> Urgency:
@@ -155,7 +155,7 @@ def _of_command(msg_id: int, payload: bytes) -> Urgency:
 
 
 def _stops(command: int, first: float, second: float) -> bool:
-    """Handles NaN, which parameters of another station's command may have."""
+    """Whether a command stops the motors. Handles NaN, because another station may send it."""
     if command == d.MAV_CMD_COMPONENT_ARM_DISARM:
         return abs(first) < 0.5 and abs(second - FORCE) < 0.5
     return command == d.MAV_CMD_DO_FLIGHTTERMINATION and first > 0.5

@@ -1,4 +1,4 @@
-"""Owns the connections, heartbeats, forwarding and recording, and passes frames to the fleet."""
+"""Manages connections, heartbeats, forwarding and recording, and passes frames to the fleet."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gcs_server.supervise import Supervisor
 
 HEARTBEAT_INTERVAL_S = 1.0
 TROUBLED = ("waiting", "open")
-"""States in which a link's detail is a warning."""
+"""Link states whose detail is shown as a warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,23 +32,23 @@ class RouterSettings:
     system_id: int = 255
     component_id: int = 190
     signing_dir: Path | None = None
-    """Folder of the signing keys; None: no link can sign."""
+    """Folder with the signing keys; None: signing is not available."""
     recording_dir: Path | None = None
-    """Folder of the tlogs; None: no recording."""
+    """Folder for the tlogs; None: no recording."""
     recording_max_bytes: int = 200_000_000
     """Size at which a tlog is closed and the next one begins."""
     recording_keep_free_bytes: int = 500_000_000
-    """Recording stops while the disk has less than this free."""
+    """Recording stops while the disk has less free space than this."""
 
 
 class FrameSink:
     """Receiver of the frames (the fleet); the methods do nothing until it is set."""
 
     def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
-        """A frame from a vehicle's side (not from a forwarding link)."""
+        """Handles a frame from a vehicle (not from a forwarding link)."""
 
     def on_peer_gone(self, connection: Connection, peer: Peer) -> None:
-        """A peer is gone, or its whole link."""
+        """Handles the loss of a peer or of its link."""
 
 
 class Router:
@@ -106,7 +106,7 @@ class Router:
         """Makes and opens the link of a URL.
 
         Raises:
-            InvalidRequest: the URL is not understood, or the name is taken.
+            InvalidRequest: the URL is not valid, or the name is in use.
             LinkError: the recording to replay does not exist, or software that the link needs is missing.
         """
         return self.add(self.make_link(url, name))
@@ -150,7 +150,7 @@ class Router:
         self._forwarder.use(self._connections.values())
         try:
             connection.start()
-        except BaseException:  # leave nothing behind
+        except BaseException:  # undo the steps so far
             del self._connections[link.name]
             self._forwarder.use(self._connections.values())
             if recording is not None:
@@ -178,11 +178,11 @@ class Router:
         return [connection.info() for connection in self._connections.values()]
 
     def connections(self) -> tuple[Connection, ...]:
-        """All links' connections."""
+        """The connections of all links."""
         return tuple(self._connections.values())
 
     def connection(self, name: str) -> Connection:
-        """One link's connection, for its counters.
+        """The connection of a link.
 
         Raises:
             UnknownLink: no link of that name.
@@ -216,7 +216,7 @@ class Router:
         return waiting + faults + refused + [("recording", link, why) for link, why in problems]
 
     def on_change(self, callback: Callable[[LinkInfo], None]) -> None:
-        """Calls back when a link's state or its peers change."""
+        """Sets a function that is called when a link's state or its peers change."""
         self._on_change.append(callback)
 
     async def close(self) -> None:
@@ -241,7 +241,7 @@ class Router:
     def _frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         link = connection.link
         if frame.system_id == self._own_system_id and not link.replay and not link.forward:
-            return  # this server's own echo, or another station with the same id
+            return  # an echo of this server's own frame, or another station with the same id
         if self._forwarder.stations:
             self._forwarder.frame(frame, connection, peer)
         if not link.forward:

@@ -1,8 +1,8 @@
-"""MAVLink 2 message signing: makes and checks signatures, with timestamps that never go back. No I/O.
+"""MAVLink 2 message signing: creates and checks signatures, with timestamps that always increase. No I/O.
 
-Rules and layout are those of the MAVLink guide ("Message signing"): after the checksum a frame carries a link
-id (one byte), a timestamp (48 bits, 10 us since 2015-01-01) and the first 48 bits of the SHA-256 over the
-secret key and all that comes before them. A stream is one (link id, system, component): its timestamps rise
+Rules and layout are those of the MAVLink guide ("Message signing"): after the checksum, a frame has a link id
+(one byte), a timestamp (48 bits, unit 10 us, since 2015-01-01) and the first 48 bits of the SHA-256 over the
+secret key and all bytes before them. A stream is one (link id, system, component). Its timestamps increase
 with each frame; a new stream may be at most a minute behind.
 """
 
@@ -25,9 +25,9 @@ TICKS_PER_S = 100_000
 MAX_NEW_STREAM_AGE_TICKS = 60 * TICKS_PER_S
 MAX_TIMESTAMP = (1 << 48) - 1
 MAX_ADOPTED_TIMESTAMP = MAX_TIMESTAMP - 366 * 86_400 * TICKS_PER_S
-"""Larger timestamps are not adopted, because the range would soon be used up."""
+"""Larger timestamps are not adopted, because the range of values would soon be exhausted."""
 MAX_STREAMS = 1024
-"""Limit of streams per key. Only a sender with the key can start a new one."""
+"""Maximum number of streams per key. Only a sender with the key can start a new stream."""
 STX_V2 = 0xFD
 SIGNED_FLAG = 0x01
 _time_low_high = struct.Struct("<IH")
@@ -37,23 +37,23 @@ class Refusal(StrEnum):
     """Why a frame is refused."""
 
     UNSIGNED = "unsigned"
-    """It has no signature, and the link requires one."""
+    """The frame has no signature, and the link requires one."""
     WRONG_SIGNATURE = "wrong_signature"
-    """It was signed with another key, or changed in transfer."""
+    """The frame was signed with another key, or changed in transfer."""
     REPLAYED = "replayed"
-    """It is not newer than an earlier frame of its stream."""
+    """The frame is not newer than an earlier frame of its stream."""
     TOO_OLD = "too_old"
-    """It is the first of its stream, and more than a minute behind this server's time."""
+    """The frame is the first of its stream, and more than a minute behind this server's time."""
     TOO_MANY_STREAMS = "too_many_streams"
 
 
 class SecretKey:
-    """A key of 32 bytes that is never shown: not by `repr`, logs or errors."""
+    """A key of 32 bytes that never appears in `repr`, logs or errors."""
 
     __slots__ = ("_bytes",)
 
     def __init__(self, key: bytes) -> None:
-        """Raises ValueError, without the value."""
+        """Raises ValueError if the length is wrong; the error does not contain the key."""
         if len(key) != KEY_BYTES:
             raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
         self._bytes = bytes(key)
@@ -84,8 +84,8 @@ class SecretKey:
 class SigningClock:
     """Timestamps for signing in one process: always increasing, from any thread.
 
-    They follow the system clock, and run ahead of it if a correctly signed frame did, because a vehicle
-    refuses a new stream that is a minute behind its own time.
+    The timestamps follow the system clock. They run ahead of it after a correctly signed frame that was
+    ahead, because a vehicle refuses a new stream that is a minute behind its own time.
 
     Args:
         unix_s: the system clock [s since 1970].
@@ -112,7 +112,7 @@ class SigningClock:
         return max(self._machine_ticks() + self.ahead_ticks, self._last)
 
     def adopt(self, timestamp: int) -> None:
-        """Adopts the timestamp of a correctly signed frame: this server's next ones are larger."""
+        """Adopts the timestamp of a correctly signed frame; later timestamps of this server are larger."""
         if self.now() < timestamp <= MAX_ADOPTED_TIMESTAMP:
             with self._lock:
                 self._run_ahead_to(timestamp)
@@ -148,8 +148,8 @@ class FrameSigner:
         self.clock = clock
 
     def trailer(self, frame: bytes) -> bytes:
-        """The 13 bytes that follow a frame with its checksum. Call it when the frame is sent, in the order of
-        sending."""
+        """The 13 bytes of the signature that follow a frame and its checksum. Call when the frame is sent, in
+        the order of sending."""
         timed = self._link_id + self.clock.next().to_bytes(6, "little")
         return timed + self.key.signature(frame + timed)
 
@@ -159,21 +159,21 @@ class KeyVerifier:
 
     Args:
         key: the key.
-        clock: this server's signing time; adopts that of correctly signed frames.
+        clock: this server's signing clock; it adopts the timestamps of correctly signed frames.
     """
 
     def __init__(self, key: SecretKey, clock: SigningClock) -> None:
         self._key = key
         self._clock = clock
         self._newest: dict[tuple[int, int, int], int] = {}
-        """By stream."""
+        """Newest timestamp by stream."""
 
     def refusal(self, raw: bytes, system_id: int, component_id: int) -> Refusal | None:
         """Why a frame with a valid checksum is refused; None: accepted."""
         if not is_signed(raw):
             return Refusal.UNSIGNED
         if not hmac.compare_digest(self._key.signature(raw[:-6]), raw[-6:]):
-            return Refusal.WRONG_SIGNATURE  # first, because it must not change any state
+            return Refusal.WRONG_SIGNATURE  # checked first, because it must not change any state
         low, high = _time_low_high.unpack_from(raw, len(raw) - 12)
         timestamp = low | high << 32
         stream = (raw[-13], system_id, component_id)

@@ -17,7 +17,7 @@ class Layout:
     msg_id: int
     name: str
     crc_extra: bytes
-    """One byte."""
+    """CRC_EXTRA of the message, one byte."""
     fields: tuple[str, ...]
     """Field names in wire order."""
     attributes: tuple[str, ...]
@@ -26,7 +26,7 @@ class Layout:
     """Elements per field, in wire order; 1 for scalars and texts."""
     unpacker: struct.Struct
     order: tuple[int, ...]
-    """For each constructor argument its position in wire order."""
+    """For each argument of the message class's constructor, its position in wire order."""
     message_class: type[MAVLink_message]
 
 
@@ -48,7 +48,8 @@ def _layout(msg_id: int, cls: Any) -> Layout:
 
 
 RENAMED = frozenset({296})
-"""Messages of another name, and so another checksum, in PX4 v1.17 (GLOBAL_POSITION): treated as unknown."""
+"""Messages that have another name in PX4 v1.17 and therefore another checksum (GLOBAL_POSITION); treated as
+unknown."""
 LAYOUTS: dict[int, Layout] = {
     msg_id: _layout(msg_id, cls) for msg_id, cls in mavlink_map.items() if msg_id not in RENAMED
 }

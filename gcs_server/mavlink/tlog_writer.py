@@ -24,31 +24,32 @@ log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
 BACKLOG_LIMIT_FRAMES = 150_000
-"""Most frames of a link that may wait for a stalled disk (15 MB, half a minute of fifty vehicles). With more,
-the recording stops.
+"""Maximum number of frames of a link that wait for a stalled disk (15 MB, half a minute of fifty vehicles).
+Above it, the recording stops.
 """
 TRY_AGAIN_FLUSHES = 40
-"""A stopped recording is tried again after this many flushes."""
+"""Number of flushes after which a stopped recording is tried again."""
 
 _time = struct.Struct(">Q")
 
 
 def stamp(time_us: int) -> bytes:
-    """A record's time (since 1970) for `TlogChannel.append`."""
+    """The time of a record [us since 1970], encoded for `TlogChannel.append`."""
     return _time.pack(time_us)
 
 
 class TlogChannel:
-    """One link's recording; `append` is for any thread and never waits for the disk."""
+    """The recording of one link; `append` may be called from any thread and never waits for the disk."""
 
     def __init__(self, link: str) -> None:
         self.link = link
         self.problem = ""
-        """Why nothing is recorded; empty while recording works."""
+        """Why recording has stopped; empty while recording works."""
         self.path: Path | None = None
         self.closing = False
         self._waiting: deque[bytes] = deque()
-        """Records; a deque lets many threads append and the recorder take without a lock."""
+        """Waiting records; a deque, because threads can append to it and the recorder can take from it
+        without a lock."""
         self._file: int | None = None
         self._began_unix_s: float | None = None
         self._size = 0
@@ -101,7 +102,7 @@ class TlogChannel:
         raise FileExistsError(errno.EEXIST, f"too many recordings named {stamp}-{safe}")
 
     def info(self) -> Recording:
-        """For `GET /links`; from any thread."""
+        """The recording's state for `GET /links`; may be called from any thread."""
         name = None if self.path is None else self.path.name
         return Recording(name, self._size, self._began_unix_s, self.problem or None)
 
@@ -119,7 +120,7 @@ class TlogChannel:
         self.end()
 
     def waited_long_enough(self) -> bool:
-        """Counts the flushes since the stop; returns whether to try again."""
+        """Counts the flushes since recording stopped; returns whether to try again."""
         self._flushes_until_retry -= 1
         return self._flushes_until_retry <= 0
 
@@ -130,7 +131,7 @@ class TlogRecorder:
     Args:
         directory: folder of the files; created if missing.
         max_bytes: size at which the next file begins.
-        keep_free_bytes: recording stops while the disk has less.
+        keep_free_bytes: recording stops while the disk has less free space.
     """
 
     def __init__(self, directory: Path, *, max_bytes: int, keep_free_bytes: int) -> None:
@@ -144,7 +145,7 @@ class TlogRecorder:
         self._faults = FaultLog("recordings")
 
     def start(self) -> None:
-        """Starts to write every `FLUSH_INTERVAL_S`."""
+        """Starts writing every `FLUSH_INTERVAL_S`."""
         self._thread = threading.Thread(target=self._run, name="tlog", daemon=True)
         self._thread.start()
 
@@ -170,7 +171,7 @@ class TlogRecorder:
             channel.end()
 
     def flush(self) -> None:
-        """Writes waiting records now (the thread's work; also callable without the thread)."""
+        """Writes waiting records now; normally called by the thread."""
         with self._lock:
             channels = tuple(self._channels)
         too_full = self._too_full()
@@ -226,5 +227,5 @@ class TlogRecorder:
         while not self._stop.wait(FLUSH_INTERVAL_S):
             try:
                 self.flush()
-            except Exception as error:  # the thread continues: one fault must not end all recordings
+            except Exception as error:  # the thread continues, because one fault must not end all recordings
                 self._faults.add(error, "writing")

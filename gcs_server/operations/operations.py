@@ -1,8 +1,6 @@
-"""Operations: long-running work that a request starts, all clients can follow, and clients with the
-permission can cancel.
-
-One operation is an asyncio task with a status. It does not depend on a connection: a reloaded page or a
-reconnected client finds it again. It ends when:
+"""Operations: long-running work that is started by a request. All clients can follow it, and clients with the
+permission can cancel it. An operation is an asyncio task with a status. It does not depend on a connection,
+so that a reloaded page or a reconnected client finds it again. It ends when:
 
 - it returns: `succeeded`, with a small result; it raises: `failed`, with the error;
 - a client cancels it: `cancelled`, once the work has cleaned up;
@@ -10,7 +8,7 @@ reconnected client finds it again. It ends when:
 error, or after `LINK_GRACE_S` with `disconnected`; other work continues;
 - the server stops: `cancelled`. Operations are lost in a restart.
 
-`MAX_RUNNING` may run at once; of those that ended the newest `MAX_ENDED` are kept, the oldest go first.
+At most `MAX_RUNNING` operations run at a time. The newest `MAX_ENDED` ended operations are kept.
 """
 
 from __future__ import annotations
@@ -30,19 +28,19 @@ log = logging.getLogger(__name__)
 
 MAX_RUNNING = 20
 LINK_GRACE_S = 1.0
-"""Time in which work on a lost vehicle may fail with its own error before it is stopped [s]."""
+"""Time after which work on a lost vehicle is stopped, if it has not failed with its own error before [s]."""
 MAX_RESULT = 16_384
-"""Size as JSON [characters]."""
+"""Maximum size of a result as JSON [characters]."""
 MAX_ENDED = 50
 MAX_TEXT_LENGTH = 300
 TELL_PERIOD_S = 0.2
-"""Shortest time between two progress events of an operation; its end is reported at once."""
+"""Minimum time between two progress events of an operation; its end is reported immediately [s]."""
 
 State = Literal["running", "succeeded", "failed", "cancelled"]
 ReportProgress = Callable[[str, float | None], None]
-"""(what is happening, as a sentence; how much is done, 0 to 1, None: not known)."""
+"""Reports progress: (a sentence about the current work; the fraction done, 0 to 1, None: unknown)."""
 Work = Callable[[ReportProgress], Coroutine[Any, Any, dict[str, object] | None]]
-"""The work of an operation. It returns a small result; large results stay with their own resource."""
+"""The work of an operation. It returns a small result; large results are a resource of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,22 +48,22 @@ class Operation:
     """The state of one operation."""
 
     id: str
-    """Unique in this run of the server."""
+    """Id, unique until the server restarts."""
     kind: str
     """Kind of work: `parameters/read`, `recording/index`."""
     vehicle: str | None
     """The vehicle's id; null: no vehicle."""
     subject: str | None
-    """The object it works on besides the vehicle, such as a recording's name."""
+    """The object of the work besides the vehicle, such as a recording's name."""
     client: str
-    """The client that started it."""
+    """Name of the client that started the operation."""
     client_key: str
-    """Distinguishes clients of the same name."""
+    """Distinguishes clients with the same name."""
     state: State
     progress: float | None
     """Progress, 0 to 1; null: not known."""
     text: str
-    """What it is doing, or how it ended."""
+    """The current work, or how the operation ended."""
     started_unix_s: float
     """Start time [s since 1970 UTC]."""
     ended_unix_s: float | None
@@ -73,7 +71,7 @@ class Operation:
     result: dict[str, object] | None
     """The result; null unless it succeeded."""
     error: GcsError | None
-    """Why it failed."""
+    """Why the operation failed."""
 
 
 @dataclass(slots=True)
@@ -83,7 +81,7 @@ class _Running:
     needs_vehicle: bool
     reported_s: float
     stop_error: GcsError | None = None
-    """Why it is being stopped, if that is a failure."""
+    """Error with which the operation is being stopped; None: it is cancelled or still running."""
 
 
 class Operations:
@@ -106,7 +104,7 @@ class Operations:
         self._closed = False
 
     def all(self) -> list[Operation]:
-        """Running operations and the last ended ones; oldest first."""
+        """Running operations and those that ended recently; oldest first."""
         return list(self._known.values())
 
     def get(self, operation_id: str) -> Operation:
@@ -134,17 +132,17 @@ class Operations:
         by: tuple[str, str] = ("server", ""),
         needs_vehicle: bool = False,
     ) -> Operation:
-        """Starts work in the background. If an operation of the same kind, vehicle and subject is running,
-        returns that one.
+        """Starts work in the background. If an operation with the same kind, vehicle and subject is running,
+        returns that operation.
 
         Args:
             kind: kind of the work.
-            work: gets a function to report progress; cancelled by `asyncio.CancelledError`.
+            work: called with a function to report progress; cancelled by `asyncio.CancelledError`.
             text: text until the first progress report.
             vehicle: id of the vehicle, if there is one.
-            subject: the object it works on besides the vehicle.
+            subject: the object of the work besides the vehicle.
             by: name and key of the client.
-            needs_vehicle: whether it ends with the vehicle's link.
+            needs_vehicle: whether the operation fails when the vehicle's link is lost.
 
         Raises:
             Refused: the limit of running operations is reached, or the server is shutting down.
@@ -177,7 +175,7 @@ class Operations:
         return operation
 
     async def wait(self, operation_id: str) -> Operation:
-        """Waits for the end; cancelling the wait does not end the operation.
+        """Waits for the end of an operation; cancelling the wait does not end the operation.
 
         Raises:
             UnknownOperation: there is none of that id.
@@ -207,7 +205,8 @@ class Operations:
         return self._known.get(operation_id, operation)
 
     def vehicle_lost(self, vehicle_id: str, reason: str) -> None:
-        """The vehicle's link is lost, or it was removed: operations that need it fail."""
+        """Called when the vehicle's link is lost or the vehicle is removed; operations that need the vehicle
+        fail."""
         concerned = [
             running
             for operation_id, running in self._running.items()
@@ -217,7 +216,7 @@ class Operations:
             self._supervisor.spawn("operations of a lost vehicle", self._fail(concerned, vehicle_id, reason))
 
     async def close(self) -> None:
-        """Cancels all operations and waits for them; starts no more."""
+        """Cancels all operations, waits for them, and refuses new ones."""
         self._closed = True
         running = list(self._running.values())
         for each in running:
@@ -257,7 +256,8 @@ class Operations:
             self._end(operation_id, "succeeded", "Done.", result=result)
 
     def _never_ran(self, operation_id: str) -> None:
-        """A task that is cancelled before its first step never reaches `_run`."""
+        """Ends an operation whose task was cancelled before its first step, because `_run` was never
+        called."""
         if operation_id in self._running:
             error = self._running[operation_id].stop_error
             state: State = "cancelled" if error is None else "failed"

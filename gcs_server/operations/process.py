@@ -1,7 +1,8 @@
-"""Runs work in a process of its own, with progress and cancellation; has both sides.
+"""Runs work in a separate process, with progress and cancellation; this module contains the code of both
+sides.
 
 The process writes one JSON object per line: any number of `{"text", "progress"}`, then `{"result"}` or
-`{"problem"}`. SIGTERM asks it to end, and it is killed `END_TIMEOUT_S` later. It also ends when its standard
+`{"problem"}`. It is ended with SIGTERM, and killed `END_TIMEOUT_S` later. It also ends when its standard
 input closes, so that it never outlives the server.
 """
 
@@ -39,16 +40,16 @@ async def run_process(
     request: bytes = b"",
     longest_line: int = MAX_LINE_LENGTH,
 ) -> dict[str, object]:
-    """Runs the command until it has written its result.
+    """Runs a command and returns the result that it writes.
 
     Args:
         command: program and arguments.
         report: receives the progress of the process.
-        request: its input, without a line feed; the process reads it with `read_request`.
-        longest_line: longest line that it may write [bytes].
+        request: input of the process, without a line feed; the process reads it with `read_request`.
+        longest_line: maximum length of a line that the process may write [bytes].
 
     Raises:
-        WorkerFailed: it ended without a result.
+        WorkerFailed: the process reported a problem or ended without a result.
     """
     process = await asyncio.create_subprocess_exec(
         *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=longest_line
@@ -57,7 +58,9 @@ async def run_process(
     assert process.stdout is not None
     try:
         if request:
-            with contextlib.suppress(ConnectionError):  # it has ended: its output says why
+            with contextlib.suppress(
+                ConnectionError
+            ):  # the process has ended; its output contains the reason
                 process.stdin.write(request + b"\n")
                 await process.stdin.drain()
         while line := await process.stdout.readline():
@@ -113,8 +116,8 @@ def limit(*, memory_bytes: int, computing_s: int, timeout_s: int) -> None:
 
     Args:
         memory_bytes: limit of address space.
-        computing_s: processor time.
-        timeout_s: total time, on a busy computer.
+        computing_s: limit of processor time.
+        timeout_s: limit of the total time, which is longer on a busy computer.
     """
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
@@ -123,7 +126,8 @@ def limit(*, memory_bytes: int, computing_s: int, timeout_s: int) -> None:
 
 
 def serve(work: Callable[[ReportProgress], dict[str, object]]) -> None:
-    """Runs `work` in this process for `run_process` of the server; an exception becomes the problem."""
+    """Runs `work` in this process and writes the output for `run_process`; an exception is reported as the
+    problem."""
     threading.Thread(target=_end_with_the_server, daemon=True).start()
     try:
         _write({"result": work(lambda text, progress: _write({"text": text, "progress": progress}))})

@@ -12,7 +12,7 @@ from missions.geodesy import LocalOrigin
 from missions.runner.corridor import Corridor
 
 SAME_START_M = 5.0
-"""A dry run that began farther from the vehicle simulated another flight."""
+"""Maximum distance from the vehicle to the start of its dry run [m]."""
 
 
 def corridor_of(dry_run: Mapping[str, Any], here_ned_m: Vector3, origin: LocalOrigin | None) -> Corridor:
@@ -21,10 +21,11 @@ def corridor_of(dry_run: Mapping[str, Any], here_ned_m: Vector3, origin: LocalOr
     Args:
         found: the dry run.
         here_ned_m: the vehicle's position.
-        origin: of its local frame. None: unknown; then the dry run is assumed to have begun at this position.
+        origin: origin of the vehicle's local frame. None: unknown; the dry run is then assumed to have
+            started at this position.
 
     Raises:
-        Refused: the dry run has no corridor, is of a waypoint plan, or began at another position.
+        Refused: the dry run has no corridor, was made for a waypoint plan, or started at another position.
     """
     many = dry_run["monte_carlo"]
     corridor = None if many is None else many["corridor"]

@@ -1,6 +1,5 @@
-"""`python -m gcs_server.plans.dry_run_worker`: one dry run, in a process with limits of its own.
-
-It flies simulated vehicles only and has no links to real ones.
+"""`python -m gcs_server.plans.dry_run_worker`: executes one dry run in a separate process with its own
+limits. It flies simulated vehicles only and has no links to real ones.
 """
 
 from __future__ import annotations

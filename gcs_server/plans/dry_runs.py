@@ -1,4 +1,4 @@
-"""Dry runs: plans flown in simulation, each in a process of its own. The newest results are kept in
+"""Dry runs: plans flown in simulation, each in a separate process. The newest results are kept in
 memory."""
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from gcs_server.operations.operations import ReportProgress
 from gcs_server.operations.process import WorkerFailed, run_process
 
 AT_ONCE = 2
-"""Processes at a time; they have low priority, but a small computer has two cores."""
+"""Maximum number of processes; they have low priority, but a small computer has only two cores."""
 MAX_KEPT = 10
 MAX_ANSWER_BYTES = 8 * 1024 * 1024
 COMMAND = (sys.executable, "-m", "gcs_server.plans.dry_run_worker")
 
 
 class DryRuns:
-    """The dry runs of one server; a restart loses them."""
+    """The dry runs of one server; they are lost in a restart."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -48,16 +48,17 @@ class DryRuns:
         """Runs a dry run and stores the result; cancelling it ends the process.
 
         Args:
-            dry_run_id: its id.
+            dry_run_id: id of the dry run.
             request: input of `missions.dry_run.task`.
-            about: stored with the result.
+            about: data to store with the result.
             report: receives progress.
 
         Returns:
             A summary.
 
         Raises:
-            Refused: the plan cannot be flown, takes too long, or too many run.
+            Refused: the plan cannot be flown, the simulation takes too long, or too many dry runs are
+                running.
         """
         if self._running >= AT_ONCE:
             raise Refused(f"{AT_ONCE} dry runs are already running.", remedy="Wait until one has ended.")
@@ -83,7 +84,7 @@ class DryRuns:
         """The result of a dry run.
 
         Raises:
-        UnknownDryRun: there is none, it has not ended, or it was forgotten.
+        UnknownDryRun: there is no such dry run, it has not ended, or it was deleted.
         """
         result = self._kept.get(dry_run_id)
         if result is None:

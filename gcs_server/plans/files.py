@@ -1,7 +1,8 @@
-"""One folder for each plan, one file for each version: a line about the version, then the plan, both JSON.
+"""Stores plans in one folder per plan and one file per version: a line about the version, then the plan, both
+as JSON.
 
-A version is written completely or not at all, and never changed afterwards. All functions block: do not call
-them in the event loop.
+A version is written completely or not at all, and is never changed afterwards. All functions block, so do not
+call them in the event loop.
 """
 
 from __future__ import annotations
@@ -29,17 +30,18 @@ class PlanVersion:
     """One version of a plan, without the plan itself."""
 
     id: str
-    """The plan's id; it stays when the plan is renamed."""
+    """The plan's id, which does not change when the plan is renamed."""
     name: str
     """Name of the plan."""
     version: int
-    """Counts from 1; every save adds 1."""
+    """Number of the version, from 1; every save adds 1."""
     changed_unix_s: float
     """Time when it was saved [s since 1970 UTC]."""
     changed_by: str
     """Client that saved it."""
     item_count: int
-    """Items of a waypoint plan as it is uploaded; steps of an offboard mission, nested ones included."""
+    """Number of items of a waypoint plan as uploaded, or of steps of an offboard mission, including nested
+    ones."""
     kind: Kind = "waypoint_plan"
     """Waypoint plan (flown by the vehicle) or offboard mission (flown by the server's setpoints)."""
 
@@ -82,13 +84,13 @@ class PlanFiles:
         """Description of one version.
 
         Raises:
-        OSError: it cannot be read.
-        ValueError: it is not a version of a plan.
+        OSError: the file cannot be read.
+        ValueError: the file is not a version of a plan.
         """
         return self._read(plan_id, version, MAX_HEAD_BYTES)[0]
 
     def read(self, plan_id: str, version: int) -> tuple[PlanVersion, bytes]:
-        """One version and the plan's JSON; raises as `head`."""
+        """One version and the plan's JSON; raises the same errors as `head`."""
         return self._read(plan_id, version, MAX_FILE_BYTES)
 
     def write(self, head: PlanVersion, plan: bytes) -> int:
@@ -159,11 +161,11 @@ def _head(value: Any) -> PlanVersion:
     fields: dict[str, Any] = {
         "kind": "waypoint_plan",
         **cast(dict[str, Any], value),
-    }  # older files do not have it
+    }  # files of older versions do not have this field
     types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int, "kind": str}
     time = fields.get("changed_unix_s")
     if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):
-        raise ValueError("its first line is not what this server writes")
+        raise ValueError("its first line does not have the expected fields")
     if any(type(fields[name]) is not kind for name, kind in types.items()):
         raise ValueError("its first line has a value of another type")
     if fields["kind"] not in get_args(Kind):

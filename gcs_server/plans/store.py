@@ -1,7 +1,6 @@
-"""Plans in the data folder, with versions; each save names the version that it is based on.
-
-All disk work runs in one thread, one task after the other: saves never interleave, and a cancelled caller
-does not interrupt a save.
+"""The plans in the data folder, with versions. Each save names the version that was changed. All disk work
+runs in one thread, one task after the other, so that saves never interleave and a cancelled caller does not
+interrupt a save.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from missions.documents import Document
 
 MAX_PLANS = 500
 MAX_VERSIONS = 50
-"""Versions per plan; the oldest are removed first."""
+"""Maximum number of versions per plan; the oldest are removed first."""
 MAX_TOTAL_BYTES = 500_000_000
-"""Total size of all versions of all plans."""
+"""Maximum total size of all versions of all plans."""
 
 Action = Literal["created", "saved", "deleted"]
 T = TypeVar("T")
@@ -42,7 +41,7 @@ class PlanChange:
     by: str
     """Client that made the change."""
     by_key: str
-    """Distinguishes clients of the same name."""
+    """Distinguishes clients with the same name."""
 
 
 @dataclass(slots=True)
@@ -59,7 +58,7 @@ class PlanStore:
 
     Args:
         folder: created when first written to.
-        clock: gives the times of changes.
+        clock: clock for the times of changes.
         on_change: called in the event loop with every change.
     """
 
@@ -73,7 +72,7 @@ class PlanStore:
         self._index: _Index | None = None
 
     def warnings(self) -> list[str]:
-        """Warnings for unreadable plans; known after the first request for plans."""
+        """Warnings about unreadable plans; available after the first request for plans."""
         return [] if self._index is None else list(self._index.problems)
 
     def close(self) -> None:
@@ -90,7 +89,7 @@ class PlanStore:
         return sorted(found, key=lambda head: (head.name.casefold(), head.id))
 
     async def versions(self, plan_id: str) -> list[PlanVersion]:
-        """The stored versions, newest first; raises as `get`."""
+        """The stored versions, newest first; raises the same errors as `get`."""
 
         def work(index: _Index) -> list[PlanVersion]:
             self._newest(index, plan_id)
@@ -103,7 +102,7 @@ class PlanStore:
 
         Raises:
             UnknownPlan: there is no such plan or version.
-            StorageError: it cannot be read.
+            StorageError: the plan cannot be read.
         """
 
         def work(index: _Index) -> tuple[PlanVersion, bytes]:
@@ -147,7 +146,7 @@ class PlanStore:
 
         Raises:
             UnknownPlan: there is no such plan.
-            PlanConflict: another client saved meanwhile; nothing is overwritten.
+            PlanConflict: another client has saved a newer version; nothing is overwritten.
             Refused, StorageError: as `create`.
         """
 
@@ -167,7 +166,7 @@ class PlanStore:
         return await self._change("saved", work, by)
 
     async def delete(self, plan_id: str, *, base_version: int, by: tuple[str, str]) -> None:
-        """Removes a plan and all its versions; raises as `save`."""
+        """Removes a plan and all its versions; raises the same errors as `save`."""
 
         def work(index: _Index) -> PlanVersion:
             newest = self._checked(index, plan_id, base_version)

@@ -45,8 +45,8 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
 
 
 def _check(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text); `parameters`; `home`, `origin`, `reported` of the vehicle and `power`, or null;
-    `elevation`: paths of elevation files."""
+    """Checks a plan. Arguments: `plan` (JSON text); `parameters`; `home`, `origin` and `reported` of the
+    vehicle, and `power`, each may be null; `elevation`: paths of elevation files."""
     document = documents.read(arguments["plan"])
     power = None if arguments["power"] is None else PowerModel(**arguments["power"])
     if isinstance(document, OffboardMission):
@@ -141,8 +141,8 @@ def _mission_ground(
 
 
 def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: Sequence[str]) -> Values:
-    """Checks a mission of several vehicles. All have these parameters and start on the ground at the start
-    position of their role.
+    """Checks a mission of several vehicles. All vehicles have these parameters and start on the ground at the
+    start position of their role.
     """
     from missions.offboard import mission_checks, roles, samples
 
@@ -191,7 +191,8 @@ def _mission_finding(finding: MissionFinding) -> Values:
 
 
 def _import(arguments: Mapping[str, Any]) -> Values:
-    """`file` (base64), `filename`, `altitude` (of points without one, or null)."""
+    """Imports a file. Arguments: `file` (base64), `filename`, `altitude` (for points without one; may be
+    null)."""
     altitude = arguments["altitude"]
     options = ImportOptions(None if altitude is None else Altitude.model_validate(altitude))
     data = base64.b64decode(arguments["file"])
@@ -214,13 +215,13 @@ def _import(arguments: Mapping[str, Any]) -> Values:
 
 
 def _export(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `format`."""
+    """Exports a plan. Arguments: `plan` (JSON text), `format`."""
     written = any_format.write(arguments["format"], documents.read(arguments["plan"]))
     return {"file": base64.b64encode(written.data).decode(), "notes": list(written.notes)}
 
 
 def _pattern(arguments: Mapping[str, Any]) -> Values:
-    """`pattern` (JSON text)."""
+    """Generates a pattern. Argument: `pattern` (JSON text)."""
     from missions.patterns import document  # shapely takes 0.2 s to import, and only patterns need it
 
     found = document.make(document.read(arguments["pattern"]))
@@ -238,7 +239,8 @@ def _pattern(arguments: Mapping[str, Any]) -> Values:
 
 
 def _convert(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `name`, `parameters`, `home` (of the vehicle, null: the plan's own)."""
+    """Converts a waypoint plan. Arguments: `plan` (JSON text), `name`, `parameters`, `home` (of the vehicle;
+    null: the plan's home)."""
     from missions.offboard.from_plan import from_plan
 
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
@@ -250,10 +252,10 @@ def _convert(arguments: Mapping[str, Any]) -> Values:
 
 
 def _compile(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `parameters`, `reported`, `start` (as `Start`, `origin` as a mapping or null),
-    `elevation`: paths of elevation files.
+    """Compiles an offboard mission. Arguments: `plan` (JSON text), `parameters`, `reported`, `start` (as
+    `Start`, `origin` as a mapping or null), `elevation`: paths of elevation files.
 
-    `flown` is pickled: only a process of this server writes it, and only this server reads it.
+    `flown` is pickled, because only this server and its processes write and read it.
     """
     from missions.offboard.compiler import compile_mission
 
@@ -269,9 +271,10 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
 
 
 def _compile_roles(arguments: Mapping[str, Any]) -> Values:
-    """`plan` (JSON text), `vehicles`: for each role the vehicle's arguments of `compile`; `elevation`.
+    """Compiles a mission of several vehicles. Arguments: `plan` (JSON text), `vehicles`: for each role the
+    arguments of `compile`; `elevation`.
 
-    `flown` is pickled: for each role its timeline and its limits of motion.
+    `flown` is pickled: timeline and motion limits of each role.
     """
     from missions.offboard.roles import compile_roles
 
@@ -321,7 +324,7 @@ def _start_of(start: Values) -> Start:
 
 
 def _motion_of(mission: OffboardMission, vehicle: MissionVehicle) -> MotionLimits:
-    """Limits of motion in pauses and on the way to the path, at the mission's speed."""
+    """Motion limits for pauses and for the approach to the path, at the mission's speed."""
     motion = vehicle.within(mission.limits)
     cruise_m_s = min(vehicle.limits.vehicle.cruise_m_s, mission.limits.speed_m_s or motion.speed_m_s)
     return dataclasses.replace(motion, speed_m_s=min(cruise_m_s, motion.speed_m_s))

@@ -1,5 +1,5 @@
-"""Computations with the operator's elevation files. GDAL reads the files, so only the worker processes of
-plans import this module."""
+"""Computations with the operator's elevation files. GDAL reads the files, so this module is imported only in
+worker processes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from missions.terrain.profile import PlanGround
 MARGIN_M = 100.0
 """Margin around the positions of a plan."""
 LONGEST_SIDE_M = 100_000.0
-"""Largest side of a plan's area: farther than any of these vehicles fly."""
+"""Maximum side of a plan's area [m]; longer than any flight of these vehicles."""
 
 
 def of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
@@ -42,10 +42,10 @@ def of_mission(
     """Findings about a compiled offboard mission, and the ground below it.
 
     Args:
-        legs: of one vehicle, or of all roles in sequence, in the frame of `origin`.
-        origin: None: unknown, so there are no findings and no ground.
+        legs: the legs of one vehicle, or of all roles in sequence, in the frame of `origin`.
+        origin: origin of the local frame; None: unknown, so there are no findings and no ground.
         start_down_m: down coordinate of the start.
-        paths: of elevation files.
+        paths: paths of the elevation files.
     """
     if origin is None:
         return [], PlanGround()

@@ -16,7 +16,7 @@ from gcs_server.operations.process import WorkerFailed, run_process
 from gcs_server.plans import tasks
 
 AT_ONCE = 2
-"""Processes at a time; a small computer has two cores, and the vehicles need one."""
+"""Maximum number of processes; a small computer has two cores, and one is needed for the vehicles."""
 MAX_WAITING = 16
 MAX_ANSWER_BYTES = 32 * 1024 * 1024
 ELEVATION_SUFFIXES = (".tif", ".tiff", ".hgt")
@@ -45,12 +45,13 @@ class PlanWork:
         Args:
             task: one of `tasks.TASKS`.
             arguments: arguments of the task.
-            small: it takes milliseconds for any content, so it runs in a thread.
+            small: whether the task takes only milliseconds for any content, so that it can run in a thread.
             field: field of the request that errors name.
 
         Raises:
-            InvalidRequest: the plan or file cannot be used; where, why, and what to do.
-            Refused: it takes too much memory or time, or too many tasks wait.
+            InvalidRequest: the plan or file cannot be used; the error contains the part, the reason and the
+                fix.
+            Refused: the task takes too much memory or time, or too many tasks are waiting.
         """
         if self._pending >= MAX_WAITING:
             raise Refused(
@@ -88,13 +89,13 @@ class PlanWork:
                 )
         except WorkerFailed as error:
             raise Refused(
-                f"The {task} took more memory or time than it may, or failed: {error}",
+                f"The {task} exceeded its limit of memory or time, or failed: {error}",
                 remedy="Make the plan, file or area smaller.",
             ) from error
 
 
 def elevation_files(folder: Path) -> list[str]:
-    """Paths of the files in a folder that are elevation files by name, in order of their names."""
+    """Paths of the files in a folder with the name of an elevation file, sorted by name."""
     if not folder.is_dir():
         return []
     found = (

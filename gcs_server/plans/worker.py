@@ -1,6 +1,5 @@
-"""`python -m gcs_server.plans.worker`: one task about a plan, in a process with limits of its own.
-
-Files are untrusted and plans may be large: too much memory or time ends only this process.
+"""`python -m gcs_server.plans.worker`: executes one task on a plan in a separate process with its own limits.
+Files are untrusted and plans may be large; exceeding a limit ends only this process.
 """
 
 from __future__ import annotations

@@ -23,11 +23,11 @@ from gcs_server.replay.records import (
 
 SUFFIXES = (".tlog", ".tlog.gz")
 MAX_NAME_LENGTH = 255
-"""Longest file name [bytes]."""
+"""Maximum length of a file name [bytes]."""
 _recording_name = re.compile(r"\d{8}-\d{6}-(?P<link>.+?)(_\d{3})?\.tlog(\.gz)?")
 
 Stamp = tuple[int, int]
-"""(size, time of the last change [ns]): changes with the file."""
+"""(size, time of the last change [ns]) of a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,17 +38,17 @@ class RecordingInfo:
     """Name of the file, also in the API."""
     bytes: int
     started_unix_s: float | None
-    """Time of the first record; null if nothing can be read."""
+    """Time of the first record [s since 1970 UTC]; null if the file cannot be read."""
     duration_s: float | None
     """Time from the first to the last record."""
     vehicles: tuple[int, ...]
-    """System ids of the vehicles near its start; of all vehicles once it has been opened."""
+    """System ids of the vehicles near the start; of all vehicles once the recording was opened."""
     link: str | None
     """Link from which it was recorded, from the file name; null for other files."""
     running: bool
-    """Whether it is being written now."""
+    """Whether the recording is still being written."""
     problem: str | None
-    """Why it cannot be played completely; null if it can."""
+    """Why the recording cannot be played completely; null if it can."""
 
 
 def _is_plain(name: str) -> bool:
@@ -138,12 +138,13 @@ def look(path: Path, size: int) -> RecordingInfo:
         started_unix_s=begin_us / 1e6,
         duration_s=(end_us - begin_us) / 1e6,
         vehicles=tuple(sorted({system_id(r.key) for r in first.records if _is_autopilot(r)})),
-        problem="Some parts of the recording are damaged and left out." if damaged else None,
+        problem="Damaged parts of the recording are left out." if damaged else None,
     )
 
 
 def _ends(path: Path) -> tuple[bytes, bytes, int]:
-    """(first bytes, last bytes, offset of the last bytes; 0 if the first are the whole file)."""
+    """The first bytes of a file, the last bytes, and their offset (0 if the first bytes are the whole
+    file)."""
     if path.suffix == ".gz":
         head = tail = b""
         total = 0

@@ -1,6 +1,5 @@
-"""The index of a recording: bounds, checkpoints to start reading from, and frames with events or changes.
-
-A recording is untrusted. Its index always stays within these limits; what it leaves out is counted.
+"""The index of a recording: bounds, checkpoints from which reading can start, and frames with events or
+changes. A recording is untrusted, so the size of its index is limited; omitted records are counted.
 """
 
 from __future__ import annotations
@@ -24,21 +23,21 @@ from gcs_server.replay.records import (
 HEARTBEAT, COMMAND_ACK, EXTENDED_SYS_STATE, STATUSTEXT, EVENT, CURRENT_MODE = 0, 77, 245, 253, 410, 436
 AUTOPILOT_INVALID = 8
 STATES = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, CURRENT_MODE})
-"""Repeated messages: only changes are indexed."""
+"""Repeated messages, of which only changes are indexed."""
 EVENT_MESSAGES = STATES | {STATUSTEXT, EVENT, COMMAND_ACK}
 MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
-"""Commands whose acknowledgement shows who changed the mode. Listed here because loading the dialect takes a
-second."""
+"""Commands whose acknowledgement shows who changed the mode. Their numbers are listed here because loading
+the dialect takes a second."""
 CHANGES_RESTORED, TEXTS_RESTORED = 2000, 500
-"""Largest number of events restored after a jump."""
+"""Maximum number of changes and texts restored after a jump."""
 MAX_KINDS = 10_000
-"""Largest number of (system, component, message) combinations: enough for a hundred vehicles."""
+"""Maximum number of (system, component, message) combinations, enough for a hundred vehicles."""
 MAX_EVENT_RECORDS = 50_000
-"""Limit of state changes, and of texts: more than one per second for a day."""
+"""Maximum number of state changes, and of texts; more than one per second for a day."""
 MAX_CHECKPOINT_NUMBERS = 2_000_000
 """Limit of numbers in all checkpoints (16 MB); beyond it, every second checkpoint is dropped."""
 DAMAGED_FROM = 0.5
-"""A file with a larger share of bytes outside records is not a telemetry log."""
+"""Fraction of bytes outside records above which a file is not a telemetry log."""
 
 
 class UnreadableRecording(ValueError):
@@ -47,7 +46,7 @@ class UnreadableRecording(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """A position to start reading, with the newest records before it."""
+    """A position from which reading can start, with the newest records before it."""
 
     cursor: Cursor
     newest: array[int]
@@ -65,14 +64,14 @@ class Index:
     """Bytes outside records (damage)."""
     size_bytes: int
     systems: tuple[int, ...]
-    """System ids of the autopilots in it."""
+    """System ids of the autopilots in the recording."""
     checkpoints: tuple[Checkpoint, ...]
     changes: array[int]
     """(time, offset) of each frame with a changed state."""
     texts: array[int]
     """(time, offset) of each status text and event."""
     first_heartbeats: tuple[tuple[int, int], ...]
-    """(time, offset) of each autopilot's first heartbeat, which makes the vehicle known."""
+    """(time, offset) of each autopilot's first heartbeat, which adds the vehicle."""
     left_out: int
     """Records beyond MAX_KINDS or MAX_EVENT_RECORDS; they may be missing after a jump."""
 
@@ -103,7 +102,7 @@ def _until(flat: array[int], until_us: int, at_most: int) -> list[tuple[int, int
 
 
 class _ChangeFinder:
-    """Finds changes; fed with every record in order."""
+    """Finds state changes; called with every record in order."""
 
     def __init__(self) -> None:
         self.changes: array[int] = array("q")
@@ -127,9 +126,7 @@ class _ChangeFinder:
         if kind in STATES:
             is_new = self._states.get(key) != payload
             self._states[key] = payload
-            if (
-                kind != EXTENDED_SYS_STATE
-            ):  # both contain the mode: a value that differs from the last one is a change
+            if kind != EXTENDED_SYS_STATE:  # both messages contain the mode; a different value is a change
                 sender, mode = key >> 24, payload[:4].ljust(4, b"\0")
                 is_new = is_new or self._modes.get(sender) != mode
                 self._modes[sender] = mode
@@ -168,7 +165,7 @@ def make_index(file: BinaryIO) -> Index:
     """Reads a whole log.
 
     Raises:
-        UnreadableRecording: it has no records, or is not a telemetry log.
+        UnreadableRecording: the file has no records, or is not a telemetry log.
         OSError: the file cannot be read.
     """
     finder, newest, checkpoints = _ChangeFinder(), dict[int, tuple[int, int]](), _Checkpoints()

@@ -1,4 +1,4 @@
-"""Makes an index in a process of its own (`python -m gcs_server.replay.index_process FILE`).
+"""Creates an index in a separate process (`python -m gcs_server.replay.index_process FILE`).
 
 Reading a long log takes seconds, which must not stall the server. The process has limits of memory and
 computing time, so that no recording can exhaust the server. Its answer is one line of JSON, then the arrays
@@ -23,13 +23,13 @@ from gcs_server.replay.records import Cursor, open_log
 NICENESS = 10
 MEMORY_BYTES = 1_000_000_000
 COMPUTING_S = 900
-"""Enough for about ten gigabytes of log."""
+"""Processor time [s], enough for a log of about ten gigabytes."""
 
 _broken_off = "Reading the recording took more memory or time than allowed."
 
 
 class IndexProcess:
-    """Makes an index in a process of its own; `run` is for a worker thread, `stop` for any."""
+    """Creates an index in a separate process. Call `run` in a worker thread, `stop` in any thread."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -37,10 +37,10 @@ class IndexProcess:
         self._stopped = False
 
     def run(self) -> Index:
-        """Waits for the process.
+        """Runs the process and returns the index.
 
         Raises:
-            UnreadableRecording: the text says what is wrong with the file.
+            UnreadableRecording: the file cannot be read; the text contains the reason.
         """
         command = [sys.executable, "-m", "gcs_server.replay.index_process", str(self.path)]
         with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as process:

@@ -1,4 +1,4 @@
-"""Marks of a time bar: modes, armed spans, and messages of the vehicles as in flight."""
+"""The marks of a replay's time bar: modes, armed periods and messages of the vehicles."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, 
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 
 MAX_MESSAGES = 1000
-"""Limit per vehicle; the least severe messages are left out."""
+"""Maximum number of messages per vehicle; the least severe messages are left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModeSpan:
-    """A time in one flight mode."""
+    """A period in one flight mode."""
 
     begin_unix_s: float
     end_unix_s: float
     mode: str
     """As in `status.mode`."""
     mode_label: str
-    """For people."""
+    """Name of the mode on the page."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmedSpan:
-    """A time with the motors armed."""
+    """A period in which the vehicle is armed."""
 
     begin_unix_s: float
     end_unix_s: float
@@ -58,7 +58,7 @@ class VehicleMarks:
     modes: tuple[ModeSpan, ...]
     armed: tuple[ArmedSpan, ...]
     messages: tuple[MessageMark, ...]
-    """Oldest first."""
+    """Messages, oldest first."""
     messages_left_out: int
 
 
@@ -72,7 +72,7 @@ class _VehicleLog:
     flight_state: FlightState = field(default_factory=FlightState)
     changes: list[tuple[float, FlightState]] = field(default_factory=list[tuple[float, FlightState]])
     in_report: bool = False
-    """Between the two summaries that enclose the findings of its checks."""
+    """Whether the log is between the two summaries that enclose the findings of the vehicle's checks."""
 
     def __post_init__(self) -> None:
         self.event_logger = EventLogger(self.feed, self.clock)

@@ -1,4 +1,5 @@
-"""Pure functions of playback: the time that is due, the records that restore a time, and records to drop."""
+"""Pure functions of playback: the current position, the records that restore the state at a time, and the
+records to drop."""
 
 from __future__ import annotations
 
@@ -12,14 +13,16 @@ from gcs_server.replay.records import Batch, Cursor, Record, read_at, read_batch
 
 SLOWEST, FASTEST = 0.25, 50.0
 TAKE_S = 1e6
-"""Gap between the monotonic times of two takes, so that no time occurs twice. Each jump starts a take."""
+"""Gap between the monotonic times of two takes (a take is the playback between two jumps), so that no time
+occurs twice [s]."""
 
 
 class ReplayClock(Clock):
     """The clock of a recording: it stops during a pause, and runs at playback speed.
 
     Args:
-        take: number of jumps; after a jump there are new vehicles, so no vehicle sees its time run backwards.
+        take: number of jumps so far. After a jump the vehicles are new, so that the time of a vehicle never
+            runs backwards.
     """
 
     def __init__(self, begin_us: int, take: int) -> None:
@@ -32,11 +35,11 @@ class ReplayClock(Clock):
         return self._offset_s + (self.time_us - self._begin_us) / 1e6
 
     def unix_s(self) -> float:
-        """Time of the recording computer's clock."""
+        """Time by the recording computer's clock [s since 1970 UTC]."""
         return self.time_us / 1e6
 
     async def sleep(self, seconds: float) -> None:
-        """Not supported: nothing waits in a recording's time.
+        """Not supported, because no code waits for a time in a recording.
 
         Raises:
             RuntimeError: always.
@@ -45,7 +48,7 @@ class ReplayClock(Clock):
 
 
 class Timeline:
-    """Position, speed and play state, computed from the given time."""
+    """Position, speed and state of playback at a given time."""
 
     def __init__(self, begin_us: int, end_us: int, *, speed: float, playing: bool) -> None:
         self.begin_us, self.end_us = begin_us, end_us
@@ -60,11 +63,11 @@ class Timeline:
         return self._speed
 
     def playing(self, now_s: float) -> bool:
-        """Whether it plays; False at the end."""
+        """Whether the recording is playing; False at the end."""
         return self._playing and self.position_us(now_s) < self.end_us
 
     def position_us(self, now_s: float) -> int:
-        """The position that is due."""
+        """The position at this time [us since 1970]."""
         if not self._playing:
             return self._from_us
         if self._since_s is None:
@@ -73,11 +76,11 @@ class Timeline:
         return min(self.end_us, self._from_us + played_us)
 
     def play(self, now_s: float) -> None:
-        """Plays."""
+        """Starts playing."""
         self._restart(now_s, self.position_us(now_s), True)
 
     def pause(self, now_s: float) -> None:
-        """Pauses."""
+        """Pauses playback."""
         self._restart(now_s, self.position_us(now_s), False)
 
     def set_speed(self, now_s: float, speed: float) -> None:
@@ -99,16 +102,16 @@ class Moment:
     """The records that restore the state at one time, and the position where reading continues."""
 
     records: list[Record]
-    """In recorded order: the newest record of each message up to that time, and the events so far."""
+    """Records in recorded order: the newest one of each message up to that time, and the events so far."""
     following: list[Record]
-    """Records already read that are later."""
+    """Records that were already read and are later."""
     after: Cursor
     at_end: bool
 
 
 def condense(records: Iterable[Record]) -> list[Record]:
-    """The newest record of each message and all records with events or changes, in order. They restore the
-    same state as all records.
+    """Reduces records to the newest one of each message and all with events or changes, in order. They
+    restore the same state.
     """
     all_records = list(records)
     newest = {record.key: record.offset for record in all_records}
@@ -116,7 +119,7 @@ def condense(records: Iterable[Record]) -> list[Record]:
 
 
 def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
-    """The records that restore the state at `time_us`; reads a bounded piece of the file.
+    """The records that restore the state at `time_us`; reads a limited part of the file.
 
     Raises:
         OSError: the file cannot be read.
@@ -141,7 +144,7 @@ def moment(file: BinaryIO, index: Index, time_us: int) -> Moment:
 
 
 def _newest_events(records: list[Record]) -> list[Record]:
-    """Drops the oldest events if there are more than a feed shows."""
+    """Drops the oldest events if there are more than the message list shows."""
     offsets = [record.offset for record in records if record.key & 0xFFFFFF in EVENT_MESSAGES]
     if len(offsets) <= CHANGES_RESTORED + TEXTS_RESTORED:
         return records

@@ -1,8 +1,8 @@
 """Records of a telemetry log: an 8-byte big-endian time (microseconds since 1970) and a raw MAVLink frame.
 
-A log may be damaged anywhere, so each record is checked: its frame must start with a MAVLink marker, and its
-time must fit its neighbours. Bytes outside records are skipped and counted. Returned times never run
-backwards and never jump by days, even if the recording computer's clock did.
+A log may be damaged anywhere, so each record is checked: the frame must start with a MAVLink marker, and the
+time must be close to those of its neighbours. Bytes outside records are skipped and counted. Returned times
+never run backwards and never jump by days, even if the clock of the recording computer did.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ BATCH_BYTES = 1 << 18
 PLAUSIBLE_US = (10**14, 10**16)
 """Valid times, 1973 to 2286, to detect damage."""
 SAME_CLOCK_US = 86_400_000_000
-"""If neighbours are more than a day apart, one is damaged, or the clock was set in between."""
+"""Maximum time between neighbouring records; if they are farther apart, one is damaged or the clock was
+set."""
 JITTER_US = 2_000_000
-"""Times may step back a little because two threads write; a larger step means that the clock was set."""
+"""Maximum step backwards between two records, because two threads write; after a larger step the clock was
+set."""
 MAX_UNPACKED_BYTES = 4_000_000_000
 KEEP_FREE_BYTES = 500_000_000
-"""Disk space that unpacking leaves free, because a flight may be recorded at the same time."""
+"""Disk space that unpacking must leave free, because a flight may be recorded at the same time."""
 
 _time = struct.Struct(">Q")
 
@@ -51,9 +53,9 @@ class Cursor:
 
     offset: int = 0
     time_us: int = 0
-    """Time of the newest record before; 0 if there is none."""
+    """Time of the newest record before the cursor; 0 if there is none."""
     shift_us: int = 0
-    """Added to the recorded times, because the recording clock was set."""
+    """Correction that is added to the recorded times, because the recording clock was set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,7 @@ def open_log(path: Path) -> BinaryIO:
     """Opens a log for random access; unpacks a `.gz` into an unnamed temporary file.
 
     Raises:
-        OSError: it cannot be read, or is not what its name says.
+        OSError: the file cannot be read, or its content does not match its name.
     """
     if path.suffix != ".gz":
         return path.open("rb")
@@ -98,10 +100,11 @@ def open_log(path: Path) -> BinaryIO:
 
 
 def unpack(path: Path) -> Iterator[bytes]:
-    """Unpacks a gzip file as far as possible; the rest of an incomplete one is missing.
+    """Unpacks a gzip file; of an incomplete file, as much as possible.
 
     Raises:
-        OSError: not readable, not a gzip file, or larger than MAX_UNPACKED_BYTES when unpacked.
+        OSError: the file cannot be read, is not a gzip file, or is larger than MAX_UNPACKED_BYTES when
+            unpacked.
     """
     unpacked_bytes = 0
     with gzip.open(path, "rb") as file:
@@ -169,7 +172,7 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
         if fits and not is_neighbour:
             following = at + length
             if position and not is_last and size - following < TIME_BYTES + MIN_FRAME_BYTES:
-                break  # decided with the next piece
+                break  # checked again with the next piece
             fits = _follows(data, following, stamp_us)
         if not fits:
             step = _next_start(data, position + TIME_BYTES + 1, size) - TIME_BYTES - position
@@ -192,7 +195,7 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
 
 
 def _follows(data: bytes, position: int, stamp_us: int) -> bool:
-    """Whether a record of about the same time follows there."""
+    """Whether a record with about the same time starts at this position."""
     if len(data) - position < TIME_BYTES + MIN_FRAME_BYTES:
         return False
     near = abs(_time.unpack_from(data, position)[0] - stamp_us) < SAME_CLOCK_US

@@ -22,7 +22,8 @@ from gcs_server.replay.marks import VehicleMarks, make_marks
 from gcs_server.vehicle.fleet import Fleet
 
 KEPT = 4
-"""Indexes in memory; that of a long flight takes a few megabytes, the largest possible 20."""
+"""Number of indexes in memory; the index of a long flight needs a few megabytes, the largest possible one
+20."""
 READ_AT_ONCE = 2
 MAX_REPLAYS = 8
 
@@ -35,13 +36,14 @@ class Replay:
     """An open replay."""
 
     name: str
-    """Name in the API, equal to its link's name."""
+    """Name in the API, the same as the name of its link."""
     recording: str
     """Name of the file."""
     vehicles: tuple[str, ...]
-    """Ids of its current vehicles."""
+    """Ids of the vehicles that are replayed."""
     state: str
-    """connecting (reading the file), open, ended (at its end, or it cannot be played: see `detail`)."""
+    """connecting (the file is being read), open, or ended (at the end, or the file cannot be played: see
+    `detail`)."""
     detail: str
     """Text of a problem; empty if there is none."""
     playing: bool
@@ -101,21 +103,21 @@ class Replays:
         return [_with_index(info, indexes.get((info.name, info.bytes))) for info in found]
 
     def path(self, name: str) -> Path:
-        """Path of a recording's file. An open replay. Raises UnknownRecording."""
+        """Path of a recording's file. Raises UnknownRecording."""
         return self._catalogue.path(name)
 
     async def index_of_recording(self, name: str) -> RecordingIndex:
-        """Bounds and marks of a recording; computed once, outside the event loop.
+        """Bounds and marks of a recording, which are computed once, outside the event loop.
 
         Raises:
             UnknownRecording: there is no such recording.
-            RecordingUnusable: nothing in it can be read.
+            RecordingUnusable: the recording cannot be read.
         """
         path = self.path(name)
         return await self._view(path, await self._index(path))
 
     def is_indexed(self, name: str) -> bool:
-        """Whether `index_of_recording` answers at once. Raises UnknownRecording."""
+        """Whether `index_of_recording` returns immediately. Raises UnknownRecording."""
         path = self.path(name)
         with suppress(OSError):
             future = self._indexes.get((path, stamp_of(path)))
@@ -123,7 +125,7 @@ class Replays:
         return False
 
     def stop_reading(self, name: str) -> None:
-        """Cancels the indexing of this recording; other waiting callers get an error."""
+        """Cancels the indexing of a recording; all waiting callers get an error."""
         for process in tuple(self._processes):
             if process.path.name == name:
                 process.stop()
@@ -131,7 +133,7 @@ class Replays:
                     del self._indexes[key]
 
     async def index_of_replay(self, name: str) -> RecordingIndex:
-        """Like `index_of_recording`, for an open replay. Raises UnknownRecording, RecordingUnusable."""
+        """Bounds and marks of an open replay. Raises UnknownRecording, RecordingUnusable."""
         link = self._link(name)
         await link.opened()
         if link.index is None:
@@ -143,7 +145,7 @@ class Replays:
 
         Raises:
             UnknownRecording: there is no such recording.
-            RecordingUnusable: nothing in it can be read.
+            RecordingUnusable: the recording cannot be read.
             Refused: MAX_REPLAYS are open.
         """
         path = self.path(name)
@@ -172,12 +174,12 @@ class Replays:
     async def change(
         self, name: str, *, playing: bool | None, speed: float | None, position_unix_s: float | None
     ) -> Replay:
-        """Sets speed, position and play state, in this order; returns once the vehicles have their state of
+        """Sets speed, position and play state, in this order; returns once the vehicles show their state at
         that time.
 
         Raises:
             UnknownRecording: no such replay.
-            RecordingUnusable: it cannot be played.
+            RecordingUnusable: the recording cannot be played.
         """
         link = self._link(name)
         await link.opened()
@@ -261,7 +263,8 @@ class Replays:
         path: Path,
         make: Callable[[], T],
     ) -> T:
-        """Returns the result of an equal earlier or running call."""
+        """Runs a computation once per file; returns the result of an earlier or running call if there is
+        one."""
         key = None
         try:
             key = path, stamp_of(path)

@@ -2165,7 +2165,7 @@ export interface components {
         };
         /**
          * ArmedSpan
-         * @description A time with the motors armed.
+         * @description A period in which the vehicle is armed.
          */
         readonly ArmedSpan: {
             /**
@@ -3000,17 +3000,17 @@ export interface components {
         };
         /**
          * Control
-         * @description The topic `control`, and what the routes of control answer.
+         * @description State of control: the topic `control`, and the answer of the control routes.
          */
         readonly Control: {
             /**
              * Holder
-             * @description The client in control; null: the first client that commands gets it.
+             * @description The client in control; null: no client (the next client that sends a command takes control).
              */
             readonly holder: string | null;
             /**
              * Holder Key
-             * @description Distinguishes clients of the same name; `GET /me` returns the caller's own.
+             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own.
              */
             readonly holder_key: string | null;
             /**
@@ -3020,18 +3020,18 @@ export interface components {
             readonly since_unix_s: number | null;
             /**
              * Expires In S
-             * @description Time until control ends if the holder sends no request [s]. A request renews it; with an open telemetry
-             *     socket it does not expire.
+             * @description Time until control ends if the client in control sends no request [s]. Each request renews it; it does
+             *     not expire while the client's telemetry socket is open.
              */
             readonly expires_in_s: number | null;
             /**
              * Can Be Asked
-             * @description Whether the holder can see a request: its telemetry socket is open.
+             * @description Whether the client in control can be asked, because its telemetry socket is open.
              */
             readonly can_be_asked: boolean;
             /**
              * On Expiry
-             * @description Command sent to the flying vehicle when the holder's control expires.
+             * @description Command sent to the flying vehicle when control expires.
              */
             readonly on_expiry: ("nothing" | "hold" | "land" | "rtl") | null;
             /**
@@ -3041,7 +3041,7 @@ export interface components {
             readonly requests: readonly components["schemas"]["ControlRequest"][];
             /**
              * Lease S
-             * @description How long control lasts without a request [s].
+             * @description Duration of control without a request [s].
              */
             readonly lease_s: number;
             /**
@@ -3064,7 +3064,7 @@ export interface components {
             readonly client: string;
             /**
              * Key
-             * @description Distinguishes clients of the same name; `GET /me` returns the caller's own.
+             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own.
              */
             readonly key: string;
             /**
@@ -3144,12 +3144,12 @@ export interface components {
         readonly ControlView: {
             /**
              * Holder
-             * @description The client in control; null: the first client that commands gets it.
+             * @description The client in control; null: no client (the next client that sends a command takes control).
              */
             readonly holder: string | null;
             /**
              * Holder Key
-             * @description Distinguishes clients of the same name; `GET /me` returns the caller's own.
+             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own.
              */
             readonly holder_key: string | null;
             /**
@@ -3159,18 +3159,18 @@ export interface components {
             readonly since_unix_s: number | null;
             /**
              * Expires In S
-             * @description Time until control ends if the holder sends no request [s]. A request renews it; with an open telemetry
-             *     socket it does not expire.
+             * @description Time until control ends if the client in control sends no request [s]. Each request renews it; it does
+             *     not expire while the client's telemetry socket is open.
              */
             readonly expires_in_s: number | null;
             /**
              * Can Be Asked
-             * @description Whether the holder can see a request: its telemetry socket is open.
+             * @description Whether the client in control can be asked, because its telemetry socket is open.
              */
             readonly can_be_asked: boolean;
             /**
              * On Expiry
-             * @description Command sent to the flying vehicle when the holder's control expires.
+             * @description Command sent to the flying vehicle when control expires.
              */
             readonly on_expiry: ("nothing" | "hold" | "land" | "rtl") | null;
             /**
@@ -3180,7 +3180,7 @@ export interface components {
             readonly requests: readonly components["schemas"]["ControlRequest"][];
             /**
              * Lease S
-             * @description How long control lasts without a request [s].
+             * @description Duration of control without a request [s].
              */
             readonly lease_s: number;
             /**
@@ -6409,7 +6409,7 @@ export interface components {
             readonly duration_s: number;
             /**
              * Repeated
-             * @description Number of equal refusals of this client that this line represents.
+             * @description Number of equal refusals of this client that this line stands for.
              */
             readonly repeated: number;
         };
@@ -6462,7 +6462,7 @@ export interface components {
         readonly KeptPlan: {
             /**
              * Id
-             * @description The plan's id; it stays when the plan is renamed.
+             * @description The plan's id, which does not change when the plan is renamed.
              */
             readonly id: string;
             /**
@@ -6472,7 +6472,7 @@ export interface components {
             readonly name: string;
             /**
              * Version
-             * @description Counts from 1; every save adds 1.
+             * @description Number of the version, from 1; every save adds 1.
              */
             readonly version: number;
             /**
@@ -6487,7 +6487,8 @@ export interface components {
             readonly changed_by: string;
             /**
              * Item Count
-             * @description Items of a waypoint plan as it is uploaded; steps of an offboard mission, nested ones included.
+             * @description Number of items of a waypoint plan as uploaded, or of steps of an offboard mission, including nested
+             *     ones.
              */
             readonly item_count: number;
             /**
@@ -6768,7 +6769,7 @@ export interface components {
             readonly state: string;
             /**
              * Detail
-             * @description What is wrong and what to do about it; empty if there is no problem.
+             * @description The problem and what to do about it; empty if there is no problem.
              */
             readonly detail: string;
             /**
@@ -6798,7 +6799,7 @@ export interface components {
             readonly bytes_sent: number;
             /**
              * Bytes Dropped
-             * @description Not sent because the queue was full, the system refused it, or no peer was connected.
+             * @description Bytes not sent because the queue was full, the system refused them, or no peer was connected.
              */
             readonly bytes_dropped: number;
             /**
@@ -6828,7 +6829,7 @@ export interface components {
             readonly frames_dropped: number;
             /**
              * Frames Received
-             * @description Received MAVLink frames, including those of former peers, as in the next four counters.
+             * @description Received MAVLink frames. This counter and the next four include former peers.
              */
             readonly frames_received: number;
             /**
@@ -6853,12 +6854,12 @@ export interface components {
             readonly bytes_skipped: number;
             /**
              * Handler Errors
-             * @description Messages that were skipped and logged because of an error in this server.
+             * @description Messages that were skipped because of an error in this server.
              */
             readonly handler_errors: number;
             /**
              * Frames Refused
-             * @description Frames refused because of a wrong or missing signature; `signing` says why.
+             * @description Frames refused because of a wrong or missing signature; `signing` contains the reasons.
              */
             readonly frames_refused: number;
             /**
@@ -7520,7 +7521,7 @@ export interface components {
         };
         /**
          * ModeSpan
-         * @description A time in one flight mode.
+         * @description A period in one flight mode.
          */
         readonly ModeSpan: {
             /**
@@ -7540,7 +7541,7 @@ export interface components {
             readonly mode: string;
             /**
              * Mode Label
-             * @description For people.
+             * @description Name of the mode on the page.
              */
             readonly mode_label: string;
         };
@@ -8477,7 +8478,7 @@ export interface components {
         readonly Operation: {
             /**
              * Id
-             * @description Unique in this run of the server.
+             * @description Id, unique until the server restarts.
              */
             readonly id: string;
             /**
@@ -8492,17 +8493,17 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Subject
-             * @description The object it works on besides the vehicle, such as a recording's name.
+             * @description The object of the work besides the vehicle, such as a recording's name.
              */
             readonly subject: string | null;
             /**
              * Client
-             * @description The client that started it.
+             * @description Name of the client that started the operation.
              */
             readonly client: string;
             /**
              * Client Key
-             * @description Distinguishes clients of the same name.
+             * @description Distinguishes clients with the same name.
              */
             readonly client_key: string;
             /**
@@ -8518,7 +8519,7 @@ export interface components {
             readonly progress: number | null;
             /**
              * Text
-             * @description What it is doing, or how it ended.
+             * @description The current work, or how the operation ended.
              */
             readonly text: string;
             /**
@@ -8538,7 +8539,7 @@ export interface components {
             readonly result: {
                 readonly [key: string]: unknown;
             } | null;
-            /** @description Why it failed. */
+            /** @description Why the operation failed. */
             readonly error: components["schemas"]["Problem"] | null;
         };
         /**
@@ -9655,7 +9656,7 @@ export interface components {
         readonly PlanVersion: {
             /**
              * Id
-             * @description The plan's id; it stays when the plan is renamed.
+             * @description The plan's id, which does not change when the plan is renamed.
              */
             readonly id: string;
             /**
@@ -9665,7 +9666,7 @@ export interface components {
             readonly name: string;
             /**
              * Version
-             * @description Counts from 1; every save adds 1.
+             * @description Number of the version, from 1; every save adds 1.
              */
             readonly version: number;
             /**
@@ -9680,7 +9681,8 @@ export interface components {
             readonly changed_by: string;
             /**
              * Item Count
-             * @description Items of a waypoint plan as it is uploaded; steps of an offboard mission, nested ones included.
+             * @description Number of items of a waypoint plan as uploaded, or of steps of an offboard mission, including nested
+             *     ones.
              */
             readonly item_count: number;
             /**
@@ -10133,7 +10135,7 @@ export interface components {
             readonly bytes: number;
             /**
              * Started Unix S
-             * @description Time of the first record; null if nothing can be read.
+             * @description Time of the first record [s since 1970 UTC]; null if the file cannot be read.
              */
             readonly started_unix_s: number | null;
             /**
@@ -10143,7 +10145,7 @@ export interface components {
             readonly duration_s: number | null;
             /**
              * Vehicles
-             * @description System ids of the vehicles near its start; of all vehicles once it has been opened.
+             * @description System ids of the vehicles near the start; of all vehicles once the recording was opened.
              */
             readonly vehicles: readonly number[];
             /**
@@ -10153,12 +10155,12 @@ export interface components {
             readonly link: string | null;
             /**
              * Running
-             * @description Whether it is being written now.
+             * @description Whether the recording is still being written.
              */
             readonly running: boolean;
             /**
              * Problem
-             * @description Why it cannot be played completely; null if it can.
+             * @description Why the recording cannot be played completely; null if it can.
              */
             readonly problem: string | null;
         };
@@ -10169,7 +10171,7 @@ export interface components {
         readonly Recording: {
             /**
              * File
-             * @description The tlog's name in the data folder's `recordings`; null before the first frame.
+             * @description Name of the tlog in the folder `recordings`; null before the first frame.
              */
             readonly file: string | null;
             /**
@@ -10184,7 +10186,7 @@ export interface components {
             readonly started_unix_s: number | null;
             /**
              * Stopped
-             * @description Why nothing is recorded now; null while recording works.
+             * @description Why recording has stopped; null while recording works.
              */
             readonly stopped: string | null;
         };
@@ -10289,7 +10291,7 @@ export interface components {
         readonly Replay: {
             /**
              * Name
-             * @description Name in the API, equal to its link's name.
+             * @description Name in the API, the same as the name of its link.
              */
             readonly name: string;
             /**
@@ -10299,12 +10301,13 @@ export interface components {
             readonly recording: string;
             /**
              * Vehicles
-             * @description Ids of its current vehicles.
+             * @description Ids of the vehicles that are replayed.
              */
             readonly vehicles: readonly string[];
             /**
              * State
-             * @description connecting (reading the file), open, ended (at its end, or it cannot be played: see `detail`).
+             * @description connecting (the file is being read), open, or ended (at the end, or the file cannot be played: see
+             *     `detail`).
              */
             readonly state: string;
             /**
@@ -10838,27 +10841,27 @@ export interface components {
             readonly link_id: number;
             /**
              * Unsigned
-             * @description Refused: no signature, but one is required.
+             * @description Frames refused because they have no signature, although one is required.
              */
             readonly unsigned: number;
             /**
              * Wrong Signature
-             * @description Refused: signed with another key, or changed in transfer.
+             * @description Frames refused because they were signed with another key or changed in transfer.
              */
             readonly wrong_signature: number;
             /**
              * Replayed
-             * @description Refused: not newer than an earlier frame of this sender.
+             * @description Frames refused because they are not newer than an earlier frame of the same sender.
              */
             readonly replayed: number;
             /**
              * Too Old
-             * @description Refused: a sender's first frame, more than a minute behind this server's time.
+             * @description First frames of a sender refused because they are more than a minute behind this server's time.
              */
             readonly too_old: number;
             /**
              * Too Many Streams
-             * @description Refused: more senders with this key than the server can track.
+             * @description Frames refused because there are more senders with this key than the server can track.
              */
             readonly too_many_streams: number;
         };
@@ -12095,7 +12098,7 @@ export interface components {
             readonly armed: readonly components["schemas"]["ArmedSpan"][];
             /**
              * Messages
-             * @description Oldest first.
+             * @description Messages, oldest first.
              */
             readonly messages: readonly components["schemas"]["MessageMark"][];
             /**
