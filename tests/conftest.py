@@ -1,4 +1,4 @@
-"""What every test may ask for."""
+"""Fixtures and settings for all tests."""
 
 from pathlib import Path
 
@@ -13,12 +13,12 @@ for profile, same_each_time in (("steady", True), ("search", False)):
         profile, deadline=None, derandomize=same_each_time, suppress_health_check=[HealthCheck.too_slow]
     )
 settings.load_profile("steady")
-"""A suite that passed passes again, however busy the machine; `--hypothesis-profile=search` looks further."""
+"""Fixed examples, independent of the machine's load; `--hypothesis-profile=search` tries new ones."""
 
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The reference data beside the checkout; tests that need it skip where it is missing."""
+    """The folder of reference data beside the checkout; tests that need it are skipped if it is missing."""
     if not (SHARED / "px4").is_dir():
         pytest.skip("the reference recordings (../shared) are not beside this checkout")
     return SHARED

@@ -1,4 +1,4 @@
-"""Simulated time: an hour of waiting is over in a moment, however busy the machine."""
+"""Simulated time for asyncio: the loop's clock jumps to the next timer instead of waiting."""
 
 import asyncio
 import selectors
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class JumpLoop(asyncio.SelectorEventLoop):
-    """An event loop whose time jumps to the next thing to do."""
+    """An event loop whose clock jumps to the next timer."""
 
     def __init__(self) -> None:
         self.now_s = 1000.0

@@ -1,4 +1,5 @@
-"""A serial line's double: bytes leave at its speed, its driver tells what waits, and it can stall."""
+"""A simulated serial line: sends bytes at its baud rate, reports what its driver has buffered, and can
+stall."""
 
 from __future__ import annotations
 
@@ -9,14 +10,14 @@ from collections.abc import Callable
 from gcs_server.mavlink.codec import FrameParser
 
 DRIVER_BYTES = 4096
-"""As much as Linux' serial drivers take."""
+"""Size of the transmit buffer of Linux' serial drivers."""
 
 
 class Line:
-    """The driver and the line behind it.
+    """The driver and the serial line.
 
     Args:
-        now_s: whatever clock the writer has.
+        now_s: the writer's clock.
     """
 
     def __init__(self, now_s: Callable[[], float], baud: int = 57600) -> None:
@@ -42,19 +43,19 @@ class Line:
         return len(self._waiting)
 
     def stall(self, for_s: float) -> None:
-        """Nothing leaves for so long."""
+        """Sends nothing for this time."""
         self._advance()
         self.stalled_until_s = self._now_s() + for_s
 
     @property
     def left(self) -> list[tuple[float, object]]:
-        """(when its last byte had left, frame), in order."""
+        """(time when its last byte was sent, frame), in order."""
         self._advance()
         return self._frame_left
 
     @property
     def parser(self) -> FrameParser:
-        """What a vehicle counts: lost frames, bad checksums."""
+        """Statistics of the receiver: lost frames, invalid checksums."""
         return self._parser
 
     def _advance(self) -> None:

@@ -1,4 +1,5 @@
-"""How much work a call does, counted in lines run: the same on any machine, however busy."""
+"""Counts the lines of Python that a call executes: a measure of work that does not depend on the machine's
+load."""
 
 import sys
 from collections.abc import Callable
@@ -6,10 +7,10 @@ from typing import Any
 
 
 def lines_run(work: Callable[[], object], most: int = 10_000_000) -> int:
-    """Lines of Python that `work` runs, in all functions that it calls.
+    """Number of lines of Python that `work` executes, including the functions that it calls.
 
     Raises:
-        AssertionError: more than `most`, so that a test of endless work ends.
+        AssertionError: more than `most` lines; also ends work that would never end.
     """
     count = 0
 

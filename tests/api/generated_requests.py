@@ -1,4 +1,5 @@
-"""Requests made from the API's own description, good and bad ones, the same for the same seed."""
+"""Generates valid and invalid requests from the API's OpenAPI description; the same seed gives the same
+requests."""
 
 from __future__ import annotations
 
@@ -54,11 +55,11 @@ class Made:
 
 
 class Maker:
-    """Makes requests.
+    """Generates requests.
 
     Args:
         description: OpenAPI.
-        seed: of all choices.
+        seed: seed of the random choices.
     """
 
     def __init__(self, description: dict[str, Any], seed: int) -> None:
@@ -66,7 +67,7 @@ class Maker:
         self._random = random.Random(seed)
 
     def requests(self, method: str, path: str, operation: dict[str, Any], count: int) -> Iterator[Made]:
-        """Of one operation."""
+        """Requests for one operation."""
         for number in range(count):
             wrong = number % 3 == 2
             made = Made(method.upper(), path)
@@ -83,7 +84,7 @@ class Maker:
             content = operation.get("requestBody", {}).get("content", {}).get("application/json")
             if content is not None:
                 value = self.value(content["schema"])
-                made.body = json.dumps(self._spoilt(value) if wrong else value).encode()
+                made.body = json.dumps(self._invalidated(value) if wrong else value).encode()
             if self._random.random() < 0.05:
                 made.body = self._random.choice([b"", b"{", b"\xff\xfe", b"[" * 50_000, b"9" * 5000, b"null"])
             made.headers["Content-Type"] = "application/json"
@@ -96,7 +97,7 @@ class Maker:
             yield made
 
     def value(self, schema: dict[str, Any], depth: int = 0) -> Any:
-        """Something that the schema allows, as far as it says so."""
+        """A value that the schema allows, as far as the schema can express it."""
         r = self._random
         if "$ref" in schema:
             return self.value(self._schemas[schema["$ref"].rpartition("/")[2]], depth + 1)
@@ -142,8 +143,8 @@ class Maker:
         value = self._random.choice(JUNK) if wrong else self.value(schema)
         return value if isinstance(value, str) else json.dumps(value)
 
-    def _spoilt(self, value: Any) -> Any:
-        """The same with one thing wrong."""
+    def _invalidated(self, value: Any) -> Any:
+        """A copy of the value with one error."""
         r = self._random
         if isinstance(value, dict) and value and r.random() < 0.8:
             key = r.choice(list(value))
@@ -152,8 +153,8 @@ class Maker:
                 return {name: part for name, part in value.items() if name != key}
             if choice < 0.5:
                 return {**value, r.choice(["other", "é" * 500]): r.choice(JUNK)}
-            return {**value, key: self._spoilt(value[key])}
+            return {**value, key: self._invalidated(value[key])}
         if isinstance(value, list) and value and r.random() < 0.6:
             at = r.randrange(len(value))
-            return [*value[:at], self._spoilt(value[at]), *value[at + 1 :]]
+            return [*value[:at], self._invalidated(value[at]), *value[at + 1 :]]
         return r.choice(JUNK)

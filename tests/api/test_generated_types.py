@@ -1,4 +1,4 @@
-"""What is generated and kept, the page's types and the blocking client, may not fall behind its source."""
+"""Generated files (the page's types, the blocking client) match their source."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 TYPES = REPOSITORY / "web" / "src" / "api" / "schema.d.ts"
 
 
-def test_the_pages_types_are_those_of_the_server(tmp_path: Path) -> None:
+def test_the_pages_types_match_the_server(tmp_path: Path) -> None:
     if not (REPOSITORY / "web").is_dir():
         pytest.skip("the page's sources are not in this checkout")
     build_page.install(REPOSITORY)
@@ -26,7 +26,7 @@ def test_the_pages_types_are_those_of_the_server(tmp_path: Path) -> None:
     subprocess.run(command, cwd=REPOSITORY / "web", env=environment, check=True, timeout=60)
     for made, kept in ((fresh, TYPES), (fresh.with_name("fields.ts"), TYPES.with_name("fields.ts"))):
         assert made.read_text("utf-8") == kept.read_text("utf-8"), (
-            f"the API has changed, {kept.name} has not: run `python -m tools.build_page npm run types`"
+            f"{kept.name} does not match the API: run `python -m tools.build_page npm run types`"
         )
 
 

@@ -17,7 +17,7 @@ WARM_UP_S = 10.0
 WINDOW_S = 20.0
 
 
-class Heard:
+class SocketBytes:
     """Bytes of a page's telemetry socket, by topic and together."""
 
     def __init__(self, page: Page) -> None:
@@ -50,13 +50,13 @@ def _take_off(api: httpx.Client) -> None:
 
 def _measure(page: Page, url: str, api: httpx.Client) -> tuple[Counter[str], Counter[str]]:
     """(disarmed, in flight)."""
-    heard = Heard(page)
+    socket_bytes = SocketBytes(page)
     page.goto(url)
     page.wait_for_timeout(WARM_UP_S * 1000)
-    disarmed = heard.over_window()
+    disarmed = socket_bytes.over_window()
     _take_off(api)
     page.wait_for_timeout(WARM_UP_S * 1000)
-    return disarmed, heard.over_window()
+    return disarmed, socket_bytes.over_window()
 
 
 def table() -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""A vehicle in real time with a TCP port for the outside client, and our server watching it."""
+"""A vehicle in real time with a TCP port for the external client, and the server connected to it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.station import free_port, server, vehicle
 
 @pytest.fixture
 def watched() -> Iterator[Watched]:
-    """Ready to arm, with nobody in command."""
+    """A vehicle that is ready to arm; no client is in control."""
     udp_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
     with (
         server([f"udpin://127.0.0.1:{udp_port}"]) as (url, _),

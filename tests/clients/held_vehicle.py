@@ -1,6 +1,6 @@
-"""A simulated vehicle in somebody's hands, who lies it on the next side whenever it says that one is done.
+"""A simulated vehicle for the accelerometer calibration: it is turned to the next side when a side is done.
 
-`python -m tests.clients.held_vehicle PORT SPEED`: its TCP port, and how many times real time it runs.
+`python -m tests.clients.held_vehicle PORT SPEED`: its TCP port, and its speed as a multiple of real time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ ORDER = (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK, Side.
 
 
 def run(port: int, speed: float) -> None:
-    """Flies nothing: stands, and is turned."""
+    """Runs the vehicle on the ground; it is turned when it reports a finished side."""
     fleet = VehicleSim(links=())
 
     def turn(said: StatusText | Event) -> None:

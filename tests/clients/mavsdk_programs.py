@@ -1,7 +1,7 @@
-"""What users of MAVSDK write, with no pause between commands; one text for MAVSDK 3 and 4.
+"""Typical programs of MAVSDK users, without pauses between commands, for MAVSDK 3 and 4.
 
 `python -m tests.clients.mavsdk_programs NAME PORT FOLDER`: a program of `PROGRAMS`, the vehicle's TCP port on
-this machine, and where it may write. It ends with an exit code of 0, or says what did not happen.
+this machine, and a folder for its files. Exit code 0, or a message about what did not happen.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SIDES = 6
 
 
 def check(holds: object, what: str) -> None:
-    """Ends the program with `what` unless it `holds`."""
+    """Ends the program with the message `what` unless `holds` is true."""
     if not holds:
         raise SystemExit(what)
 
@@ -35,7 +35,7 @@ async def first(stream: AsyncIterator[Any]) -> Any:
 
 
 async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> None:
-    """A go-to during take-off is flown; Return right after Hold ends in Return."""
+    """A go-to during take-off is flown; Return directly after Hold ends in Return."""
     home = await first(drone.stream("home"))
     lat_deg = home.latitude_deg + 40.0 / METRES_A_DEGREE
     await drone.action.arm()
@@ -52,7 +52,7 @@ async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> 
 
 
 async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
-    """An armed vehicle is given a mission and told to fly it in the same breath."""
+    """A mission is started directly after its upload to an armed vehicle."""
     home = await first(drone.stream("home"))
     lat, lon = round((home.latitude_deg + 8.0 / METRES_A_DEGREE) * 1e7), round(home.longitude_deg * 1e7)
     item = drone.types("mission_raw").MissionItem
@@ -72,7 +72,8 @@ async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
 
 
 async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
-    """Height comes before the way over the ground, and no height is so low that it flies into the ground."""
+    """Height has priority over horizontal motion, and even a target height of zero does not reach the
+    ground."""
     types = drone.types("follow_me")
     home = await first(drone.stream("home"))
     await drone.telemetry.set_rate_ground_truth(10.0)
@@ -108,7 +109,7 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     await drone.until("position", near, "the way to the target")
     check(not low_and_away, f"moved over the ground before its height was reached: {low_and_away[:1]}")
 
-    # Eight metres over somebody thirty metres below the ground.
+    # Eight metres above a target that is thirty metres below the ground.
     target_alt_m = home.absolute_altitude_m - 30.0
     await drone.follow_me.set_config(config(8.0, "TARGET_GPS"))
     await drone.until("ground_truth", lambda t: t.absolute_altitude_m - ground_m < 2.5, "the way down")
@@ -123,7 +124,8 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
 
 
 async def sticks_with_gaps(drone: Drone, _: Path) -> None:
-    """Half a second of stick positions and half a second without lift the vehicle and let it climb."""
+    """Alternating half a second of stick positions and half a second without them: the vehicle takes off and
+    climbs."""
     wanted, sends = [0.0, 0.0, 0.0, 0.0], True
 
     async def pilot() -> None:
@@ -132,7 +134,7 @@ async def sticks_with_gaps(drone: Drone, _: Path) -> None:
                 await drone.manual_control.set_manual_control_input(*wanted)
             await asyncio.sleep(0.03)
 
-    # No failsafe that would answer each gap.
+    # The failsafe that would react to each gap is disabled.
     await drone.param.set_param_int("NAV_RCL_ACT", 0)
     hand = asyncio.ensure_future(pilot())
     await asyncio.sleep(0.5)
@@ -155,7 +157,7 @@ async def sticks_with_gaps(drone: Drone, _: Path) -> None:
 
 
 async def files_ten_times_over(drone: Drone, folder: Path) -> None:
-    """Directories, uploads, downloads by burst and without, ten rounds: no session is left open."""
+    """Ten rounds of directories, uploads, and downloads with and without burst: no session stays open."""
     ftp = drone.ftp
 
     async def done(steps: AsyncIterator[Any]) -> None:
@@ -168,8 +170,8 @@ async def files_ten_times_over(drone: Drone, folder: Path) -> None:
             try:
                 return await done(ftp.download("/round/note.txt", str(back), burst))
             except Exception as error:
-                # Where an answer takes half a second MAVSDK 3 opens the file again, under another number:
-                # the one session is taken by then. It closes that and says so; who asks again is served.
+                # If an answer takes half a second, MAVSDK 3 opens the file again under another number while
+                # the only session is in use. It closes that session and reports an error; a retry succeeds.
                 if "PROTOCOL_ERROR" not in str(error) or not attempts_left:
                     raise
 
@@ -191,7 +193,7 @@ async def files_ten_times_over(drone: Drone, folder: Path) -> None:
 
 
 async def accelerometer_calibrated_on_all_sides(drone: Drone, _: Path) -> None:
-    """The vehicle asks for its sides one after the other, and what it measures of one is a mean."""
+    """The vehicle requests its sides one after the other and measures the mean on each."""
     texts: list[str] = []
 
     async def listen() -> None:
@@ -210,15 +212,15 @@ async def accelerometer_calibrated_on_all_sides(drone: Drone, _: Path) -> None:
     listener.cancel()
     check(progress > 0.8, f"progress ended at {progress:.2f}")
     finished = {text for text in instructions if "side done" in text}
-    check(len(finished) == SIDES, f"{SIDES} sides were lain on, it named {finished}")
+    check(len(finished) == SIDES, f"{SIDES} sides were shown, the vehicle named {finished}")
     results = [text for text in texts if "side result" in text]
-    check(len(results) == SIDES, f"{SIDES} sides were measured, it told {results}")
+    check(len(results) == SIDES, f"{SIDES} sides were measured, the vehicle reported {results}")
     for text in results:
         reading = [abs(float(word)) for word in text.rsplit("[", 1)[1].rstrip("] \t").split()]
         off = max(
             abs(value - rest) for value, rest in zip(sorted(reading), (0.0, 0.0, GRAVITY_M_S2), strict=True)
         )
-        check(off < 0.05, f"a single sample is 0.1 m/s² off, a mean is not: {text}")
+        check(off < 0.05, f"the offset is that of a single sample, not of the mean: {text}")
 
 
 PROGRAMS: dict[str, Callable[[Drone, Path], Awaitable[None]]] = {

@@ -1,6 +1,6 @@
-"""A plain DDS program's side of PX4's ROS 2 topics: message types by hand, a publisher and a subscriber.
+"""PX4's ROS 2 topics for a plain DDS program: hand-written message types, a publisher and a subscriber.
 
-It needs `cyclonedds` and nothing of ROS. `ros2_offboard_node.py` and `ros2_flow.py` use it.
+It needs `cyclonedds`, not ROS. `ros2_offboard_node.py` and `ros2_flow.py` use it.
 """
 
 from typing import Any
@@ -20,11 +20,11 @@ _PRIMITIVES: dict[str, Any] = {
 
 _ZEROS: dict[Any, dict[str, Any]] = {}
 QOS = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
-"""As the seeds' programs have it; a reliable reader gets nothing from PX4."""
+"""The QoS of the reference programs; a reliable reader receives nothing from PX4."""
 
 
 def message(name: str, declaration: str) -> Any:
-    """A message type of px4_msgs; `declaration` has a word for each field: `type:name` or `type[n]:name`."""
+    """A message type of px4_msgs; `declaration` has `type:name` or `type[n]:name` for each field."""
     fields: dict[str, Any] = {}
     zeros: dict[str, Any] = {}
     for word in declaration.split():
@@ -92,7 +92,7 @@ TimesyncStatus = message(
 
 
 def new(kind: Any, **fields: Any) -> Any:
-    """A message; what is not given is zero, as in ROS."""
+    """A message; fields that are not given are zero, as in ROS."""
     zeros = {name: list(value) if isinstance(value, list) else value for name, value in _ZEROS[kind].items()}
     return kind(**(zeros | fields))
 
@@ -125,8 +125,8 @@ class Subscription:
 
     @property
     def latest(self) -> Any:
-        """None until one has come."""
+        """The newest message; None before the first one."""
         for sample in self._reader.take(10):
-            if isinstance(sample, IdlStruct):  # or the news that a writer has ended
+            if isinstance(sample, IdlStruct):  # or the notification that a writer has ended
                 self._latest = sample
         return self._latest

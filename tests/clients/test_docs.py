@@ -1,4 +1,4 @@
-"""What the documents tell a person to paste works: each curl call and each Python program in them is run."""
+"""Each curl call and each Python program of the documents is run."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def blocks(document: str, language: str, containing: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """`host:port` of a station with the simulated vehicles 1 (ready) and 2, as after `make run`."""
+    """`host:port` of a server with the simulated vehicles 1 (ready) and 2, as after `make run`."""
     port = free_port()
     command = [
         sys.executable,
@@ -55,7 +55,7 @@ def address() -> Iterator[str]:
 
 
 @pytest.mark.parametrize("document", ["docs/api.md", "README.md"])
-def test_every_call_of_the_document_works_in_its_order(document: str, address: str, tmp_path: Path) -> None:
+def test_each_curl_call_of_the_document_works_in_order(document: str, address: str, tmp_path: Path) -> None:
     failed = tmp_path / "failed"
     snippets = blocks(document, "sh", "curl ")
     assert snippets
@@ -70,8 +70,8 @@ def test_every_call_of_the_document_works_in_its_order(document: str, address: s
 
 
 @pytest.mark.parametrize("document", ["docs/api.md", "docs/offboard.md", "README.md"])
-def test_every_program_of_the_document_runs(document: str, address: str, tmp_path: Path) -> None:
-    with SyncGcs(f"http://{address}", client="docs") as gcs:  # whoever flew before is done
+def test_each_python_program_of_the_document_runs(document: str, address: str, tmp_path: Path) -> None:
+    with SyncGcs(f"http://{address}", client="docs") as gcs:  # after the flight of another test
         control = gcs.vehicle("1").control
         wait_until(lambda: control.show()["holder"] is None, "control to be free", 40)
     for number, program in enumerate(blocks(document, "python", "localhost:8080")):

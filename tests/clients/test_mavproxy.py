@@ -1,11 +1,12 @@
-"""MAVProxy beside us: it connects, loads parameters and waypoints, arms, and sees the vehicle fly them."""
+"""MAVProxy on the same vehicle: it connects, loads parameters and waypoints, arms, and displays the
+flight."""
 
 from __future__ import annotations
 
 import math
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,8 +27,9 @@ Shows = Callable[[bytes, str], None]
 
 
 @contextmanager
-def mavproxy(watched: Watched, folder: Path, modules: str) -> Iterator[tuple[Say, Shows]]:
-    """MAVProxy on the vehicle's TCP port: how to say something to it, and how to wait for what it shows."""
+def mavproxy(watched: Watched, folder: Path, modules: str) -> Generator[tuple[Say, Shows]]:
+    """Runs MAVProxy on the vehicle's TCP port; yields functions to type a command and to wait for its
+    output."""
     program = Path(sys.executable).parent / "mavproxy.py"
     log = folder / "mavproxy.txt"
     command = [sys.executable, "-u", str(program), f"--master=tcp:127.0.0.1:{watched.tcp_port}"]
@@ -41,67 +43,67 @@ def mavproxy(watched: Watched, folder: Path, modules: str) -> Iterator[tuple[Say
         stdin = process.stdin
         assert stdin is not None
 
-        def say(text: str) -> None:
+        def type_command(text: str) -> None:
             stdin.write(f"{text}\n".encode())
             stdin.flush()
 
-        def shows(words: bytes, what: str) -> None:
+        def wait_for_output(words: bytes, what: str) -> None:
             wait_until(lambda: words in log.read_bytes(), what, 40)
 
-        yield say, shows
+        yield type_command, wait_for_output
 
 
 def test_mavproxy_loads_parameters_arms_and_takes_off(watched: Watched, tmp_path: Path) -> None:
-    with mavproxy(watched, tmp_path, "param,cmdlong,arm,mode") as (say, shows):
-        shows(b"Received 929 parameters", "the parameters")
-        say("arm throttle")
+    with mavproxy(watched, tmp_path, "param,cmdlong,arm,mode") as (type_command, wait_for_output):
+        wait_for_output(b"Received 929 parameters", "the parameters")
+        type_command("arm throttle")
         watched.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
-        say("long NAV_TAKEOFF -1 0 0 nan nan nan nan")
+        type_command("long NAV_TAKEOFF -1 0 0 nan nan nan nan")
         watched.drone.until(
             lambda v: v["status"]["landed_state"] in ("taking_off", "in_air"), timeout_s=60, what="lift-off"
         )
         watched.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="the top")
-        say("long NAV_LAND 0 0 0 nan nan nan nan")
+        type_command("long NAV_LAND 0 0 0 nan nan nan nan")
         watched.drone.until_disarmed(timeout_s=120)
 
 
 TROUBLE = (b"request timed out", b"no sessions available", b"Remove failed", b"Create directory failed")
-"""What MAVProxy says of a vehicle whose sessions it does not understand."""
+"""Error messages of MAVProxy about a vehicle's FTP sessions."""
 
 
-def test_mavproxy_connects_and_makes_directories_without_asking_twice(
+def test_mavproxy_connects_and_creates_directories_at_the_first_request(
     watched: Watched, tmp_path: Path
 ) -> None:
-    with mavproxy(watched, tmp_path, "ftp,param") as (say, shows):
-        # It looks for a file of parameters first, and asks for the list when the vehicle has none.
-        shows(b"Received 929 parameters", "the parameters")
+    with mavproxy(watched, tmp_path, "ftp,param") as (type_command, wait_for_output):
+        # It first looks for a parameter file, and requests the parameter list if the vehicle has none.
+        wait_for_output(b"Received 929 parameters", "the parameters")
         for n in range(10):
-            say(f"ftp mkdir folder{n}")
-            shows(f"Creating directory folder{n}".encode(), "the command")
-        say("ftp list /")
-        shows(b"folder9", "the last directory in the list")
+            type_command(f"ftp mkdir folder{n}")
+            wait_for_output(f"Creating directory folder{n}".encode(), "the command")
+        type_command("ftp list /")
+        wait_for_output(b"folder9", "the last directory in the list")
         said = (tmp_path / "mavproxy.txt").read_bytes()
         assert [words for words in TROUBLE if words in said] == []
 
 
-def test_mavproxy_loads_waypoints_that_are_flown_and_reads_them_back(
+def test_mavproxy_uploads_waypoints_which_are_flown_and_reads_them_back(
     watched: Watched, tmp_path: Path
 ) -> None:
     (tmp_path / "plan.txt").write_text(WAYPOINTS, encoding="utf-8")
-    with mavproxy(watched, tmp_path, "param,cmdlong,arm,wp") as (say, shows):
-        shows(b"Received 929 parameters", "the parameters")
-        say("wp load plan.txt")
-        shows(b"Loaded 3 waypoints from plan.txt", "the file read")
-        shows(b"Sent all 3 waypoints", "the upload")
-        say("wp save back.txt")
+    with mavproxy(watched, tmp_path, "param,cmdlong,arm,wp") as (type_command, wait_for_output):
+        wait_for_output(b"Received 929 parameters", "the parameters")
+        type_command("wp load plan.txt")
+        wait_for_output(b"Loaded 3 waypoints from plan.txt", "the file read")
+        wait_for_output(b"Sent all 3 waypoints", "the upload")
+        type_command("wp save back.txt")
         wait_until(lambda: (tmp_path / "back.txt").exists(), "the waypoints read back", 30)
         rows = [line.split() for line in (tmp_path / "back.txt").read_text(encoding="utf-8").splitlines()[1:]]
         assert [int(row[3]) for row in rows] == [22, 16, 21]
         assert abs(float(rows[1][8]) - (LAT + NORTH_M / METRES_A_DEGREE)) < 1e-6
-        # Its own `mode` command stumbles over PX4's modes.
-        say("long DO_SET_MODE 1 4 4 0 0 0 0")
+        # MAVProxy's `mode` command does not support PX4's modes.
+        type_command("long DO_SET_MODE 1 4 4 0 0 0 0")
         watched.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")
-        say("arm throttle")
+        type_command("arm throttle")
         watched.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
         watched.drone.until_disarmed(timeout_s=180)
         north_m = [value["position_ned_m"][0] for value in watched.history("local_position")]

@@ -1,4 +1,4 @@
-"""A user's MAVSDK programs against `python -m vehicle_sim`, while the server watches."""
+"""MAVSDK programs of users with `python -m vehicle_sim`, while the server is connected."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.station import free_port
 
 
 def reached(values: list[dict[str, Any]], roll_deg: float, pitch_deg: float) -> bool:
-    """Whether the gimbal ever looked so, within 3°; straight up and down, roll means nothing."""
+    """Whether the gimbal ever reached these angles within 3°; straight up and down, roll is undefined."""
     steep = abs(pitch_deg) > 85
     return any(
         abs(math.degrees(value["pitch_rad"]) - pitch_deg) < 3
@@ -52,11 +52,12 @@ def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
     assert lines[-1] == "--- Test Complete. Disarming. ---"
 
     seen = watched.history("gimbal")
-    # 90° is asked for; PX4's servo outputs reach half of MNT_RANGE_ROLL and _PITCH (90°) to either side
+    # The program requests 90°; PX4's servo outputs reach half of MNT_RANGE_ROLL and MNT_RANGE_PITCH (90°) to
+    # each side.
     assert reached(seen, roll_deg=45, pitch_deg=0)
     assert reached(seen, roll_deg=0, pitch_deg=45)
-    assert {tuple(value["primary_control"] or ()) for value in seen} > {()}, "taken and given back"
-    # The program has its acknowledgement; the heartbeat that shows it comes once a second.
+    assert {tuple(value["primary_control"] or ()) for value in seen} > {()}, "control requested and released"
+    # The program has its acknowledgement; the heartbeat that shows it is sent once per second.
     watched.drone.until_disarmed(timeout_s=10)
 
 

@@ -1,4 +1,4 @@
-"""Programs of users, by MAVSDK 3 and by MAVSDK 4, each in a process of its own beside its own vehicle."""
+"""Programs of users with MAVSDK 3 and MAVSDK 4, each in a separate process with its own vehicle."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from tests.station import free_port, running, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 MAVSDK_4 = Path(sys.prefix) / "mavsdk4"
-"""Where `make test-clients` installs it: another package of the same name."""
+"""The folder where `make test-clients` installs MAVSDK 4, a package of the same name."""
 SPEED = 3
-"""Times real time; MAVSDK resends and gives up by the real clock."""
+"""As a multiple of real time; MAVSDK's timeouts use the real clock."""
 
 
 def _listens(port: int) -> bool:
@@ -37,11 +37,11 @@ def _vehicle(program: str, port: int) -> list[str]:
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("version", [3, 4])
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_a_program_of_a_user_runs_to_its_end(version: int, program: str, tmp_path: Path) -> None:
+def test_a_users_program_runs_to_its_end(version: int, program: str, tmp_path: Path) -> None:
     path = [str(ROOT)]
     if version == 4:
         if not MAVSDK_4.is_dir():
-            pytest.skip("MAVSDK 4 is not installed: make test-clients does it")
+            pytest.skip("MAVSDK 4 is not installed: run make test-clients")
         path.insert(0, str(MAVSDK_4))
     port = free_port(socket.SOCK_STREAM)
     with running([sys.executable, "-m", *_vehicle(program, port)], cwd=ROOT):

@@ -1,12 +1,15 @@
-"""Compares what the simulator answered in a dialogue with what PX4 did, field by field.
+"""Compares the simulator's answers in a dialogue with PX4's, field by field.
 
-Rules, beside the tolerances below:
+Rules, in addition to the tolerances below:
 
-- Messages of one kind are aligned in their order; a kind is name and key (command, text, parameter, event).
-- What differs by the recording and not by the vehicle is in `rules.py`, each with its bound.
-- An arming report must be, by content, one that was true in that time: PX4 tells them by its own clock.
-- State messages (HEARTBEAT and its kind) that the recording kept must be among ours of that time.
-- The mode, the arming and the landed state at the end were sampled at 1 Hz: any of the last second counts.
+- Messages of one kind are aligned in their order; a kind is the name and the key (command, text, parameter,
+event).
+- `rules.py` lists the differences caused by the recording and not by the vehicle, each with its bound.
+- An arming report must have the content of one that was valid in that time: PX4 sends them at times of its
+own.
+- State messages (such as HEARTBEAT) in the recording must be among the simulator's of that time.
+- The recording sampled mode, arming and landed state after the dialogue at 1 Hz: any value of the last second
+is accepted.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from typing import Any
 from tests.contract import rules
 from tests.contract.driver import Answer
 from tests.contract.recordings import STATE_MESSAGES, TELEMETRY, Dialogue, value_of
-from tests.contract.replay_vehicle import Heard
+from tests.contract.replay_vehicle import Received
 from vehicle_sim.autopilot.announcer import EVENTS
 
 EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
@@ -44,11 +47,11 @@ NOT_COMPARED: dict[str, frozenset[str]] = {
     "GPS_RAW_INT": frozenset({"cog"}),
     "STORAGE_INFORMATION": frozenset({"total_capacity", "used_capacity", "available_capacity"}),
 }
-"""Clocks, counters, the disk of the recording machine, what PX4 leaves uninitialised (gimbal roll limits, the
-targets of its TIMESYNC), and the course over ground of a receiver that stands, which is noise."""
+"""Clocks, counters, the disk of the recording machine, fields that PX4 leaves uninitialised (gimbal roll
+limits, the targets of its TIMESYNC), and the course over ground of a vehicle at rest, which is noise."""
 HEADING_RAD = 0.08
 HEADING_DEG = math.ceil(math.degrees(HEADING_RAD))
-"""In whole degrees, as VFR_HUD has it."""
+"""In whole degrees, as in VFR_HUD."""
 HEADING_CDEG = round(100.0 * math.degrees(HEADING_RAD))
 
 ABSOLUTE: dict[str, float] = {
@@ -89,33 +92,34 @@ ABSOLUTE: dict[str, float] = {
     "ORBIT_EXECUTION_STATUS.radius": 1e-3, "ORBIT_EXECUTION_STATUS.x": 200, "ORBIT_EXECUTION_STATUS.y": 200,
     "ORBIT_EXECUTION_STATUS.z": 2.0,
 }  # fmt: skip
-"""In the field's unit: noise of sensors and estimates, wandering of home and heading, battery charge."""
+"""In the field's unit: noise of sensors and estimates, drift of home and heading, battery charge."""
 
 ECHO_TOLERANCE = {"x": 1.5, "y": 1.5, "z": 1.5, "vx": 0.8, "vy": 0.8, "vz": 0.8, "afx": 2.0, "afy": 2.0,
                   "afz": 3.2, "yaw": 0.15, "yaw_rate": 0.1, "q": 0.08, "body_roll_rate": 0.52,
                   "body_pitch_rate": 0.52, "body_yaw_rate": 0.3, "thrust": 0.08}  # fmt: skip
-"""In m, m/s, m/s², rad, rad/s: what the controllers followed while the vehicle wandered with its GPS. An
-acceleration down within MPC_Z_VEL_P_ACC (4) times the velocity's tolerance, rates within MC_ROLL_P (6.5)
-times the attitude's."""
+"""In m, m/s, m/s², rad, rad/s: the setpoints of the controllers while the vehicle drifted with its GPS. The
+downward acceleration is within MPC_Z_VEL_P_ACC (4) times the velocity's tolerance, rates within MC_ROLL_P
+(6.5) times the attitude's."""
 
 Row = tuple[str, str, Any, Any]
 RATE_TOLERANCE = 0.1
 THINNED_TO = (16, 32)
-"""Of a long run of one kind the recordings keep the first twelve and the last four, twice where it paused."""
+"""Of a long series of one kind the recordings keep the first twelve and the last four, twice if it was
+interrupted."""
 FOUND, CALIBRATED = ("CAL_", "SENS_BOARD_"), 0.3
-"""Offsets that a calibration measured: noise, in the parameter's own unit."""
+"""Offsets measured by a calibration: noise, in the parameter's unit."""
 FULL_TURN = {
     "MOUNT_ORIENTATION.yaw_absolute": 360.0, "VFR_HUD.heading": 360, "GLOBAL_POSITION_INT.hdg": 36000,
     "ATTITUDE.yaw": math.tau,
 }  # fmt: skip
-"""Angles that wrap."""
+"""Angles that wrap around."""
 STREAMED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
-"""Compared by their number and by the fields of the first."""
+"""Compared by their number and by the fields of the first message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One cell of the table."""
+    """One row of the table."""
 
     dialogue: str
     message: str
@@ -128,13 +132,13 @@ class Difference:
 
 
 def compare(dialogue: Dialogue, answer: Answer, hashes: rules.Hashes | None = None) -> list[Difference]:
-    """All differences of one dialogue; `hashes` are the parameter hashes heard before in its session."""
+    """All differences of one dialogue; `hashes` are the parameter hashes received earlier in its session."""
     name = dialogue["id"]
     for entry in dialogue["received"]:
         if "decoded" in entry:
             EVENT_NAMES.setdefault(entry["fields"]["id"], entry["decoded"]["name"])
     theirs = [
-        Heard(e["dt_s"], e["msg"], {k: value_of(v) for k, v in e["fields"].items()})
+        Received(e["dt_s"], e["msg"], {k: value_of(v) for k, v in e["fields"].items()})
         for e in dialogue["received"]
         if "link" not in e
     ]
@@ -170,28 +174,28 @@ def _reads(dialogue: Dialogue) -> bool:
     )
 
 
-def _in_report(heard: Heard) -> bool:
+def _in_report(heard: Received) -> bool:
     if heard.name != "EVENT":
         return False
     event_id = heard.values["id"]
     return event_id in (SUMMARY, HEALTH) or EVENT_NAMES.get(event_id, "").startswith("check_")
 
 
-def _joined(heard: list[Heard], kind: str) -> list[Heard]:
+def _joined(heard: list[Received], kind: str) -> list[Received]:
     same = [h for h in heard if h.name == kind]
     if kind == "STATUSTEXT":
-        texts: dict[int, Heard] = {}
+        texts: dict[int, Received] = {}
         for h in same:
             old = texts.get(h.values["id"])
             text = (old.values["text"] if old else "") + _plain(h.values["text"])
-            texts[h.values["id"]] = Heard(h.dt_s, kind, {"severity": h.values["severity"], "text": text})
+            texts[h.values["id"]] = Received(h.dt_s, kind, {"severity": h.values["severity"], "text": text})
         return list(texts.values())
     if kind == "SERIAL_CONTROL" and same:
         text = "".join(_serial_text(h.values) for h in same)
         text = re.sub(r" timestamp: \d+ \([\d.]+ s", " timestamp: … (… s", text)
-        return [Heard(same[0].dt_s, kind, {"text": text})]
+        return [Received(same[0].dt_s, kind, {"text": text})]
     if kind == "FILE_TRANSFER_PROTOCOL":
-        return [Heard(h.dt_s, kind, _ftp(h.values["payload"])) for h in same]
+        return [Received(h.dt_s, kind, _ftp(h.values["payload"])) for h in same]
     return same
 
 
@@ -212,7 +216,7 @@ def _ftp(payload: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _key(heard: Heard) -> Any:
+def _key(heard: Received) -> Any:
     v = heard.values
     match heard.name:
         case "COMMAND_ACK" | "COMMAND_LONG" | "COMMAND_INT":
@@ -231,7 +235,9 @@ def _key(heard: Heard) -> Any:
             return ""
 
 
-def _align(kind: str, theirs: list[Heard], ours: list[Heard], thinned: bool, cut: bool = False) -> list[Row]:
+def _align(
+    kind: str, theirs: list[Received], ours: list[Received], thinned: bool, cut: bool = False
+) -> list[Row]:
     out: list[Row] = []
     if kind in TELEMETRY and not theirs:
         return out
@@ -240,15 +246,15 @@ def _align(kind: str, theirs: list[Heard], ours: list[Heard], thinned: bool, cut
             out.append((kind, "(number)", len(theirs), len(ours)))
         theirs, ours = theirs[:1], ours[:1]
     if kind in TELEMETRY and kind != "PING":
-        theirs, ours = theirs[:1], ours[:1]  # asked for, and streamed as well
+        theirs, ours = theirs[:1], ours[:1]  # requested, and also streamed
     if thinned:
         theirs, ours = _distinct(theirs), _distinct(ours)
     if kind in ("STATUSTEXT", "EVENT") and not thinned:
-        theirs, ours, often = rules.told_often(theirs, ours, _key)
+        theirs, ours, often = rules.sent_often(theirs, ours, _key)
         out += [(kind, f"(number) {key}", real, own) for key, real, own in often]
     a, b = [_key(h) for h in theirs], [_key(h) for h in ours]
-    missing: list[Heard] = []
-    extra: list[Heard] = []
+    missing: list[Received] = []
+    extra: list[Received] = []
     for tag, i0, i1, j0, j1 in difflib.SequenceMatcher(None, a, b, autojunk=False).get_opcodes():
         if tag == "equal":
             for real, own in zip(theirs[i0:i1], ours[j0:j1], strict=True):
@@ -259,18 +265,18 @@ def _align(kind: str, theirs: list[Heard], ours: list[Heard], thinned: bool, cut
             extra += ours[j0:j1]
     for real, own in rules.overtaken(missing, extra, _key):
         out += _fields(kind, real.values, own.values)
-    out += [(kind, _named("missing", h), _key(h), "–") for h in missing]
-    out += [(kind, _named("extra", h), "–", _key(h)) for h in extra]
+    out += [(kind, _row_name("missing", h), _key(h), "–") for h in missing]
+    out += [(kind, _row_name("extra", h), "–", _key(h)) for h in extra]
     return out
 
 
-def _named(what: str, heard: Heard) -> str:
-    """A cell's name: which message is missing or too many."""
+def _row_name(what: str, heard: Received) -> str:
+    """A row's name: the message that is missing or additional."""
     return f"({what}) {str(_key(heard)).strip()}".strip()
 
 
-def _distinct(heard: list[Heard]) -> list[Heard]:
-    """One of each kind in sorted order: a thinned recording has lost numbers and places."""
+def _distinct(heard: list[Received]) -> list[Received]:
+    """One message of each kind in sorted order: a thinned recording has neither numbers nor order."""
     return [h for _, h in sorted({str(_key(h)): h for h in heard}.items())]
 
 
@@ -286,7 +292,8 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
     for name, value in real.items():
         if name in skipped or name not in own or name == "int_value":
             continue
-        a, b = _plain(value), _plain(own[name])
+        a: Any = _plain(value)
+        b: Any = _plain(own[name])
         if kind == "LOG_DATA" and name == "data":
             a, b = list(bytes.fromhex(value)), b[: own["count"]]
         if name == "arguments" and EVENT_NAMES.get(real["id"]) == "logger_open_file_time":
@@ -324,17 +331,17 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
 
 
 def _masked(arguments: list[int]) -> list[int]:
-    """Without the health component that PX4 calls present now and then (bit 10)."""
+    """Arguments without the health component that PX4 reports as present intermittently (bit 10)."""
     return [value & ~0x04 if n == 2 else value for n, value in enumerate(arguments)]
 
 
 def _label(kind: str, values: dict[str, Any]) -> str:
-    key = _key(Heard(0, kind, values))
+    key = _key(Received(0, kind, values))
     return f"[{key}]." if key != "" else ""
 
 
 def same(a: Any, b: Any, tolerance: float | None = None) -> bool:
-    """Equal, or near enough; lists element by element."""
+    """Whether two values are equal within the tolerance; lists element by element."""
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(same(x, y, tolerance) for x, y in zip(a, b, strict=True))
     if isinstance(a, int | float) and isinstance(b, int | float):
@@ -348,7 +355,7 @@ def same(a: Any, b: Any, tolerance: float | None = None) -> bool:
     return a == b
 
 
-def _reports(theirs: list[Heard], answer: Answer) -> list[Row]:
+def _reports(theirs: list[Received], answer: Answer) -> list[Row]:
     events = [h for h in theirs if _in_report(h)]
     ends = [n for n, h in enumerate(events) if h.values["id"] == HEALTH]
     if not ends or not any(h.values["id"] == SUMMARY for h in events[: ends[-1]]):
@@ -359,7 +366,7 @@ def _reports(theirs: list[Heard], answer: Answer) -> list[Row]:
     return min(found, key=len, default=[("EVENT", "(missing)", "arming report", "–")])
 
 
-def _states(theirs: list[Heard], answer: Answer) -> list[Row]:
+def _states(theirs: list[Received], answer: Answer) -> list[Row]:
     out: list[Row] = []
     for real in theirs:
         if real.name not in STATE_MESSAGES:

@@ -1,4 +1,4 @@
-"""The recordings of a real PX4, for tests that compare whole ones."""
+"""Recordings of a real PX4 for tests that compare whole recordings."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture
 def recorded(shared: Path) -> Path:
-    """The recordings, for a test that compares whole ones: minutes of computing."""
+    """The folder of recordings, for tests that compare whole recordings: minutes of computing."""
     if os.environ.get("ALL_DIALOGUES") != "1":
-        pytest.skip("whole recordings are compared by make test-clients (ALL_DIALOGUES=1)")
+        pytest.skip("make test-clients compares whole recordings (ALL_DIALOGUES=1)")
     return shared / "px4"

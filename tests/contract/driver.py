@@ -1,4 +1,4 @@
-"""Plays recorded dialogues to a simulated vehicle on a fake clock and collects what it answers."""
+"""Replays recorded dialogues to a simulated vehicle on a fake clock and collects its answers."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tests.contract.recordings import (
     sends,
     stored,
 )
-from tests.contract.replay_vehicle import HOLD, Heard, Vehicle
+from tests.contract.replay_vehicle import HOLD, Received, Vehicle
 from vehicle_sim.mavlink.dialect import LAYOUTS
 
 RIGHT_AFTER_BOOT_S = 0.3
 SET_MODE, REFUSAL = 176, "is currently not available"
 STATE_SAMPLED_S = 1.1
-"""The recordings took the state afterwards from messages at 1 Hz."""
+"""The recordings sampled the state after a dialogue from messages at 1 Hz."""
 OFFBOARD = 0x60000
 AIR_MISSION: list[dict[str, Any]] = [
     {"seq": n, "frame": frame, "command": command, "current": n == 0, "autocontinue": 1, "param4": math.nan,
@@ -35,8 +35,8 @@ AIR_MISSION: list[dict[str, Any]] = [
          (6, 16, 473979220, 85472000, 12.0), (2, 20, 0, 0, 0.0))
     )
 ]  # fmt: skip
-"""The recorded vehicle carried some mission in these groups: here up, two waypoints too far to be reached
-(none was in the recordings), back."""
+"""In these groups the recorded vehicle had a mission that no recording contains. Here: a take-off, two
+waypoints too far to be reached, and back."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "LOCAL_POSITION_NED")
 REQUESTED_MODES = {
     "altctl": (2, 0), "acro": (5, 0), "offboard": (6, 0), "mission": (4, 4), "rtl": (4, 5), "land": (4, 6),
@@ -45,22 +45,22 @@ REQUESTED_MODES = {
 }  # fmt: skip
 GO_ON = ("in fact armed", "commanded", "running", "sent while", "timed out just before", "flying in RTL",
          "was sent for", "is still open", "battery draining")  # fmt: skip
-"""Words of preconditions that only what came before can have made."""
+"""Words in preconditions that only the previous dialogue can have caused."""
 
 
 @dataclass(slots=True)
 class Answer:
     """What the simulator did in one dialogue."""
 
-    heard: list[Heard] = field(default_factory=list)
-    before: dict[str, Heard] = field(default_factory=list)  # type: ignore[arg-type]
+    heard: list[Received] = field(default_factory=list)
+    before: dict[str, Received] = field(default_factory=list)  # type: ignore[arg-type]
     """Newest sample of each state message before the dialogue."""
-    after: list[Heard] = field(default_factory=list)
-    """State messages of the second after it: the recordings sampled some of them at 1 Hz."""
+    after: list[Received] = field(default_factory=list)
+    """State messages of the second after the dialogue: the recordings sampled some of them at 1 Hz."""
     set_before: frozenset[str] = frozenset()
-    """Parameters that earlier dialogues set: PX4 sends those along that it has not saved yet."""
-    reports: list[list[Heard]] = field(default_factory=list)
-    """The arming reports that were true at some time: PX4 tells them by its own clock."""
+    """Parameters set by earlier dialogues: PX4 also sends those that it has not saved yet."""
+    reports: list[list[Received]] = field(default_factory=list)
+    """The arming reports that were valid at some time: PX4 sends them at times of its own."""
     states: list[dict[str, Any]] = field(default_factory=list)
     """Armed, custom_mode and landed_state at times near the end."""
     echo: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -68,27 +68,30 @@ class Answer:
 
 
 class Player:
-    """Replays one session in its order, on a new vehicle where the old one cannot be brought back."""
+    """Replays one session in order; starts a new vehicle if the old one cannot be brought to the starting
+    state."""
 
     def __init__(self, listen: tuple[str, ...] = (), *, log: bool = False) -> None:
         self._vehicle: Vehicle | None = None
         self._listen = listen
-        """Streams to keep besides the usual."""
+        """Streams to send in addition to the usual ones."""
         self._log = log
-        """Whether the vehicle writes onboard logs, which cost a seventh of a flight: `tells_of_logs`."""
+        """Whether the vehicle writes onboard logs, which take a seventh of the computing time:
+        `needs_logs`."""
         self._set_before: frozenset[str] = frozenset()
         self._cleared = False
         self._plan: list[dict[str, Any]] = []
-        """The mission stored last, for a vehicle that has to be a new one."""
+        """The last stored mission, for a new vehicle."""
 
     @property
     def vehicle(self) -> Vehicle:
-        """The one of the last dialogue."""
+        """The vehicle of the last dialogue."""
         assert self._vehicle is not None
         return self._vehicle
 
     def play(self, dialogue: Dialogue, then: Dialogue | None = None) -> Answer:
-        """Bring about the starting state, send, listen; `then` is what comes next, perhaps at once."""
+        """Brings about the starting state, sends, and receives; `then` is the next dialogue, which may follow
+        immediately."""
         vehicle = self._prepare(dialogue)
         words = dialogue["precondition"]
         at_once = then is not None and _goes_on(then)
@@ -200,7 +203,7 @@ class Player:
         extra -= vehicle.wanted
         vehicle.wanted |= extra
         before = {
-            name: Heard(0.0, name, vehicle.last[via, name][1])
+            name: Received(0.0, name, vehicle.last[via, name][1])
             for name in STATE_MESSAGES
             if (via, name) in vehicle.last
         }
@@ -225,7 +228,7 @@ class Player:
             if ("gcs", name) in vehicle.last:
                 answer.echo[name] = vehicle.last["gcs", name][1]
         answer.heard = [
-            Heard(t - start_s, n, v)
+            Received(t - start_s, n, v)
             for t, link, n, v in vehicle.log
             if link == via and (n != "PING" or v["target_system"] != 0)
         ]
@@ -233,7 +236,7 @@ class Player:
             mark = len(vehicle.log)
             vehicle.run(2.1)
             answer.after = [
-                Heard(t - start_s, n, v)
+                Received(t - start_s, n, v)
                 for t, link, n, v in vehicle.log[mark:]
                 if link == via and n in STATE_MESSAGES
             ]
@@ -242,12 +245,13 @@ class Player:
 
 
 def _goes_on(dialogue: Dialogue) -> bool:
-    """Whether the dialogue before has made the state of this one."""
+    """Whether the previous dialogue created this dialogue's state."""
     return any(each in dialogue["precondition"] for each in GO_ON)
 
 
 def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """PX4 tells at most once a second of a mode that is not available: whether it had, the dialogue shows."""
+    """PX4 reports an unavailable mode at most once per second; the dialogue shows whether it had just
+    reported one."""
     if dialogue["state"].get("armed") and sends(dialogue, "COMMAND_LONG"):
         told = [e for e in dialogue["received"] if REFUSAL in str(e["fields"].get("text", ""))]
         refused = any(
@@ -262,7 +266,8 @@ def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
 
 
 def _let_transfers_end(vehicle: Vehicle) -> None:
-    """What the dialogue before left unfinished asks on for some seconds, which the recording waited for."""
+    """Waits for the end of transfers that the previous dialogue left unfinished; the recording waited,
+    too."""
     for _ in range(12):
         asked = [
             vehicle.last.get(("gcs", name), (-9.0,))[0] for name in ("MISSION_REQUEST_INT", "MISSION_REQUEST")
@@ -273,7 +278,7 @@ def _let_transfers_end(vehicle: Vehicle) -> None:
 
 
 def _stock(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """Upload the plan that the recording downloads, where it is not the one left by the dialogue before."""
+    """Uploads the plan that the recording downloads, unless the previous dialogue stored it."""
     counts = [e["fields"] for e in dialogue["received"] if e["msg"] == "MISSION_COUNT"]
     plan = [e["fields"] for e in dialogue["received"] if e["msg"] == "MISSION_ITEM_INT"]
     if not counts or len(plan) != counts[0]["count"]:

@@ -1,8 +1,7 @@
-"""The known differences from the recordings: `explained.tsv`, a line a difference, each with its cause.
+"""The known differences from the recordings: each line of `explained.tsv` is one difference with its cause.
 
-A line names its session, dialogue, message and field (or which message is missing or told besides), how
-often, and the cause; what is behind the causes stands in docs/simulator.md. A line that is no difference any
-more fails.
+A line has session, dialogue, message and field (or the missing or additional message), the number of
+occurrences, and the cause; docs/simulator.md explains the causes. A line without a difference fails the test.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ Cell = tuple[str, str, str, str]
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """How often a difference occurs in its dialogue, and why."""
+    """How often a difference occurs in its dialogue, and its cause."""
 
     times: int
     reason: str
@@ -40,11 +39,11 @@ EXPLAINED: dict[Cell, Explained] = _read()
 
 
 def times_explained(cell: Cell) -> int:
-    """How often a difference is known to occur; 0 for one that is not."""
+    """Known number of occurrences of a difference; 0 for an unknown difference."""
     row = EXPLAINED.get(cell)
     return row.times if row is not None else 0
 
 
 def cell_of(session: str, difference: Difference) -> Cell:
-    """Where a difference stands in the table."""
+    """The key of a difference in the table."""
     return session, difference.dialogue, difference.message, difference.field

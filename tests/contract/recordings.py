@@ -1,4 +1,5 @@
-"""The recorded dialogues: their sessions, what they say of the vehicle, and what they send to it."""
+"""The recorded dialogues: their sessions, their preconditions, and the messages that they send to the
+vehicle."""
 
 from __future__ import annotations
 
@@ -16,24 +17,24 @@ from vehicle_sim.mavlink.rates import API
 
 Dialogue = dict[str, Any]
 Sending = tuple[float, str, str, dict[str, Any], tuple[int, int]]
-"""Seconds since the dialogue began, link, message, its fields, who sends it."""
+"""Seconds since the dialogue began, link, message, fields, sender."""
 
 STATE_MESSAGES = frozenset(
     {"HEARTBEAT", "CURRENT_MODE", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "GIMBAL_MANAGER_STATUS",
      "HOME_POSITION", "GIMBAL_DEVICE_ATTITUDE_STATUS"}
 )  # fmt: skip
-"""The recordings keep these when their content changed."""
+"""The recordings keep these messages when their content changed."""
 REAL_TIME_FACTOR = 0.995
-"""The recorded simulation's: so long is a second of the station's stream to the vehicle."""
+"""Speed of the recorded simulation: length of one second of the station's stream on the vehicle's clock."""
 STREAMED_ON = frozenset(
     {"offboard_disarmed_stream_1hz", "offboard_disarmed_stream_2hz", "offboard_air_enter_exit"}
 )
-"""Their streams went on to the end: the vehicle is in Offboard seconds after the last one listed."""
+"""Streams that continued to the end: the vehicle is in Offboard for seconds after the last listed message."""
 METRE_NORTH_E7 = math.degrees(1.0 / 6_371_000.0) * 1e7
 METRE_EAST_E7 = METRE_NORTH_E7 / math.cos(math.radians(47.3977423))
 """A metre at the recorded home [1e-7 degrees]."""
 LISTED_STREAMS = {"timesync": "TIMESYNC", "current_event_sequence": "CURRENT_EVENT_SEQUENCE"}
-"""Streams that are part of the dialogues of these names."""
+"""Streams that are part of the dialogues with these names."""
 TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUTION_STATUS"}
 
 
@@ -43,7 +44,7 @@ def load(path: Path) -> list[Dialogue]:
 
 
 def completed(dialogue: Dialogue) -> Dialogue:
-    """The upload of 200 items, of which the recording kept 6: PX4's checksum shows that it was this."""
+    """The full upload of 200 items, of which the recording kept 6; PX4's checksum confirms the rest."""
     if dialogue["id"] != "mission_upload_200_items":
         return dialogue
     send = [*dialogue["send"][:1]]
@@ -58,7 +59,7 @@ def completed(dialogue: Dialogue) -> Dialogue:
 
 
 def grid_200() -> list[dict[str, Any]]:
-    """A take-off and 199 waypoints: rows of 20, a metre apart from 10 m north on, a metre to the next row."""
+    """A take-off and 199 waypoints: rows of 20, one metre apart, from 10 m north; one metre between rows."""
     place = {"frame": 6, "autocontinue": 1, "param1": 0.0, "param2": 0.0, "param3": 0.0, "param4": None,
              "z": 10.0, "mission_type": 0, "target_component": 1}  # fmt: skip
     items: list[dict[str, Any]] = []
@@ -71,15 +72,16 @@ def grid_200() -> list[dict[str, Any]]:
 
 
 def sessions(folder: Path) -> Iterator[tuple[str, list[Dialogue]]]:
-    """Groups, cut where the recording changed the vehicle: each began at a boot and kept its order."""
+    """Groups, split where the recording started a new vehicle; each session began at boot and kept its
+    order."""
     for path in sorted(folder.glob("*.jsonl")):
         parts = itertools.groupby(load(path), key=lambda d: d.get("vehicle_system_id"))
         for number, (_, dialogues) in enumerate(parts):
             yield f"{path.stem}-{number}", list(dialogues)
 
 
-def tells_of_logs(dialogues: list[Dialogue]) -> bool:
-    """Whether something in a session is said of the onboard log, or asked of it."""
+def needs_logs(dialogues: list[Dialogue]) -> bool:
+    """Whether a dialogue of the session concerns the onboard log."""
     return any(
         each["msg"].startswith("LOG_") or "logger" in json.dumps(each)
         for dialogue in dialogues
@@ -88,7 +90,7 @@ def tells_of_logs(dialogues: list[Dialogue]) -> bool:
 
 
 def value_of(value: Any) -> Any:
-    """A recorded value as Python has it."""
+    """A recorded value as a Python value."""
     if value is None:
         return math.nan
     if value in ("inf", "-inf"):
@@ -97,12 +99,12 @@ def value_of(value: Any) -> Any:
 
 
 def layout_id(name: str) -> int:
-    """The number of a message."""
+    """The id of a message."""
     return BY_NAME[name].id
 
 
 def requested(dialogue: Dialogue) -> set[int]:
-    """Ids of telemetry that is part of this dialogue: asked for by it, or listed by the recording."""
+    """Ids of the telemetry that is part of this dialogue: requested by it, or listed by the recording."""
     ids = {
         int(entry["fields"]["param1"] or 0)
         for entry in dialogue["send"]
@@ -118,18 +120,18 @@ def sends(dialogue: Dialogue, name: str) -> bool:
 
 
 def boots(words: str) -> bool:
-    """Whether a precondition asks for a vehicle that was started with its parameters."""
+    """Whether a precondition requires a vehicle that was started with its parameters."""
     return "fresh boot" in words or "MNT_MODE_IN -1" in words
 
 
 def parameters_in(words: str) -> dict[str, float]:
-    """The parameters that a precondition names, and their values."""
+    """The parameters in a precondition, with their values."""
     found = re.findall(r"\b([A-Z][A-Z0-9]*_[A-Z0-9_]+)(?: set to |=| )(-?\d+(?:\.\d+)?)", words)
     return {name: float(value) if "." in value else int(value) for name, value in found}
 
 
 def stored(dialogue: Dialogue) -> list[dict[str, Any]]:
-    """The mission that a dialogue uploads, where PX4 took it."""
+    """The mission that a dialogue uploads, if PX4 accepted it."""
     items = {e["fields"]["seq"]: e["fields"] for e in dialogue["send"] if e["msg"] == "MISSION_ITEM_INT"}
     took = any(e["msg"] == "MISSION_ACK" and e["fields"]["type"] == 0 for e in dialogue["received"])
     mission = [items[seq] for seq in sorted(items)]
@@ -140,12 +142,12 @@ def stored(dialogue: Dialogue) -> list[dict[str, Any]]:
 def script(
     dialogue: Dialogue, system_id: int, late_s: Mapping[tuple[str, int], float] | None = None
 ) -> list[Sending]:
-    """What a dialogue sends, by time, each message of a stream by itself.
+    """The messages that a dialogue sends, by time, each message of a stream separately.
 
     Args:
-        dialogue: the recorded one.
-        system_id: of the vehicle that hears it.
-        late_s: how much later than due the n-th message of a dialogue's stream came.
+        dialogue: the recorded dialogue.
+        system_id: system id of the receiving vehicle.
+        late_s: delay of the n-th message of each stream.
     """
     out: list[Sending] = []
     for entry in dialogue["send"]:
@@ -170,7 +172,7 @@ def script(
 
 
 def _wire(name: str, fields: dict[str, Any], system_id: int) -> dict[str, Any]:
-    """Recorded fields in the form the dialect packs; setpoints without a target are for the vehicle."""
+    """Recorded fields in the form that the dialect packs; setpoints without a target get this vehicle."""
     if "target_system" in BY_NAME[name].fields:
         fields = {"target_system": system_id, "target_component": 1} | fields
     if name == "PARAM_SET" and ("int_value" in fields or fields.get("value") is not None):

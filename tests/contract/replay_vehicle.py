@@ -1,4 +1,5 @@
-"""The simulated vehicle of a replay: its clock, what it says, and how it is brought to a starting state."""
+"""The simulated vehicle of a replay: its clock, its messages, and functions that bring it to a starting
+state."""
 
 from __future__ import annotations
 
@@ -21,18 +22,18 @@ from vehicle_sim.storage.metadata import BUILT_IN
 
 RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4"
 NAMES = {"all_events.json.xz": "events.json.xz"}
-"""What the recordings call a file of the build."""
+"""Names of the build's files in the recordings, where they differ."""
 TICK_S = 0.02
 STREAM_EVERY_S = 0.05
 ARMED_ANEW_AFTER_S = 4.0
-"""On the ground PX4 disarms after 10 s: the recording armed shortly before each dialogue."""
+"""On the ground PX4 disarms after 10 s: the recording armed the vehicle shortly before each dialogue."""
 HOLD = 0x3040000
 NAN = math.nan
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """One message of the vehicle; `dt_s` since the dialogue's first message."""
+class Received:
+    """One message from the vehicle; `dt_s` since the dialogue's first message."""
 
     dt_s: float
     name: str
@@ -40,7 +41,8 @@ class Heard:
 
 
 def _files_of_the_build() -> dict[str, Callable[[], bytes]]:
-    """What the recorded vehicle served below `etc`, where its files lie beside the checkout, else our own."""
+    """The files that the recorded vehicle served below `etc`, if they are beside the checkout, otherwise the
+    simulator's."""
     return {
         path: recorded.read_bytes if (recorded := RECORDED / NAMES.get(name, name)).is_file() else own
         for path, own in BUILT_IN.items()
@@ -49,7 +51,7 @@ def _files_of_the_build() -> dict[str, Callable[[], bytes]]:
 
 
 class Vehicle:
-    """One simulated vehicle and the station that talks to it."""
+    """One simulated vehicle and the station that communicates with it."""
 
     def __init__(
         self, system_id: int, parameters: dict[str, float], *, heartbeats: bool = True, log: bool = False
@@ -64,18 +66,18 @@ class Vehicle:
         self.wanted = {layout.id for name, layout in BY_NAME.items() if name not in TELEMETRY - {"PING"}}
         self.log: list[tuple[float, str, str, dict[str, Any]]] = []
         self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
-        self.reports: list[list[Heard]] = []
-        """Arming reports that were true, each as it would be told, the newest last."""
+        self.reports: list[list[Received]] = []
+        """Valid arming reports in the form in which they are sent, the newest last."""
         self._told: Report | None = None
         self.states: list[tuple[float, dict[str, Any]]] = []
-        """Armed, mode and landed state, and when they became so."""
+        """Armed, mode and landed state, and the time of the change."""
         self.counts: dict[int, int] = {}
-        self._skip_unheard()
+        self._skip_unread()
         self._parsers = {name: FrameParser() for name in ("gcs", "api")}
         self._sequence = 0
         self._beat_s = 0.0
         self.background: dict[str, Any] | None = None
-        """Setpoints streamed besides what a dialogue sends."""
+        """Setpoints streamed in addition to the dialogue's messages."""
         self._stream_s = 0.0
 
     @property
@@ -90,8 +92,8 @@ class Vehicle:
     def speed_m_s(self) -> float:
         return math.sqrt(sum(v * v for v in self.sim.simulation.truth.velocity_ned_m_s[0].tolist()))
 
-    def _skip_unheard(self) -> None:
-        """Streams that no dialogue looks at are not built: they are most of the work."""
+    def _skip_unread(self) -> None:
+        """Skips streams that no dialogue compares: they are most of the work."""
         telemetry = self.sim.nodes[0].context.telemetry
         build = telemetry.payload
         telemetry.payload = lambda msg_id: build(msg_id) if msg_id in self.wanted else None  # type: ignore[method-assign]
@@ -107,7 +109,7 @@ class Vehicle:
         self.send("COMMAND_LONG", fields)
 
     def set_parameter(self, name: str, value: float) -> None:
-        """PARAM_SET in the form the parameter's type asks for."""
+        """Sends PARAM_SET in the encoding of the parameter's type."""
         integer = self.sim.simulation.parameters[0].type_of(name) == "INT32"
         raw = struct.pack("<i", int(value)) if integer else struct.pack("<f", value)
         fields = {"target_system": self.system_id, "target_component": 1, "param_id": name,
@@ -147,7 +149,7 @@ class Vehicle:
         report = self.commander.report
         if report is not self._told and report != self._told:
             self._told = report
-            self.reports.append(_as_told(report))
+            self.reports.append(_as_sent(report))
         for via, parser in self._parsers.items():
             for frame in self.sim.frames(0, via):
                 msg_id = frame[7] | frame[8] << 8 | frame[9] << 16
@@ -177,7 +179,7 @@ class Vehicle:
     # --- starting states -------------------------------------------------------------------------------
 
     def fly(self) -> None:
-        """To Hold at 10 m, from wherever it is."""
+        """Flies to Hold at 10 m, from any state."""
         if not self.commander.armed:
             self.run_until(self.ready, 15)
             self.command(176, 1, 4, 3)
@@ -193,7 +195,7 @@ class Vehicle:
         self.run_until(lambda: self.speed_m_s < 1.0, 8)
 
     def offboard(self) -> None:
-        """To Offboard at 10 m, with a stream of setpoints."""
+        """Flies to Offboard at 10 m, with a stream of setpoints."""
         if not 6 < self.height_m < 16:
             self.fly()
         self.stream(True)
@@ -203,12 +205,12 @@ class Vehicle:
         self.stream(False)
 
     def stream(self, on: bool) -> None:
-        """A position 10 m up at 20 Hz."""
+        """Streams a position 10 m up at 20 Hz."""
         self.background = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
                            "type_mask": 2552, "z": -10.0} if on else None  # fmt: skip
 
     def ground(self, armed: bool, custom_mode: int) -> None:
-        """On the ground: armed or not, in a mode."""
+        """Brings the vehicle to the ground: armed or not, in a mode."""
         armed_s = [at_s for at_s, _ in itertools.takewhile(lambda e: e[1]["armed"], reversed(self.states))]
         about_to_disarm = armed and bool(armed_s) and self.now_s - armed_s[-1] > ARMED_ANEW_AFTER_S
         if (
@@ -230,7 +232,7 @@ class Vehicle:
             self.run(0.2)
 
     def upload(self, plan: list[dict[str, Any]], *, floats: bool = False) -> None:
-        """Store a mission, fence or rally points; `floats`: as items of the old kind."""
+        """Stores a mission, fence or rally points; `floats`: as MISSION_ITEM with floats."""
         kind = plan[0]["mission_type"]
         target = {"target_system": self.system_id, "target_component": 1, "mission_type": kind}
         self.send("MISSION_COUNT", {"count": len(plan), **target})
@@ -242,7 +244,7 @@ class Vehicle:
             self.send("MISSION_ITEM" if floats else "MISSION_ITEM_INT", fields | target)
 
     def go_to(self, lat_e7: int, lon_e7: int, alt_amsl_m: float) -> None:
-        """Fly to a place and come to rest there."""
+        """Flies to a position and stops there."""
         self.send(
             "COMMAND_INT",
             {"target_system": self.system_id, "target_component": 1, "command": 192, "param1": -1,
@@ -252,13 +254,13 @@ class Vehicle:
         self.run_until(lambda: self.speed_m_s < 0.3, 60)
 
 
-def _as_told(report: Report) -> list[Heard]:
-    announcer, told = Announcer(lambda: 0), list[Heard]()
+def _as_sent(report: Report) -> list[Received]:
+    announcer, told = Announcer(lambda: 0), list[Received]()
 
     def hear(item: StatusText | Event) -> None:
         if isinstance(item, Event):
             values = {"id": item.id, "log_levels": item.log_levels, "arguments": item.arguments}
-            told.append(Heard(0.0, "EVENT", values))
+            told.append(Received(0.0, "EVENT", values))
 
     announcer.add_listener(hear)
     announce(report, announcer)

@@ -1,17 +1,19 @@
-"""Differences of a recording, not of the vehicle: rules with a bound, each with its test in `test_rules.py`.
+"""Differences caused by the recording, not by the vehicle: rules with a bound, each tested in
+`test_rules.py`.
 
-- *ends*: where only the first and last messages were kept, so many of ours are compared, with their numbers.
-- *begun before*: a command that PX4 gives itself is repeated after 1.0, 1.5 and 2.0 s; a repeat that comes
-  sooner than its number allows belongs to a command given before the dialogue, and is left out on both sides.
-- *overtaking*: texts and events leave PX4 by two queues, and its modules run side by side: two messages of
-  one kind may change places within 0.1 s.
-- *told often*: what is told more than eight times in a dialogue is compared by its number, within a tenth.
-- *edge*: a text or event that ours tells in the last 0.3 s may fall into the time after the recording.
-- *heights*: those that a return measures, in text and event, agree within 2 m (GPS noise, wandering home).
-- *hash*: the recorded vehicles had values that no dialogue shows; `_HASH_CHECK` changes when PX4's does and
-  comes back to the same value when PX4's does.
+- *ends*: if the recording kept only the first and last messages, the same number of ours is compared.
+- *begun before*: a command of PX4 to itself is repeated after 1.0, 1.5 and 2.0 s; a repeat that comes earlier
+than its number allows belongs to a command from before the dialogue, and is removed on both sides.
+- *overtaking*: texts and events leave PX4 in two queues, and its modules run in parallel: two messages of one
+kind may swap within 0.1 s.
+- *sent often*: messages sent more than eight times in a dialogue are compared by their number, within a
+tenth.
+- *edge*: a text or event that ours sends in the last 0.3 s may belong to the time after the recording.
+- *heights*: the heights in the text and event of a return agree within 2 m (GPS noise, drift of home).
+- *hash*: the recorded vehicles had parameter values that no dialogue shows; `_HASH_CHECK` changes when PX4's
+does and returns to the same value when PX4's does.
 - *listing*: the order of a directory's entries is that of the recording machine's disk; a later part of a
-  listing holds as many entries as PX4's.
+listing has as many entries as PX4's.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable
 from typing import Any
 
-from tests.contract.replay_vehicle import Heard
+from tests.contract.replay_vehicle import Received
 
 FIRST_REPEAT_S, REPEAT_S, REPEAT_JITTER_S = 1.0, 0.51, 0.05
 REPEATS = 3
@@ -35,12 +37,12 @@ FTP_LIST = 3
 _HEIGHTS = re.compile(r"(?<=^RTL: start return at )(\d+) m \((-?\d+) m")
 _AUTOPILOT_TO_ALL = 0
 
-Key = Callable[[Heard], Hashable]
+Key = Callable[[Received], Hashable]
 Row = tuple[str, str, Any, Any]
 
 
-def ends(ours: list[Heard], note: str | None) -> list[Heard]:
-    """As many of our first and last messages as the recording says that it kept of PX4's."""
+def ends(ours: list[Received], note: str | None) -> list[Received]:
+    """The first and last of our messages, as many as the recording kept of PX4's according to its note."""
     kept = re.search(r"only the first (\d+) and last (\d+) messages are kept", note or "")
     if kept is None:
         return ours
@@ -48,12 +50,12 @@ def ends(ours: list[Heard], note: str | None) -> list[Heard]:
     return [*ours[:first], *ours[first:][-last:]]
 
 
-def without_begun_before(heard: list[Heard]) -> list[Heard]:
-    """Without repeats of commands that the autopilot gave before the dialogue began."""
+def without_begun_before(heard: list[Received]) -> list[Received]:
+    """Messages without repeats of commands that the autopilot sent itself before the dialogue began."""
     return [h for h in heard if not _begun_before(h)]
 
 
-def _begun_before(heard: Heard) -> bool:
+def _begun_before(heard: Received) -> bool:
     values = heard.values
     if heard.name != "COMMAND_LONG" or values.get("target_component", 0) != _AUTOPILOT_TO_ALL:
         return False
@@ -63,8 +65,8 @@ def _begun_before(heard: Heard) -> bool:
     return heard.dt_s < FIRST_REPEAT_S + (repeat - 1) * REPEAT_S - REPEAT_JITTER_S
 
 
-def without_edge(ours: list[Heard], theirs: list[Heard], end_s: float) -> list[Heard]:
-    """Without texts and events of the last moment that the recording does not have."""
+def without_edge(ours: list[Received], theirs: list[Received], end_s: float) -> list[Received]:
+    """Messages without texts and events of the last moment that the recording does not contain."""
     return [
         h
         for h in ours
@@ -72,14 +74,14 @@ def without_edge(ours: list[Heard], theirs: list[Heard], end_s: float) -> list[H
     ]
 
 
-def _also(heard: Heard, theirs: list[Heard]) -> bool:
+def _also(heard: Received, theirs: list[Received]) -> bool:
     field = "text" if heard.name == "STATUSTEXT" else "id"
     return any(h.name == heard.name and h.values[field] == heard.values[field] for h in theirs)
 
 
-def overtaken(missing: list[Heard], extra: list[Heard], key: Key) -> list[tuple[Heard, Heard]]:
-    """Pairs that only changed places; they are taken out of both lists."""
-    pairs: list[tuple[Heard, Heard]] = []
+def overtaken(missing: list[Received], extra: list[Received], key: Key) -> list[tuple[Received, Received]]:
+    """Pairs that only swapped; they are removed from both lists."""
+    pairs: list[tuple[Received, Received]] = []
     for real in list(missing):
         own = next(
             (h for h in extra if key(h) == key(real) and abs(h.dt_s - real.dt_s) <= OVERTAKES_WITHIN_S), None
@@ -91,10 +93,11 @@ def overtaken(missing: list[Heard], extra: list[Heard], key: Key) -> list[tuple[
     return pairs
 
 
-def told_often(
-    theirs: list[Heard], ours: list[Heard], key: Key
-) -> tuple[list[Heard], list[Heard], list[tuple[Hashable, int, int]]]:
-    """Both sides without what PX4 told more than eight times; where our number differs: key, PX4, ours."""
+def sent_often(
+    theirs: list[Received], ours: list[Received], key: Key
+) -> tuple[list[Received], list[Received], list[tuple[Hashable, int, int]]]:
+    """Both sides without messages that PX4 sent more than eight times; if our number differs: key, PX4,
+    ours."""
     real, own = Counter(map(key, theirs)), Counter(map(key, ours))
     often = {each for each, count in real.items() if count > OFTEN}
     wrong = [
@@ -106,34 +109,34 @@ def told_often(
 
 
 def without_heights(text: str) -> str:
-    """A text without the heights that were measured for it."""
+    """A text without its measured heights."""
     return _HEIGHTS.sub("… m (… m", text)
 
 
 def heights_in(text: str) -> list[float]:
-    """Those heights [m]."""
+    """The measured heights in a text [m]."""
     return [float(each) for found in _HEIGHTS.findall(text) for each in found]
 
 
 def return_heights(arguments: list[int]) -> list[float]:
-    """The heights [m] in the arguments of the event that tells a return."""
+    """The heights [m] in the arguments of the event of a return."""
     return [float(each) for each in struct.unpack_from("<ii", bytes(arguments))]
 
 
 def listing(payload: dict[str, Any], data_hex: str) -> list[str]:
-    """A directory's entries in any order; of a part of it only how many there are."""
+    """A directory's entries in any order; for a part of it only their number."""
     entries = bytes.fromhex(data_hex).decode("utf-8", "replace").split("\0")
     return sorted(entries) if payload["offset"] == 0 else [str(len(entries))]
 
 
 class Hashes:
-    """The parameter hashes of a session: PX4's and ours change together."""
+    """The parameter hashes of a session: PX4's and ours change at the same time."""
 
     def __init__(self) -> None:
         self._ours: dict[int, int] = {}
 
     def without_hashes(self, rows: list[Row]) -> list[Row]:
-        """Without rows of `_HASH_CHECK` that change as PX4's did."""
+        """Rows without those of `_HASH_CHECK` that change as PX4's did."""
         return [row for row in rows if not (row[1] == "[_HASH_CHECK].param_value" and self._fits(*row[2:]))]
 
     def _fits(self, real: int, own: int) -> bool:

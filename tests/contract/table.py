@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.contract.compare import compare
 from tests.contract.driver import Player
-from tests.contract.recordings import sessions, tells_of_logs
+from tests.contract.recordings import needs_logs, sessions
 from tests.contract.rules import Hashes
 
 
@@ -22,7 +22,7 @@ def main() -> None:
         if len(sys.argv) > 1 and not any(name.startswith(each) for each in sys.argv[1:]):
             continue
         began = time.perf_counter()
-        player, count = Player(log=tells_of_logs(dialogues)), 0
+        player, count = Player(log=needs_logs(dialogues)), 0
         hashes = Hashes()
         for dialogue, then in itertools.zip_longest(dialogues, dialogues[1:]):
             total += 1

@@ -1,7 +1,7 @@
-"""Every recorded dialogue against the simulated vehicle on a fake clock: the differences are explained ones.
+"""Every recorded dialogue with the simulated vehicle on a fake clock: only explained differences occur.
 
-A difference that no row of `explained.tsv` names fails, and so does a row that names none.
-`python -m tests.contract.table [session…]` prints the table.
+A difference without a row in `explained.tsv` fails, and so does a row without a difference. `python -m
+tests.contract.table [session…]` prints the table.
 """
 
 import itertools
@@ -14,7 +14,7 @@ import pytest
 from tests.contract.compare import compare, same
 from tests.contract.driver import Player
 from tests.contract.explained import EXPLAINED, Cell, cell_of, times_explained
-from tests.contract.recordings import Dialogue, sessions, tells_of_logs
+from tests.contract.recordings import Dialogue, needs_logs, sessions
 from tests.contract.rules import Hashes
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
@@ -23,7 +23,8 @@ WHOLE = RECORDED.is_dir() and os.environ.get("ALL_DIALOGUES") == "1"
 SESSIONS: dict[str, list[Dialogue]] = dict(
     sessions(RECORDED if WHOLE else Path(__file__).resolve().parent / "data")
 )
-"""The first few of most groups; all of them in `make test-clients`, where they lie beside the checkout."""
+"""The first few dialogues of most groups; all of them in `make test-clients`, if they are beside the
+checkout."""
 LONGEST = {"arming-0", "arming_denied-1", "armed_ground-1", "calibration-1", "termination-0"}
 """Each takes as long as ten others: only `make test-clients` runs them."""
 DIALOGUES = 602
@@ -36,10 +37,10 @@ RATE_HZ_TOLERANCE = 0.1
     "session",
     [pytest.param(name, marks=pytest.mark.broad if name in LONGEST else ()) for name in SESSIONS],
 )
-def test_dialogues_of(session: str) -> None:
-    """One test a session, since what comes first in it is the state of what follows."""
+def test_dialogues_of_a_session_have_only_explained_differences(session: str) -> None:
+    """One test per session, since each dialogue starts in the state that the previous one left."""
     dialogues, hashes = SESSIONS[session], Hashes()
-    player = Player(log=tells_of_logs(dialogues))
+    player = Player(log=needs_logs(dialogues))
     found: Counter[Cell] = Counter()
     unexplained: list[str] = []
     for dialogue, then in itertools.zip_longest(dialogues, dialogues[1:]):
@@ -52,7 +53,7 @@ def test_dialogues_of(session: str) -> None:
     played = {dialogue["id"] for dialogue in dialogues}
     stale = [row for row in EXPLAINED if row[:2] in {(session, each) for each in played}
              and found[row] < times_explained(row)]  # fmt: skip
-    assert not stale, f"no difference any more, take these rows out: {stale}"
+    assert not stale, f"no longer a difference, delete these rows: {stale}"
 
 
 def test_all_recorded_dialogues_are_replayed(recorded: Path) -> None:
@@ -60,8 +61,8 @@ def test_all_recorded_dialogues_are_replayed(recorded: Path) -> None:
     assert sum(len(dialogues) for dialogues in SESSIONS.values()) == DIALOGUES
 
 
-def test_a_wrong_answer_would_be_seen() -> None:
-    """The harness itself: another result, a missing text or a field out of tolerance is a difference."""
+def test_a_wrong_answer_is_a_difference() -> None:
+    """The comparison itself: another result, a missing text or a field out of tolerance is a difference."""
     dialogue = next(d for d in SESSIONS["request_message-0"] if d["id"] == "request_1_sys_status")
     answer = Player().play(dialogue)
     assert not compare(dialogue, answer)
@@ -77,21 +78,21 @@ def test_a_wrong_answer_would_be_seen() -> None:
     assert same(1.0, 1.01, 0.02)
 
 
-def test_the_reasons_stand_in_the_documentation() -> None:
+def test_each_cause_is_explained_in_the_documentation() -> None:
     text = (REPOSITORY / "docs" / "simulator.md").read_text(encoding="utf-8")
     missing = {row.reason for row in EXPLAINED.values() if row.reason not in text}
     assert not missing, f"docs/simulator.md does not explain: {missing}"
 
 
-def test_the_table_is_short_and_each_row_is_of_a_recorded_dialogue(shared: Path) -> None:
+def test_the_table_is_short_and_each_row_belongs_to_a_recorded_dialogue(shared: Path) -> None:
     known = {(name, d["id"]) for name, dialogues in sessions(shared / "px4" / "dialogues") for d in dialogues}
     assert len(EXPLAINED) <= ROWS_AT_MOST
     assert {cell[:2] for cell in EXPLAINED} <= known
 
 
 @pytest.mark.parametrize(("part", "hz"), [("after_200000us", 0), ("after_0", 4.5)])
-def test_a_stream_has_the_rate_that_was_asked_for(shared: Path, part: str, hz: float) -> None:
-    """Counted over four seconds, as the recording did."""
+def test_a_stream_has_the_requested_rate(shared: Path, part: str, hz: float) -> None:
+    """Counted over four seconds, as in the recording."""
     recorded = dict(sessions(shared / "px4" / "dialogues"))["message_interval-0"]
     dialogue = next(d for d in recorded if "measured_hz" in d)
     end_s = hz + 4.5

@@ -1,4 +1,4 @@
-"""Where the simulated gimbal points after each recorded gimbal dialogue, against the real one."""
+"""The angles of the simulated gimbal after each recorded gimbal dialogue, compared with the real one."""
 
 import math
 from pathlib import Path
@@ -9,13 +9,13 @@ from tests.contract.recordings import load
 from tests.contract.replay_vehicle import Vehicle
 
 ANGLE_TOLERANCE_DEG = 1.5
-"""The recording reads while the vehicle's heading drifts by a degree or two."""
+"""The recorded angles were read while the vehicle's heading drifted by one or two degrees."""
 
 READ_BEFORE_END_S = 0.3
 """The recording read the angles 2.0 s after the command of a window of 2.3 s."""
 
-OTHER_START = "the recording gave other angles before it, in a step that it does not hold"
-OLD_MOUNT = "the point is straight below, where the bearing is that of the GPS noise"
+OTHER_START = "an earlier, unrecorded step commanded other angles"
+OLD_MOUNT = "the point is straight below, so GPS noise determines the bearing"
 KNOWN: dict[str, str] = {
     "gimbal_pitchyaw_other_sender": OTHER_START,
     "gimbal_release_by_non_owner": OTHER_START,
@@ -49,7 +49,7 @@ def differences(real: dict[str, Any], ours: dict[str, float]) -> list[str]:
     return wrong
 
 
-def test_the_gimbal_points_where_the_real_one_does(recorded: Path) -> None:
+def test_the_gimbal_points_as_the_recorded_one(recorded: Path) -> None:
     player = Player(listen=("MOUNT_ORIENTATION",))
     wrong: dict[str, list[str]] = {}
     compared = 0
@@ -65,4 +65,4 @@ def test_the_gimbal_points_where_the_real_one_does(recorded: Path) -> None:
     new = {name: found for name, found in wrong.items() if name not in KNOWN}
     assert not new, "\n".join(f"{name}: {found}" for name, found in new.items())
     gone = [name for name in KNOWN if name not in wrong]
-    assert not gone, f"these no longer differ, take them out of KNOWN: {gone}"
+    assert not gone, f"these no longer differ, delete them from KNOWN: {gone}"

@@ -1,4 +1,4 @@
-"""The rules by which a recording may differ, each up to its bound and no further."""
+"""The rules for differences caused by a recording, each at its bound."""
 
 import json
 import struct
@@ -8,31 +8,31 @@ from typing import Any
 from tests.contract import rules
 from tests.contract.given import GIVEN, LATE_S
 from tests.contract.recordings import STREAMED_ON, completed, grid_200
-from tests.contract.replay_vehicle import Heard
+from tests.contract.replay_vehicle import Received
 from vehicle_sim.mavlink.services.mission_items import opaque_id
 
 
-def text(dt_s: float, words: str) -> Heard:
-    return Heard(dt_s, "STATUSTEXT", {"text": words, "severity": 6})
+def text(dt_s: float, words: str) -> Received:
+    return Received(dt_s, "STATUSTEXT", {"text": words, "severity": 6})
 
 
-def key(heard: Heard) -> str:
+def key(heard: Received) -> str:
     return heard.values["text"]
 
 
-def own_command(dt_s: float, confirmation: int, component: int = 0) -> Heard:
+def own_command(dt_s: float, confirmation: int, component: int = 0) -> Received:
     values = {"command": 2003, "confirmation": confirmation, "target_component": component}
-    return Heard(dt_s, "COMMAND_LONG", values)
+    return Received(dt_s, "COMMAND_LONG", values)
 
 
-def test_a_repeat_that_comes_too_soon_for_its_number_began_before() -> None:
+def test_a_repeat_that_comes_too_early_for_its_number_began_before() -> None:
     too_soon = [own_command(0.9, 1), own_command(1.4, 2), own_command(1.9, 3)]
     in_time = [own_command(1.0, 1), own_command(1.5, 2), own_command(2.0, 3)]
     others = [own_command(0.1, 0), own_command(0.1, 4), own_command(0.1, 1, component=154)]
     assert rules.without_begun_before(too_soon + in_time + others) == in_time + others
 
 
-def test_of_a_long_answer_its_ends_are_compared() -> None:
+def test_of_a_long_answer_the_first_and_last_messages_are_compared() -> None:
     ours = [text(float(n), str(n)) for n in range(9)]
     kept = rules.ends(ours, "burst; only the first 2 and last 3 messages are kept")
     assert [key(h) for h in kept] == ["0", "1", "6", "7", "8"]
@@ -40,7 +40,7 @@ def test_of_a_long_answer_its_ends_are_compared() -> None:
     assert rules.ends(ours[:4], "only the first 2 and last 3 messages are kept") == ours[:4]
 
 
-def test_messages_overtake_each_other_within_a_tenth_of_a_second() -> None:
+def test_messages_may_swap_within_a_tenth_of_a_second() -> None:
     missing, extra = [text(1.0, "a"), text(1.0, "b"), text(1.0, "c")], [text(1.09, "a"), text(1.2, "b")]
     pairs = rules.overtaken(missing, extra, key)
     assert [(real.values["text"], own.dt_s) for real, own in pairs] == [("a", 1.09)]
@@ -48,23 +48,28 @@ def test_messages_overtake_each_other_within_a_tenth_of_a_second() -> None:
     assert [key(h) for h in extra] == ["b"]
 
 
-def test_what_is_told_often_is_compared_by_its_number() -> None:
+def test_messages_sent_often_are_compared_by_their_number() -> None:
     real = [text(0.1 * n, "often") for n in range(30)] + [text(1.0, "once")]
     own = real[:28]
-    theirs, ours, wrong = rules.told_often(real, own, key)
+    theirs, ours, wrong = rules.sent_often(real, own, key)
     assert ([key(h) for h in theirs], ours, wrong) == (["once"], [], [])
-    assert rules.told_often(real, real[:26], key)[2] == [("often", 30, 26)]
+    assert rules.sent_often(real, real[:26], key)[2] == [("often", 30, 26)]
     eight = [text(0.1 * n, "eight") for n in range(8)]
-    assert rules.told_often(eight, eight[:7], key)[:2] == (eight, eight[:7])
+    assert rules.sent_often(eight, eight[:7], key)[:2] == (eight, eight[:7])
 
 
-def test_only_the_last_moment_may_tell_what_the_recording_has_no_more() -> None:
-    ours = [text(1.6, "a"), text(1.8, "b"), text(1.8, "c"), Heard(1.9, "COMMAND_ACK", {"command": 400})]
+def test_only_messages_of_the_last_moment_may_be_missing_in_the_recording() -> None:
+    ours = [
+        text(1.6, "a"),
+        text(1.8, "b"),
+        text(1.8, "c"),
+        Received(1.9, "COMMAND_ACK", {"command": 400}),
+    ]
     kept = rules.without_edge(ours, [text(1.8, "c")], 2.0)
     assert [h.values.get("text", "ack") for h in kept] == ["a", "c", "ack"]
 
 
-def test_only_a_return_tells_heights_that_may_differ() -> None:
+def test_only_the_heights_of_a_return_may_differ() -> None:
     told = "RTL: start return at 530 m (30 m above destination)\t"
     assert rules.without_heights(told) == "RTL: start return at … m (… m above destination)\t"
     assert rules.heights_in(told) == [530.0, 30.0]
@@ -77,7 +82,7 @@ def hash_row(real: int, own: int) -> rules.Row:
     return ("PARAM_VALUE", "[_HASH_CHECK].param_value", real, own)
 
 
-def test_the_hash_changes_when_px4s_does_and_comes_back_when_it_does() -> None:
+def test_the_hash_changes_when_px4s_does_and_returns_when_it_does() -> None:
     hashes = rules.Hashes()
     assert not hashes.without_hashes([hash_row(1, 10), hash_row(2, 20), hash_row(1, 10)])
     assert hashes.without_hashes([hash_row(1, 20)]), "PX4's came back, ours did not"
@@ -86,7 +91,7 @@ def test_the_hash_changes_when_px4s_does_and_comes_back_when_it_does() -> None:
     assert hashes.without_hashes([other]) == [other]
 
 
-def test_a_directory_has_its_entries_in_any_order() -> None:
+def test_the_entries_of_a_directory_may_have_any_order() -> None:
     def entries(data: bytes, offset: int = 0) -> list[str]:
         return rules.listing({"offset": offset}, data.hex())
 
@@ -96,12 +101,12 @@ def test_a_directory_has_its_entries_in_any_order() -> None:
     assert entries(b"Fa\t1\0S\0", 5) == entries(b"S\0Dlog\0", 5) != entries(b"S\0", 5)
 
 
-def test_the_upload_of_200_items_is_the_recorded_one_by_px4s_checksum() -> None:
+def test_the_upload_of_200_items_has_px4s_checksum() -> None:
     items: list[dict[str, Any]] = [item | {"param4": float("nan")} for item in grid_200()]
     assert opaque_id(items) == 2898809883
 
 
-def test_what_was_not_recorded_is_shown_by_the_dialogue_itself(shared: Path) -> None:
+def test_each_unrecorded_starting_state_has_evidence_in_the_dialogue(shared: Path) -> None:
     dialogues: dict[str, dict[str, Any]] = {}
     for path in (shared / "px4" / "dialogues").glob("*.jsonl"):
         lines = path.read_text(encoding="utf-8").splitlines()

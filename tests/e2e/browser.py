@@ -1,11 +1,11 @@
-"""Starts and uses a real Chromium with a real server, and checks for errors that must never happen in it."""
+"""Runs Chromium with a real server, and checks each page for errors that must never happen."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -24,12 +24,13 @@ ARGUMENTS = [
     "--disable-gpu-compositing",
     "--disable-background-networking",
 ]
-"""Only WebGL is drawn in software: compositing the page in software too would cost a core."""
+"""WebGL is rendered in software; rendering the whole page in software would take another core."""
 PATIENCE_MS = 30_000
-"""Chromium draws in software here, and the machine may do other things besides."""
+"""Chromium renders in software, and the machine may be busy."""
 
 COARSE = 0.5
-"""Device pixels per CSS pixel: the layout is the same, and map and 3D view need a quarter of the CPU time."""
+"""Device pixels per CSS pixel: the layout is the same, and rendering map and 3D view takes a quarter of the
+CPU time."""
 
 MAX_TABS = 80
 
@@ -37,7 +38,7 @@ SAME_CLIENT = """
 sessionStorage.setItem('gcs.client-id', %s);
 sessionStorage.setItem('gcs.left', '1');
 """
-"""A page is the client of that id: a tab's own is kept there while it reloads."""
+"""Gives the page this client id; a tab keeps its own across reloads."""
 TELL_CSP = """
 addEventListener('securitypolicyviolation', (e) =>
   console.error(`policy: ${e.effectiveDirective} stopped ${e.blockedURI}`));
@@ -58,12 +59,16 @@ READ_CANVAS = """
   done({ drawn: drawn / (pixels.length / 4), colours: colours.size });
 }))
 """
-"""Read in the frame that has just been rendered: later the browser has cleared the buffer."""
+"""Reads the canvas in the rendered frame: afterwards the browser clears the buffer."""
 
 
 @contextlib.contextmanager
-def chromium() -> Iterator[Browser]:
-    """Debian's or Playwright's Chromium; fails, with the way to get one, where there is none."""
+def chromium() -> Generator[Browser]:
+    """Debian's or Playwright's Chromium.
+
+    Raises:
+        pytest.fail.Exception: neither is installed; the message has the command that installs it.
+    """
     expect.set_options(timeout=PATIENCE_MS)
     with sync_playwright() as playwright:
         try:
@@ -79,12 +84,12 @@ def chromium() -> Iterator[Browser]:
 
 
 def same_client(client_id: str) -> str:
-    """A script by which a page is the client of that id."""
+    """A script that gives the page this client id."""
     return f"if (window === window.top) {{ {SAME_CLIENT % json.dumps(client_id)} }}"
 
 
 def press(control: Locator, key: str) -> None:
-    """Presses a key on a control once it can be used; on a disabled one the press would be lost."""
+    """Presses a key on a control as soon as it is enabled; a disabled control would ignore the key."""
     expect(control).to_be_enabled()
     control.press(key)
 
@@ -96,7 +101,7 @@ def choose(menu_button: Locator, entry: str) -> None:
 
 
 class Watched:
-    """All requests and errors of a page."""
+    """Records all requests and errors of a page."""
 
     def __init__(self, page: Page, url: str) -> None:
         self.complaints: list[str] = []
@@ -109,18 +114,19 @@ class Watched:
         page.on("websocket", lambda socket: self._asked(socket.url))
 
     def _console(self, message: ConsoleMessage) -> None:
-        if message.type == "error" and not self._is_an_answer(message):
+        if message.type == "error" and not self._is_expected(message):
             self.complaints.append(f"{message.text} {message.location['url']}")
 
     @staticmethod
-    def _is_an_answer(message: ConsoleMessage) -> bool:
-        """A refusal is one, and so is that a vehicle has just gone; Chromium counts them as errors."""
+    def _is_expected(message: ConsoleMessage) -> bool:
+        """Whether Chromium reports an expected answer as an error: a refusal, or a vehicle that was just
+        removed."""
         if re.search("status of (409|503)", message.text):
             return True
         if "status of 422" in message.text and "/api/v1/plans/import" in message.location["url"]:
-            return True  # a file that cannot be read
+            return True  # an unreadable file
         if message.text.startswith("Tried to update non-existent component"):
-            return True  # viser's client, drawing slower than labels change: the next update is shown
+            return True  # viser's client, when it renders slower than labels change: the next update is shown
         return "status of 404" in message.text and "/api/v1/vehicles/" in message.location["url"]
 
     def _asked(self, url: str) -> None:
@@ -129,7 +135,7 @@ class Watched:
             self.strangers.append(url)
 
     def check(self) -> None:
-        """Fails on a request to another machine, an error in the console or a breach of the policy."""
+        """Fails if the page sent a request to another machine, logged an error, or violated the policy."""
         assert not self.strangers, self.strangers
         assert not self.complaints, self.complaints
 
@@ -145,8 +151,8 @@ def opened(
     script: str = "",
     client_id: str = "e2e",
     coarse: bool = True,
-) -> Iterator[Page]:
-    """The page in a fresh window, watched until it is closed.
+) -> Generator[Page]:
+    """Opens the page in a new window and checks it until it is closed.
 
     Without `scene` the page finds no 3D view, as on a server without one: drawing it in software takes most
     of a small machine, and most tests are about something else; what is drawn is `coarse`, but for pictures
@@ -176,7 +182,7 @@ def opened(
 
 
 def slide(page: Page) -> None:
-    """Slides the knob of the open confirmation to its end, as a hand does."""
+    """Drags the slider of the open confirmation to its end with the mouse."""
     knob = page.get_by_role("alertdialog").get_by_role("slider")
     box = knob.bounding_box()
     assert box is not None
@@ -188,7 +194,7 @@ def slide(page: Page) -> None:
 
 
 def hold_space(page: Page) -> None:
-    """Holds the Space bar until the confirmation is done."""
+    """Holds the Space bar until the confirmation is complete."""
     page.get_by_role("alertdialog").wait_for()
     page.keyboard.down("Space")
     page.get_by_role("alertdialog").wait_for(state="hidden")
@@ -196,10 +202,10 @@ def hold_space(page: Page) -> None:
 
 
 def number(text: str) -> float:
-    """The first number in what the page shows (its minus is the typographic one).
+    """The first number in a text of the page (which uses the typographic minus).
 
     Raises:
-        ValueError: there is none.
+        ValueError: the text has no number.
     """
     found = re.search(r"-?\d+(\.\d+)?", text.replace("−", "-"))
     if found is None:
@@ -208,24 +214,27 @@ def number(text: str) -> float:
 
 
 def shown(where: Locator, label: str) -> float:
-    """The value under a label, as the page shows it."""
+    """The value with this label, as displayed."""
     return number(
         where.locator(".value", has=where.page.get_by_text(label, exact=True)).locator(".text").inner_text()
     )
 
 
 def scene(page: Page) -> Frame:
-    """The 3D view's own document."""
+    """The document of the 3D view."""
     frame = page.get_by_title("3D view", exact=True).element_handle().content_frame()
     assert frame is not None
     return frame
 
 
 def in_both_themes(page: Page) -> list[str]:
-    """`serious_violations` of what is shown now, dark and light; the page is dark before and after."""
+    """`serious_violations` of the current page in the dark and light themes; before and after, the page is
+    dark."""
     found = serious_violations(page)
     page.emulate_media(color_scheme="light")
-    if page.locator("html[data-theme]").count():  # the dashboard sets it, other pages follow by style
+    if page.locator(
+        "html[data-theme]"
+    ).count():  # the dashboard has a setting, other pages follow the media query
         page.locator('html[data-theme="light"]').wait_for(state="attached")
     found += [f"light: {one}" for one in serious_violations(page)]
     page.emulate_media(color_scheme="dark")
@@ -233,21 +242,21 @@ def in_both_themes(page: Page) -> list[str]:
 
 
 def tab_to(page: Page, name: str) -> None:
-    """Presses Tab until the button or field of that name has the keyboard."""
+    """Presses Tab until the button or field with this name has the focus."""
     wanted = "() => document.activeElement.ariaLabel ?? document.activeElement.textContent.trim()"
     for _ in range(MAX_TABS):
         page.keyboard.press("Tab")
         if page.evaluate(wanted) == name:
             return
-    pytest.fail(f"{MAX_TABS} times Tab did not reach {name!r}")
+    pytest.fail(f"{MAX_TABS} presses of Tab did not reach {name!r}")
 
 
 def serious_violations(page: Page) -> list[str]:
-    """Serious and critical violations that axe-core finds in the page."""
+    """Serious and critical accessibility violations that axe-core finds in the page."""
     build_page.install(REPOSITORY)
     source = (REPOSITORY / "web" / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
     page.evaluate(f"{source}; void 0")
-    # What is still fading in has no contrast yet.
+    # Elements that are fading in have no final contrast yet.
     page.evaluate("() => Promise.allSettled(document.getAnimations().map((one) => one.finished))")
     found = page.evaluate(
         "async () => (await axe.run({ exclude: ['iframe'] }, { resultTypes: ['violations'] })).violations"

@@ -1,4 +1,4 @@
-"""A station for the end-to-end tests: real processes, real bytes, simulated time three times as fast."""
+"""A station for the end-to-end tests: real processes, real sockets, at three times real time."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from tests.e2e.fast_station import FAST, Station
 from tests.station import free_port, server, vehicle
 
 os.environ["GCS_CLIENT_ID"] = "e2e"
-"""All programs and pages of a test are one client, in control of its vehicle, unless they say otherwise."""
+"""All programs and pages of a test are one client, which controls its vehicle, unless a test sets another
+id."""
 
 
 @pytest.fixture
 def station() -> Iterator[Station]:
-    """Server and one vehicle that is ready to arm."""
+    """A server and one vehicle that is ready to arm."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),

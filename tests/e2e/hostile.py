@@ -1,4 +1,4 @@
-"""What a hostile client does to a server: `python -m tests.e2e.hostile PORT ATTACK`."""
+"""Attacks on a server by a client: `python -m tests.e2e.hostile PORT ATTACK`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,13 +29,13 @@ class Target:
     held: list[socket.socket] = field(default_factory=list[socket.socket])
 
     def connect(self, timeout_s: float = 5.0) -> socket.socket:
-        """A connection, which stays open until the attack is over."""
+        """Opens a connection that stays open until the attack ends."""
         made = socket.create_connection((HOST, self.port), timeout=timeout_s)
         self.held.append(made)
         return made
 
     def send(self, made: socket.socket, data: bytes, times: int = 1) -> int:
-        """Sends for as long as it is taken; how many bytes were."""
+        """Sends until the server stops reading; returns the number of bytes sent."""
         sent = 0
         with contextlib.suppress(OSError):
             for _ in range(times):
@@ -44,7 +44,7 @@ class Target:
         return sent
 
     def websocket(self, path: str = "/api/v1/telemetry?client_id=hostile") -> socket.socket:
-        """An open WebSocket, or what was answered instead."""
+        """An open WebSocket, or the server's refusal."""
         made = self.connect()
         key = base64.b64encode(os.urandom(16))
         made.sendall(
@@ -54,7 +54,7 @@ class Target:
         return made
 
     def release(self) -> None:
-        """Closes all that is held."""
+        """Closes all connections."""
         for made in self.held:
             made.close()
         self.held.clear()
@@ -77,11 +77,11 @@ def frame(payload: bytes, opcode: int = 1, *, final: bool = True) -> bytes:
         head += struct.pack("!BH", 0x80 | 126, size)
     else:
         head += struct.pack("!BQ", 0x80 | 127, size)
-    return head + bytes(4) + payload  # masked by zeros
+    return head + bytes(4) + payload  # masked with zeros
 
 
 def answer(made: socket.socket, timeout_s: float = 5.0) -> bytes:
-    """What the server says until it closes or falls silent."""
+    """Everything that the server sends until it closes the connection or stops sending."""
     made.settimeout(timeout_s)
     said = b""
     with contextlib.suppress(OSError):
@@ -256,27 +256,27 @@ ATTACKS: list[Callable[[Target], None]] = [
 ]
 
 
-# --- what others notice -----------------------------------------------------------------------------
+# --- effects on other clients -----------------------------------------------------------------------
 
 
 @dataclass
-class Noticed:
-    """By an innocent client."""
+class Effects:
+    """Effects on another client."""
 
     longest_s: float = 0.0
-    """Of its requests, each on a new connection."""
+    """Response times of its requests, each on a new connection."""
     longest_pause_s: float = 0.0
-    """Of the server's event loop, as a program in control on an open connection sees it."""
+    """Delays of the server's event loop, measured by a program in control on an open connection."""
     served: int = 0
     failures: list[str] = field(default_factory=list[str])
     memory_mb: float = 0.0
-    """The most the server's process had, beyond what it had before."""
+    """Largest increase of the memory of the server's process."""
 
 
 @contextlib.contextmanager
-def attacked(target: Target, attack: str, headers: bytes = b"") -> Iterator[Noticed]:
-    """Another process attacks while the block runs, and an innocent client asks all the time."""
-    noticed, over = Noticed(), threading.Event()
+def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Effects]:
+    """Attacks from another process while the block runs, and measures the effects on another client."""
+    noticed, over = Effects(), threading.Event()
     before_mb = target.memory_mb()
     request = b"GET /api/v1/me HTTP/1.1\r\nHost: localhost\r\n" + headers
 
@@ -328,7 +328,7 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Iterator[Noti
 
 
 def main(port: str, process: str, name: str) -> None:
-    """One attack, which holds for a second what it has."""
+    """Runs one attack and keeps its connections for a second."""
     target = Target(int(port), int(process))
     next(attack for attack in ATTACKS if attack.__name__ == name)(target)
     time.sleep(1.0)

@@ -1,4 +1,4 @@
-"""Small map files of one colour, as an operator might put them into the data folder."""
+"""Small map files of one colour, such as an operator puts into the data folder."""
 
 from __future__ import annotations
 

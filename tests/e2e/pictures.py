@@ -1,4 +1,4 @@
-"""What a picture of a state is taken with: a page in front of a flying vehicle, a shot in both themes."""
+"""Takes pictures of the page in front of a flying vehicle, in both themes."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ QUALITIES = (85, 78, 70, 60, 50)
 SCHEMES: tuple[Any, ...] = ("dark", "light")
 SIZE, TABLET = (1440, 900), (1024, 768)
 LOOK_EVERY_MS = 300
-"""How long a window must look the same to count as still: 3D and map draw slowly in software."""
+"""How long a window must not change to count as complete: 3D view and map render slowly in software."""
 ANIMATED = """() => Promise.all(document.getAnimations()
   .filter((a) => a.effect?.getComputedTiming().endTime < Infinity)
   .map((a) => a.finished.catch(() => null)))"""
-"""Waits for the ends of all animations that have one."""
+"""Waits for the end of all finite animations."""
 CLIENT_ID = "pictures"
-"""Page and programs are one client, in control of what they fly."""
+"""Page and programs are one client, which controls the vehicle."""
 
 
 @dataclass
-class Set:
-    """Where the pictures are taken."""
+class PictureSetup:
+    """Page, station and folder of the pictures."""
 
     browser: Browser
     page: Page
@@ -44,7 +44,7 @@ class Set:
 
 
 def save(page: Page, path: Path) -> None:
-    """The window as WebP, as good as fits into the limit."""
+    """Saves the window as WebP at the highest quality within the size limit."""
     session = page.context.new_cdp_session(page)
     data = b""
     for quality in QUALITIES:
@@ -57,8 +57,8 @@ def save(page: Page, path: Path) -> None:
     print(f"  {path.name}: {len(data) / 1000:.0f} kB", flush=True)
 
 
-def still(page: Page, longest_s: float = 6.0) -> None:
-    """Waits until the window stands still; at most that long, since a vehicle in flight never does."""
+def until_still(page: Page, longest_s: float = 6.0) -> None:
+    """Waits until the window does not change, at most this long, since a vehicle in flight always moves."""
     seen = [b""]
 
     def unchanged() -> bool:
@@ -71,10 +71,10 @@ def still(page: Page, longest_s: float = 6.0) -> None:
 
 
 def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lambda: None) -> None:
-    """One state in both themes; `keep` brings back what would have expired meanwhile."""
+    """One state in both themes; `keep` restores what would expire meanwhile."""
     for theme in SCHEMES:
         page.emulate_media(color_scheme=theme)
-        still(page, 3)
+        until_still(page, 3)
         keep()
         page.evaluate(ANIMATED)
         save(page, folder / f"{name}-{theme}.webp")
@@ -82,10 +82,10 @@ def shoot(page: Page, folder: Path, name: str, keep: Callable[[], object] = lamb
 
 
 def pill(page: Page) -> str:
-    """What the vehicle does, in the page's words."""
+    """The vehicle's state, as displayed."""
     return page.locator(".pill b").inner_text()
 
 
 def until_pill(page: Page, *words: str) -> None:
-    """Waits until the page says one of them."""
+    """Waits until the page displays one of these states."""
     wait_until(lambda: pill(page) in words, " or ".join(words), 60)

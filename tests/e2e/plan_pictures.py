@@ -1,46 +1,46 @@
-"""The plan room in pictures: a survey with what is wrong with it, an offboard mission, its dry run."""
+"""Pictures of the plan room: a survey with findings, an offboard mission, its dry run."""
 
 from __future__ import annotations
 
 from playwright.sync_api import Locator, Page
 
 from tests.e2e.browser import choose
-from tests.e2e.pictures import SIZE, Set, shoot, still
+from tests.e2e.pictures import SIZE, PictureSetup, shoot, until_still
 from tests.e2e.plan_page import EXAMPLES, imported_tower
 from tests.e2e.plan_page import dry_run as flown_in_simulation
 
 FIELD = ((0.49, 0.32), (0.62, 0.28), (0.68, 0.5), (0.52, 0.58))
 FENCE = ((0.46, 0.24), (0.66, 0.22), (0.66, 0.62), (0.56, 0.66), (0.46, 0.5))
-"""Corners, as shares of the window."""
+"""Corners, as fractions of the window."""
 
 
 def opened_room(page: Page, zoom: str | None = None) -> Locator:
-    """The plan room over the map."""
+    """Opens the plan room over the map."""
     page.keyboard.press("w")
     room = page.get_by_role("region", name="Plan room")
     room.wait_for()
     page.get_by_role("toolbar", name="Map").wait_for()
     if zoom is not None:
         page.get_by_role("button", name=zoom).click()
-    still(page, 2)
+    until_still(page, 2)
     return room
 
 
 def left(page: Page) -> None:
-    """Back where the other states begin."""
+    """Closes the plan room, as the other states require."""
     page.get_by_role("button", name="Close the plan room").click()
     page.keyboard.press("m")
 
 
 def click(page: Page, places: tuple[tuple[float, float], ...]) -> None:
-    """Several places, one after the other."""
+    """Clicks several positions one after the other."""
     for x, y in places:
         page.mouse.click(SIZE[0] * x, SIZE[1] * y)
-        still(page, 1)  # two quick clicks are a double click, which ends the area
+        until_still(page, 1)  # two quick clicks are a double click, which completes the area
 
 
-def plan(at: Set) -> None:
-    """A waypoint plan: a survey, a geofence that it leaves, a point selected, the altitudes."""
+def plan(at: PictureSetup) -> None:
+    """A waypoint plan: a survey, a geofence that it leaves, a selected point, the altitudes."""
     page = at.page
     room = opened_room(page, "Zoom out")
     room.get_by_label("Name of the plan").fill("Field survey")
@@ -57,28 +57,28 @@ def plan(at: Set) -> None:
     room.get_by_role("button", name="Add geofence").click()
     room.get_by_role("option", name="Waypoint").nth(2).click()
     page.mouse.move(0, 0)
-    still(page, 3)
+    until_still(page, 3)
     shoot(page, at.folder, "plan")
     left(page)
 
 
-def mission(at: Set) -> None:
-    """An offboard mission: its steps as a tree, the path that will be flown, a step selected."""
+def mission(at: PictureSetup) -> None:
+    """An offboard mission: its steps as a tree, its path, a selected step."""
     page = at.page
     room = opened_room(page)
     page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
     room.get_by_role("option", name="Up beside the tower").click()
     page.get_by_role("button", name="Zoom in").click()
     page.mouse.move(0, 0)
-    still(page, 4)
+    until_still(page, 4)
     shoot(page, at.folder, "mission")
     left(page)
 
 
-def dry_run(at: Set) -> None:
-    """A mission flown in simulation many times: ghost, gimbal and corridor at one moment."""
+def dry_run(at: PictureSetup) -> None:
+    """Many dry runs of a mission: simulated vehicle, gimbal and corridor at one time."""
     page = at.page
-    at.drone.request("PUT", "/params/MNT_DO_STAB", {"value": 2})  # its gimbal keeps a locked yaw
+    at.drone.request("PUT", "/params/MNT_DO_STAB", {"value": 2})  # its gimbal has a locked yaw
     at.drone.request("POST", "/params/refresh", {"wait": True})
     room = opened_room(page)
     imported_tower(page, room)
@@ -91,6 +91,6 @@ def dry_run(at: Set) -> None:
     for key in ("PageUp", "PageUp", "ArrowRight", "ArrowRight"):
         scrub.press(key)
     page.mouse.move(0, 0)
-    still(page, 3)
+    until_still(page, 3)
     shoot(page, at.folder, "dry-run")
     left(page)

@@ -1,4 +1,4 @@
-"""Control by the Python client, against a real server: who has it, who gets it, what a program is told."""
+"""Control by the Python client with a real server: requests, grants, denials, force."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.station import free_port, server, vehicle
 
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
-    """A server with a vehicle that has been heard."""
+    """A server with a connected vehicle."""
     port = free_port()
     with server([f"udpin://127.0.0.1:{port}"]) as (url, _), vehicle(port):
         with SyncGcs(url) as gcs:
@@ -21,7 +21,7 @@ def url() -> Iterator[str]:
         yield url
 
 
-def test_asked_for_and_granted_denied_and_forced(url: str) -> None:
+def test_control_is_requested_and_granted_denied_or_taken_by_force(url: str) -> None:
     with (
         SyncGcs(url, client="anna", client_id="a") as one,
         SyncGcs(url, client="bob", client_id="b") as two,
@@ -42,10 +42,12 @@ def test_asked_for_and_granted_denied_and_forced(url: str) -> None:
             assert bob.take(force=True)["yours"]
             with pytest.raises(Refused):
                 anna.grant("bob")
-        assert bob.show()["holder"] == "bob", "who lost control releases nothing at the end of its block"
+        assert bob.show()["holder"] == "bob", (
+            "a program that lost control releases nothing at the end of its block"
+        )
 
 
-def test_a_program_that_waits_for_its_answer_gets_it(url: str) -> None:
+def test_a_program_that_waits_for_control_gets_it(url: str) -> None:
     async def story() -> None:
         async with (
             Gcs(url, client="anna", client_id="a2") as one,
@@ -72,14 +74,14 @@ def test_a_program_that_waits_for_its_answer_gets_it(url: str) -> None:
     asyncio.run(story())
 
 
-def test_the_end_of_a_program_leaves_control_to_the_next(url: str) -> None:
+def test_the_end_of_a_program_releases_control_for_the_next(url: str) -> None:
     for name in ("first", "second"):
         with SyncGcs(url, client=name, client_id=name) as gcs:
             gcs.vehicle("101").set_mode("hold")
             assert gcs.vehicle("101").control.show()["holder"] == name
 
 
-def test_an_error_in_the_block_is_the_one_to_see_and_control_is_released(url: str) -> None:
+def test_an_error_in_the_block_is_raised_and_control_is_released(url: str) -> None:
     with SyncGcs(url, client="anna", client_id="a3") as gcs:
         with pytest.raises(ZeroDivisionError), gcs.vehicle("101").control.held():
             _ = 1 / 0

@@ -1,4 +1,4 @@
-"""Two people at one vehicle: who has control, asked for and granted, refused in words, taken by force."""
+"""Two operators with one vehicle: control is requested, granted, refused with a reason, taken by force."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def url() -> Iterator[str]:
         yield url
 
 
-def call_oneself(page: Page, name: str) -> None:
+def set_name(page: Page, name: str) -> None:
     page.get_by_title("Who may command this vehicle (C)").click()
     field = page.get_by_label("Your name, as others see it")
     field.fill(name)
@@ -31,18 +31,18 @@ def call_oneself(page: Page, name: str) -> None:
     expect(field).to_be_hidden()
 
 
-def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: str) -> None:
+def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(url: str) -> None:
     with chromium() as browser, opened(browser, url, scene=False, client_id="anna's tab") as anna:
         with opened(browser, url, scene=False, client_id="bob's tab") as bob:
             for page, name in ((anna, "Anna"), (bob, "Bob")):
                 expect(page.get_by_text("Control is free")).to_be_visible()
-                call_oneself(page, name)
+                set_name(page, name)
             anna.keyboard.press("c")
             anna.get_by_role("button", name="Take control").click()
             expect(anna.get_by_role("button", name="You have control")).to_be_visible()
             expect(bob.get_by_role("button", name="Anna has control")).to_be_visible()
 
-            # who watches is told why and what to do; what is open to all needs no control
+            # an operator without control sees why and what to do; some commands need no control
             bob.get_by_role("button", name="Arm", exact=True).click()
             said = bob.get_by_role("alert").filter(has_text="Not in control")
             expect(said).to_contain_text("Anna has control of this vehicle. Request control")
@@ -50,7 +50,7 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
             told = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")
             expect(told).to_be_visible()
 
-            # asked by keyboard, with a reason; nobody is forced who is there
+            # requested by keyboard, with a reason; force is refused while the other is connected
             bob.keyboard.press("c")
             expect(bob.get_by_text("Request control first: Anna is connected.")).to_be_visible()
             expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
@@ -67,13 +67,13 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
             expect(anna.get_by_role("button", name="Bob has control")).to_be_visible()
             expect(prompt).to_be_hidden()
 
-            # a program is a client of its own
+            # a program is a separate client
             with SyncGcs(url, client="script", client_id="a script") as gcs:
                 with pytest.raises(NotInControl, match="Bob has control"):
                     gcs.vehicle("101").set_mode("position")
                 gcs.vehicle("101").hold()
 
-        # Bob's page is closed: he cannot be asked any more
+        # Bob's page is closed: he cannot answer a request
         with SyncGcs(url, client="look") as gcs:
             wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob's leaving")
         anna.keyboard.press("c")
@@ -86,6 +86,6 @@ def test_control_is_asked_for_granted_refused_in_words_and_taken_by_force(url: s
         taken = next(line for line in lines if line["command"] == "control/take")
         assert (taken["client"], taken["arguments"]["force"], taken["result"]) == ("Anna", True, "ok")
 
-        # the same tab, loaded anew, is the same client
+        # the same tab after a reload is the same client
         anna.reload()
         expect(anna.get_by_role("button", name="You have control")).to_be_visible()

@@ -1,4 +1,4 @@
-"""The flights of the two documents this project came from, through the API."""
+"""The flights of the two reference documents of this project, through the API."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ pytestmark = pytest.mark.realtime
 
 
 @pytest.mark.parametrize(("example", "height_m"), [("first_flight", 5.0), ("hover_and_land", 1.0)])
-def test_example_flies_and_ends_disarmed_on_the_ground(station: Any, example: str, height_m: float) -> None:
+def test_the_example_flies_and_ends_disarmed_on_the_ground(
+    station: Any, example: str, height_m: float
+) -> None:
     command = [
         sys.executable,
         "-m",

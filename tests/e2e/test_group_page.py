@@ -1,4 +1,5 @@
-"""Two vehicles flown as one from the page: chosen, started, kept alive while it is seen, held by a click."""
+"""Two vehicles flown as a group from the page: selected, started, renewed while the page is visible, held by
+a click."""
 
 from __future__ import annotations
 
@@ -10,7 +11,16 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from gcs_server.client import SyncGcs, setpoints
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, in_both_themes, number, opened, slide, tab_to
+from tests.e2e.browser import (
+    REPOSITORY,
+    chromium,
+    hold_space,
+    in_both_themes,
+    number,
+    opened,
+    slide,
+    tab_to,
+)
 from tests.e2e.fast_station import FAST, move_aside
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
@@ -35,7 +45,7 @@ def modes(drones: list[Any]) -> set[str]:
 
 
 def open_group(page: Page) -> Any:
-    """The room's part for groups."""
+    """Opens the room's part for groups."""
     expect(page.locator(".pill b")).to_have_text("Holding")
     page.keyboard.press("p")
     room = page.get_by_role("region", name="Offboard room")
@@ -61,7 +71,8 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         move_aside(drones[1], 8.0)
         room = open_group(page)
 
-        # What is missing is said in the form, what the server refuses beside the button, naming vehicles.
+        # Missing input is shown in the form, the server's refusals beside the button with the vehicles'
+        # names.
         room.get_by_role("button", name="Start group…").click()
         expect(room).to_contain_text("Choose two vehicles or more.")
         for drone in IDS:
@@ -79,7 +90,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         assert in_both_themes(page) == []
         assert modes(drones) == {"hold"}
 
-        # Started, flown, renewed for as long as somebody sees the page.
+        # Started, flown, and renewed as long as the page is visible.
         before = places(drones)
         room.get_by_label("Minimum separation").fill("1")
         room.get_by_label("Valid for, seconds").fill("4")
@@ -99,11 +110,11 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         wait_until(lambda: flown(5.5), "both six metres north", 30)
         expect(card).to_contain_text("Renewed while this page is visible")
         assert number(card.locator(".figures b").first.inner_text()) > 1
-        wait_until(lambda: time.monotonic() - began_s > 10, "longer than it is good for")
+        wait_until(lambda: time.monotonic() - began_s > 10, "longer than its validity")
         group = gcs.request("GET", "/groups")["groups"][-1]
         assert (group["state"], group["findings"]) == ("flying", [])
 
-        # Another offset for all, from where they are; then held by one press.
+        # Another offset for all, from their current positions; then held by one click.
         room.get_by_label("Move, North").fill("3")
         room.get_by_label("Valid for, seconds").fill("30")
         room.get_by_role("button", name="Send to group").click()
@@ -118,11 +129,11 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         expect(card).to_contain_text("commanded Hold.")
         expect(room.get_by_role("button", name="Hold group")).to_have_count(0)
 
-        # What it says is what is: the reason once, no longer a way to hold or send.
+        # After the end the page shows the reason once, and no button to hold or send.
         expect(card).to_contain_text("Ended")
         expect(room.get_by_role("button", name="Send to group")).to_have_count(0)
 
-        # Nobody sees the page: it renews nothing, the group expires into Hold.
+        # The page is hidden: it renews nothing, and the group expires into Hold.
         room.get_by_label("Valid for, seconds").fill("3")
         room.get_by_role("button", name="Start group…").click()
         hold_space(page)
@@ -132,7 +143,7 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         page.evaluate(HIDE, "visible")
         expect(card).to_contain_text("Its setpoints expired.")
 
-        # Somebody else's is seen too, by key and not by name, and can be held.
+        # Another client's group is also shown, identified by key and not by name, and can be held.
         for drone in drones:
             drone.control.release()
         with SyncGcs(url, client="pair", client_id="pair") as other:
@@ -147,4 +158,4 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
                 expect(alone).to_contain_text("Flies in group 3 of pair.")
                 alone.get_by_role("button", name="Show the group").click()
                 room.get_by_role("button", name="Hold group").click()
-                wait_until(lambda: modes(drones) == {"hold"}, "Hold by who only watches")
+                wait_until(lambda: modes(drones) == {"hold"}, "Hold by a client without control")

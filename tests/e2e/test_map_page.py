@@ -1,4 +1,4 @@
-"""The stage by hand: a place on map or in 3D sends vehicle and camera there; nothing is loaded anew."""
+"""The stage by hand: a position on the map or in 3D sends vehicle and camera there, without reloading."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ FREE = """
   return [(left + cards.left) / 2, (news.bottom + bar.top) / 2];
 }
 """
-"""The middle of what panels leave free: there a followed vehicle is on the large map."""
+"""The centre of the area that panels leave free: a followed vehicle is there on the large map."""
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all of them; the page is built first if it is older than its sources."""
+    """One Chromium for all tests; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
 
 
 def large_map(page: Page, *, beside_scene: bool = False) -> None:
-    """The map fills the stage, as it does by itself where there is no 3D view, and follows the vehicle."""
+    """Opens the map in the stage, the default without a 3D view, following the vehicle."""
     if beside_scene:
         page.get_by_title("3D view", exact=True).wait_for()
         page.keyboard.press("m")
@@ -64,7 +64,7 @@ def large_map(page: Page, *, beside_scene: bool = False) -> None:
 
 
 def menu_at(page: Page, east_px: int, north_px: int) -> Locator:
-    """The menu of a place beside the vehicle."""
+    """Opens the menu at a position relative to the vehicle."""
     x, y = page.evaluate(FREE)
     page.mouse.click(x + east_px, y - north_px)
     menu = page.get_by_role("dialog")
@@ -73,28 +73,28 @@ def menu_at(page: Page, east_px: int, north_px: int) -> Locator:
 
 
 def place_of(menu: Locator) -> tuple[float, float]:
-    """Latitude and longitude [deg] as the menu says them."""
+    """Latitude and longitude [deg] in the menu."""
     found = re.search(r"(-?\d+\.\d+), (-?\d+\.\d+)", menu.locator(".where").inner_text())
     assert found is not None
     return float(found[1]), float(found[2])
 
 
-def told(drone: SyncVehicle, topic: str) -> dict[str, Any]:
-    """A topic's newest value, which this vehicle has reported."""
+def newest(drone: SyncVehicle, topic: str) -> dict[str, Any]:
+    """The newest value of a topic that this vehicle has sent."""
     value = drone.topic(topic)
     assert value is not None
     return value
 
 
 def metres_from(drone: SyncVehicle, place: tuple[float, float]) -> float:
-    here = told(drone, "global_position")
+    here = newest(drone, "global_position")
     north = math.radians(here["lat_deg"] - place[0]) * 6_371_000
     east = math.radians(here["lon_deg"] - place[1]) * 6_371_000 * math.cos(math.radians(place[0]))
     return math.hypot(north, east)
 
 
-@pytest.mark.realtime  # clicks into 3D, drawn in software
-def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None:
+@pytest.mark.realtime  # clicks in the 3D view, rendered in software
+def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, station: Station) -> None:
     drone = station.drone
     drone.takeoff(8)
     with opened(browser, station.url, scene=False) as page:
@@ -106,13 +106,15 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         height = menu.get_by_label("Flight altitude above home", exact=True)
         height.fill("10")
         height.press("Tab")
-        refused_where_it_was_pressed(page, menu)
+        refusal_is_shown_in_the_menu(page, menu)
         menu.get_by_role("button", name="Go here").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("to 10.0 m above home")
         slide(page)
         expect(menu).to_be_hidden()
-        wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle where the map was clicked", 30)
-        wait_until(lambda: abs(told(drone, "global_position")["alt_home_m"] - 10) < 1, "the height asked")
+        wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle at the clicked position", 30)
+        wait_until(
+            lambda: abs(newest(drone, "global_position")["alt_home_m"] - 10) < 1, "the requested height"
+        )
 
         menu = menu_at(page, -80, -64)
         expect(menu).to_contain_text("Look here: Take control of the gimbal first")
@@ -121,12 +123,12 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         expect(menu).to_be_hidden()
         roi = drone.request("GET", "/gimbal")["roi"]
         assert (roi["lat_deg"], roi["lon_deg"]) == pytest.approx(aim, abs=1e-6)
-        home = told(drone, "home")["alt_amsl_m"]
+        home = newest(drone, "home")["alt_amsl_m"]
         assert roi["alt_amsl_m"] == pytest.approx(home, abs=0.1)
-        wait_until(lambda: told(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the place")
+        wait_until(lambda: newest(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the position")
         expect(page.get_by_label("Gimbal", exact=True)).to_contain_text("Points at")
 
-        by_keys_alone(page)
+        by_keyboard_only(page)
         assert serious_violations(page) == []
         page.keyboard.press("Escape")
 
@@ -149,8 +151,8 @@ def test_a_place_on_the_map_or_in_3d(browser: Browser, station: Station) -> None
         expect(menu.get_by_role("button", name="Go here")).to_have_attribute("aria-disabled", "true")
 
 
-def refused_where_it_was_pressed(page: Page, menu: Locator) -> None:
-    """What the vehicle answers stands in the menu; a second try is open."""
+def refusal_is_shown_in_the_menu(page: Page, menu: Locator) -> None:
+    """The menu shows the vehicle's refusal, and the button can be pressed again."""
     problem = {
         "code": "rejected",
         "title": "The vehicle refused",
@@ -171,8 +173,8 @@ def refused_where_it_was_pressed(page: Page, menu: Locator) -> None:
     page.unroute("**/goto", refuse)
 
 
-def by_keys_alone(page: Page) -> None:
-    """Tab to the map, arrows, Enter: the same menu, with its keyboard focus inside."""
+def by_keyboard_only(page: Page) -> None:
+    """Tab to the map, arrows, Enter: the same menu opens and has the focus."""
     page.get_by_role("application").focus()
     for _ in range(3):
         page.keyboard.press("Shift+ArrowRight")
@@ -199,7 +201,7 @@ def in_3d(page: Page) -> None:
 
 
 @pytest.mark.parametrize("kind", ["pmtiles", pytest.param("mbtiles", marks=pytest.mark.realtime)])
-def test_a_map_file_of_the_operators_own(browser: Browser, station: Station, kind: str) -> None:
+def test_a_map_file_of_the_operator_is_shown(browser: Browser, station: Station, kind: str) -> None:
     folder = Path(station.gcs.request("GET", "/maps")["folder"])
     write, made = (write_pmtiles, "© Red Survey") if kind == "pmtiles" else (write_mbtiles, "Green Maps")
     write(folder / f"field.{kind}", png((255, 0, 0)))

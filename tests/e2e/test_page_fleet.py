@@ -1,4 +1,4 @@
-"""Two vehicles on one page: which one is meant, why one does not arm, one that is lost and comes back."""
+"""Two vehicles on one page: selection, a refusal to arm, a lost vehicle that returns."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ SECOND = ["--first-instance", "101", *FAST]
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium; the page is built first if it is older than its sources."""
+    """One Chromium; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
 
 
 @pytest.mark.realtime
-def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
+def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_shown(browser: Browser) -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
@@ -44,7 +44,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         expect(chips).to_have_count(2)
         expect(chips.nth(1)).to_contain_text("simulated")
 
-        # Refused on the ground, and why, where the button is.
+        # The refusal to arm on the ground is shown with its reason beside the button.
         two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 1})
         page.keyboard.press("2")
         expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
@@ -60,7 +60,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
         gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
 
-        # The one that is chosen flies, the other stays.
+        # The selected vehicle flies, the other stays on the ground.
         page.keyboard.press("t")
         hold_space(page)
         wait_until(lambda: two.status()["armed"], "the second vehicle's take-off")
@@ -69,7 +69,7 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         expect(pill).to_have_text("Ready")
         page.keyboard.press("2")
 
-        # The list: found by text, chosen by keys, all that fly held by one press.
+        # The list: searched by text, selected by keys; one click holds all flying vehicles.
         page.keyboard.press("1")
         page.keyboard.press("j")
         found = page.get_by_role("list", name="Vehicles found").get_by_role("button")
@@ -82,12 +82,12 @@ def test_two_vehicles_and_one_that_falls_silent(browser: Browser) -> None:
         page.get_by_role("button", name="Hold all flying (1)").click()
         said = page.get_by_label("Vehicle list").get_by_role("status")
         expect(said).to_have_text("The vehicle switched to Hold.")
-        wait_until(lambda: two.status()["mode"] == "hold", "Hold of all that fly")
+        wait_until(lambda: two.status()["mode"] == "hold", "Hold of all flying vehicles")
         assert in_both_themes(page) == []
         page.keyboard.press("Escape")
         expect(found).to_have_count(0)
 
-        # Silence: said at once in words and shape, and what was known is not shown as live.
+        # A lost connection is shown at once by text and shape, and old values are not shown as live.
         os.killpg(second.pid, signal.SIGSTOP)
         try:
             expect(pill).to_have_text("Connection lost")

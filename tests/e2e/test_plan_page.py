@@ -1,4 +1,4 @@
-"""The plan room in a browser: a plan is drawn by clicks, mended, undone, saved and found again."""
+"""The plan room in a browser: a plan is drawn by clicks, corrected, undone, saved and opened again."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium; the page is built first if it is older than its sources."""
+    """One Chromium; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
 
 
-def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, station: Station) -> None:
+def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browser, station: Station) -> None:
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
         steps = steps_of(room)
@@ -46,7 +46,7 @@ def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, s
         page.keyboard.press("Escape")
         expect(room.get_by_text("Click the map to add waypoints.")).to_be_hidden()
 
-        dragged_and_back(page, room)
+        drag_and_undo(page, room)
 
         card = page.get_by_role("group", name="Selection")
         waypoints.nth(1).click()
@@ -73,7 +73,7 @@ def test_a_plan_is_drawn_mended_undone_saved_and_found_again(browser: Browser, s
         expect(waypoints).to_have_count(3)
         expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
 
-        two_people_at_one_plan(page, room, station)
+        conflicting_edits(page, room, station)
 
 
 def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, station: Station) -> None:
@@ -82,7 +82,7 @@ def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, statio
     far = {
         **start,
         "lat_deg": home["lat_deg"] + 0.0135,
-    }  # 1500 m: still on its way when the page is looked at
+    }  # 1500 m: still flying when the page is checked
     altitude = {"value_m": 20, "reference": "home"}
     items = [
         {"kind": "takeoff", **start, "altitude": altitude},
@@ -95,7 +95,7 @@ def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, statio
         page.get_by_role("button", name="Open", exact=True).click()
         room.get_by_role("button", name=re.compile("^Far Waypoint plan · 3 items")).click()
         expect(room.get_by_role("option", name="3 Return")).to_be_visible()
-        uploaded_and_flown(page, room, station)
+        upload_and_fly(page, room, station)
 
 
 @pytest.mark.story
@@ -171,8 +171,8 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         expect(card).to_be_hidden()
 
 
-def uploaded_and_flown(page: Page, room: Locator, station: Station) -> None:
-    """The vehicle gets the plan, flies it once that is confirmed, and holds at the key H."""
+def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
+    """Uploads the plan, starts it after confirmation, and holds by the key H."""
     flown(page, uploaded(room), station)
     page.keyboard.press("w")
     expect(page.get_by_role("region", name="Mission", exact=True)).to_contain_text("of 3")
@@ -181,8 +181,8 @@ def uploaded_and_flown(page: Page, room: Locator, station: Station) -> None:
     wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 
 
-def dragged_and_back(page: Page, room: Locator) -> None:
-    """A point dragged by the mouse moves, and Undo brings it back."""
+def drag_and_undo(page: Page, room: Locator) -> None:
+    """Drags a point by mouse, and restores it by Undo."""
     card = page.get_by_role("group", name="Selection")
     room.get_by_role("option", name="Waypoint").nth(1).click()
     latitude = card.get_by_label("Latitude")
@@ -197,8 +197,8 @@ def dragged_and_back(page: Page, room: Locator) -> None:
     expect(latitude).to_have_value(before)
 
 
-def two_people_at_one_plan(page: Page, room: Locator, station: Station) -> None:
-    """Somebody else saves the plan that is open: the page says so and overwrites nothing."""
+def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
+    """Another client saves the open plan: the page shows this and overwrites nothing."""
     plans = station.gcs.request("GET", "/plans")["plans"]
     assert [(plan["name"], plan["version"]) for plan in plans] == [("Tower", 1)]
     path = f"/plans/{plans[0]['id']}"

@@ -1,4 +1,5 @@
-"""Whole stories in the plan room: survey and tower inspection from drawing to flight, keyboard, files."""
+"""Complete use of the plan room: survey and tower inspection from drawing to flight, by mouse, keyboard and
+files."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ from tools import build_page
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 FIELD = ((0.5, 0.3), (0.64, 0.3), (0.64, 0.5), (0.5, 0.5))
-"""Corners of an area, as shares of the map."""
+"""Corners of an area, as fractions of the map."""
 DROP = """
 (text) => {
   const data = new DataTransfer();
@@ -44,15 +45,13 @@ MAP = "Map from above. Arrows move the crosshair, Enter opens the menu for its p
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium; the page is built first if it is older than its sources."""
+    """One Chromium; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
 
 
-def test_a_survey_is_drawn_mended_flown_in_simulation_and_then_by_the_vehicle(
-    browser: Browser, station: Station
-) -> None:
+def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station: Station) -> None:
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
         choose(room.get_by_role("button", name="Add step"), "Survey of an area")
@@ -87,7 +86,7 @@ def test_a_survey_is_drawn_mended_flown_in_simulation_and_then_by_the_vehicle(
         page.keyboard.press("Escape")
 
 
-def test_a_tower_inspection_is_imported_mended_flown_in_simulation_and_then_begun(
+def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
     browser: Browser, station: Station
 ) -> None:
     with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
@@ -120,9 +119,7 @@ def test_a_tower_inspection_is_imported_mended_flown_in_simulation_and_then_begu
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 
 
-def test_the_way_from_an_empty_plan_to_its_flight_goes_by_keyboard_only(
-    browser: Browser, station: Station
-) -> None:
+def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station: Station) -> None:
     home_of(station)
     with opened(browser, station.url, scene=False) as page:
         room = plan_room(page)
@@ -169,9 +166,7 @@ def test_the_way_from_an_empty_plan_to_its_flight_goes_by_keyboard_only(
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 
 
-def test_files_go_in_by_dropping_and_out_again_and_older_versions_come_back(
-    browser: Browser, station: Station
-) -> None:
+def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser, station: Station) -> None:
     home = home_of(station)
     place = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
     altitude = {"value_m": 20, "reference": "home"}
@@ -194,7 +189,7 @@ def test_files_go_in_by_dropping_and_out_again_and_older_versions_come_back(
         page.evaluate(DROP, "{")
         expect(room.get_by_role("alert")).to_contain_text("“dropped.plan” was not imported.")
         expect(steps_of(room).filter(has_text="Waypoint")).to_have_count(1)
-        dragged_by_a_finger(page)
+        drag_by_touch(page)
 
         saved_by_anna(station, path, 1, {**plan, "items": items[:1]})
         page.get_by_role("button", name="Open", exact=True).click()
@@ -206,8 +201,8 @@ def test_files_go_in_by_dropping_and_out_again_and_older_versions_come_back(
     assert len(station.gcs.request("GET", path)["plan"]["items"]) == 3
 
 
-def dragged_by_a_finger(page: Page) -> None:
-    """A point follows a touch."""
+def drag_by_touch(page: Page) -> None:
+    """Drags a point by touch."""
     room = page.get_by_role("region", name="Plan room")
     x, y = on_map(page, (0.4, 0.35))
     choose(room.get_by_role("button", name="Add step"), "Waypoint")

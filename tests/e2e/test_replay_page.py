@@ -1,4 +1,5 @@
-"""A recording of a real PX4 on the page: listed, replayed, sought in, and shown with the log's own values."""
+"""A recording of a real PX4 on the page: listed, replayed, positioned, and shown with the values of the
+log."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ MODES = {(4, 2): "Take off", (4, 3): "Hold", (3, 1): "Orbit", (4, 5): "Return", 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium; the page is built first if it is older than its sources."""
+    """One Chromium; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
@@ -36,7 +37,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def station(shared: Path, tmp_path: Path) -> Iterator[str]:
-    """A server whose data folder holds one real recording and one file that is none."""
+    """A server whose data folder has one recording and one invalid file."""
     folder = tmp_path / "recordings"
     folder.mkdir()
     shutil.copy(shared / "px4" / "tlogs" / FLIGHT, folder)
@@ -49,7 +50,7 @@ def station(shared: Path, tmp_path: Path) -> Iterator[str]:
 
 
 class Log:
-    """The log read by pymavlink, to ask what the vehicle said last before a moment."""
+    """The log decoded by pymavlink; gives the newest message before a time."""
 
     def __init__(self, path: Path) -> None:
         wire: Any = sim.MAVLink(None)
@@ -69,12 +70,12 @@ class Log:
                         all_of_it.append(said)
 
     def at(self, name: str, time_us: int) -> Any:
-        """The newest message of that name."""
+        """The newest message with this name."""
         times, said = self._said[name]
         return said[bisect.bisect_right(times, time_us) - 1]
 
     def first_in(self, mode: tuple[int, int]) -> int:
-        """When it first said to be in a mode [us]."""
+        """Time of its first message in a mode [us]."""
         times, said = self._said["CURRENT_MODE"]
         return next(t for t, m in zip(times, said, strict=True) if _mode(m) == mode)
 
@@ -84,7 +85,7 @@ def _mode(message: Any) -> tuple[int, int]:
 
 
 def seek(page: Page, log_us: int) -> None:
-    """Through the API, to the microsecond; the page is told by the server."""
+    """Positions the replay by the API, which is exact to a microsecond; the server informs the page."""
     answer = page.evaluate(
         """async (at) => {
           const { replays } = await (await fetch('/api/v1/replays')).json();
@@ -102,7 +103,7 @@ def angle(degrees: float) -> float:
 
 
 def compare(page: Page, log: Log, time_us: int) -> None:
-    """The page's instruments against pymavlink's reading of the log at the same moment."""
+    """Compares the page's instruments with the log at the same time."""
     mode = log.at("CURRENT_MODE", time_us)
     position = log.at("GLOBAL_POSITION_INT", time_us)
     attitude = log.at("ATTITUDE", time_us)
@@ -124,9 +125,7 @@ def compare(page: Page, log: Log, time_us: int) -> None:
     assert int(clock) > 0
 
 
-def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_values(
-    browser: Browser, shared: Path, station: str
-) -> None:
+def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, station: str) -> None:
     log = Log(shared / "px4" / "tlogs" / FLIGHT)
     with opened(browser, station, scene=False) as page:
         page.get_by_role("button", name="Recorded flights").click()
@@ -147,7 +146,7 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
 
         slider = page.get_by_role("slider", name="Time in the recording")
         orbit_us, rtl_us = log.first_in((3, 1)), log.first_in((4, 5))
-        for time_us in (orbit_us + 9_000_000, rtl_us + 4_000_000, orbit_us - 3_000_000):  # forth and back
+        for time_us in (orbit_us + 9_000_000, rtl_us + 4_000_000, orbit_us - 3_000_000):  # forward and back
             seek(page, time_us)
             into_s = (time_us - log.begin_us) / 1e6
             expect(slider).to_have_attribute(
@@ -156,7 +155,7 @@ def test_replay_of_a_real_px4_log_from_the_shared_tlogs_shows_the_logs_own_value
             compare(page, log, time_us)
         assert serious_violations(page) == []
 
-        # the keyboard alone: five seconds on, to the end, to the begin, which plays again
+        # by keyboard: five seconds forward, to the end, and to the start, which plays again
         slider.focus()
         page.keyboard.press("End")
         longest = slider.get_attribute("aria-valuemax")

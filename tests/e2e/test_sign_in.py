@@ -1,4 +1,4 @@
-"""A person in a browser comes in: by the form, by the link, by a link on another site's page."""
+"""Sign-in by a browser: by the form, by the link, by a link on another site's page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ GREETING = """
 
 @pytest.fixture
 def link(tmp_path: Path) -> Iterator[str]:
-    """A server that listens to other machines: the link that it printed."""
+    """A server that listens to other machines: returns the link that it printed."""
     port, said = free_port(socket.SOCK_STREAM), tmp_path / "said.txt"
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
     with said.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT):
@@ -37,12 +37,12 @@ def link(tmp_path: Path) -> Iterator[str]:
 
 
 def visit(browser: Browser, link: str) -> tuple[Page, Watched]:
-    """A browser that has never been here."""
+    """A browser without a cookie of this server."""
     page = browser.new_context(color_scheme="dark").new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.route(
         "**/scene/**", lambda route: route.fulfill(content_type="text/plain", body="")
-    )  # there is none
+    )  # there is no cookie
     return page, Watched(page, link)
 
 
@@ -52,7 +52,7 @@ def check(page: Page, watched: Watched, foreign: list[str]) -> None:
     page.context.close()
 
 
-def test_a_person_comes_in_by_the_form_and_by_the_link(link: str) -> None:
+def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
     token = link.partition("token=")[2]
     home = f"http://{urlsplit(link).netloc}"
     with chromium() as browser:
@@ -61,7 +61,7 @@ def test_a_person_comes_in_by_the_form_and_by_the_link(link: str) -> None:
         field = page.get_by_label("Token")
         expect(field).to_be_focused()
         assert in_both_themes(page) == []
-        field.fill("a wrong one")
+        field.fill("a wrong token")
         field.press("Enter")
         expect(page.get_by_role("alert")).to_contain_text("This token is not valid")
         assert in_both_themes(page) == []
@@ -73,7 +73,7 @@ def test_a_person_comes_in_by_the_form_and_by_the_link(link: str) -> None:
 
         page, watched = visit(browser, link)
         page.goto(link)
-        assert page.url == f"{home}/", "the token stays in no address, so in no history and no picture"
+        assert page.url == f"{home}/", "the token is not in the address, so in no history and no screenshot"
         assert page.evaluate(GREETING) == "hello"
         assert page.evaluate("() => document.cookie") == "", "no script can read it"
         page.wait_for_load_state("networkidle")
@@ -82,7 +82,8 @@ def test_a_person_comes_in_by_the_form_and_by_the_link(link: str) -> None:
         expect(page.get_by_label("Token")).to_be_visible()
         check(page, watched, [])
 
-        # A browser brings a strict cookie on no way that begins at another site: our page asks once more.
+        # A browser sends a strict cookie in no navigation from another site: the page repeats the request
+        # once.
         page, watched = visit(browser, link)
         there = f'<a id="link" href="{link}">fly</a><a id="docs" href="{home}/docs">read</a>'
         page.route(f"{ELSEWHERE}**", lambda route: route.fulfill(content_type="text/html", body=there))

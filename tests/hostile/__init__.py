@@ -1,1 +1,1 @@
-"""Somebody hostile beside a vehicle in Offboard: real processes, real bytes."""
+"""Hostile parties beside a vehicle in Offboard: real processes, real sockets."""

@@ -1,4 +1,4 @@
-"""Hostile clients: `python -m tests.hostile.clients ATTACK HOST:PORT` prints the statuses it was answered."""
+"""Hostile clients: `python -m tests.hostile.clients ATTACK HOST:PORT` prints the statuses of the answers."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ SECONDS = 8.0
 Found = set[int]
 
 
-async def answered(
+async def send_request(
     host: str, port: int, pieces: list[bytes], repeat: int = 0, *, wait_s: float = 20.0
 ) -> int:
-    """Sends a request as bytes, the last piece over and over; the status answered, 0 for none."""
+    """Sends a request as bytes and repeats its last piece; returns the status of the answer, 0 without an
+    answer."""
     with contextlib.suppress(OSError, asyncio.IncompleteReadError, TimeoutError):
         reader, writer = await asyncio.open_connection(host, port)
         try:
@@ -34,41 +35,42 @@ async def answered(
 
 
 def post(path: str, headers: str, body: bytes = b"") -> bytes:
-    """The bytes of a POST."""
+    """The bytes of a POST request."""
     head = f"POST {API}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n{headers}\r\n"
     return head.encode() + body
 
 
 async def bodies(host: str, port: int) -> Found:
-    """Bodies of megabytes: with their length, in chunks, as one deep or wide JSON value."""
+    """Bodies of several megabytes: with Content-Length, in chunks, as one deeply nested or very wide JSON
+    value."""
     wide = json.dumps({f"k{n}": n for n in range(250_000)}).encode()
     deep = b"[" * 400_000
     takeoff = "/vehicles/101/offboard/setpoint"
     tries = [
-        answered(host, port, [post(takeoff, f"Content-Length: {len(body)}\r\n"), body])
+        send_request(host, port, [post(takeoff, f"Content-Length: {len(body)}\r\n"), body])
         for body in (wide, deep, b"9" * 3_500_000)
     ]
-    tries.append(answered(host, port, [post(takeoff, "Content-Length: 100000000\r\n"), PIECE], 1500))
+    tries.append(send_request(host, port, [post(takeoff, "Content-Length: 100000000\r\n"), PIECE], 1500))
     chunk = b"10000\r\n" + PIECE + b"\r\n"
-    tries.append(answered(host, port, [post(takeoff, "Transfer-Encoding: chunked\r\n"), chunk], 1500))
+    tries.append(send_request(host, port, [post(takeoff, "Transfer-Encoding: chunked\r\n"), chunk], 1500))
     return set(await asyncio.gather(*tries))
 
 
 async def headers(host: str, port: int) -> Found:
-    """A header, a line of headers and an address without end."""
+    """An endless header, an endless number of headers, and an endless address."""
     start = f"GET {API}/vehicles".encode()
     end = b" HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     return set(
         await asyncio.gather(
-            answered(host, port, [start + end + b"X-Long: ", PIECE], 3000),
-            answered(host, port, [start + end, b"X-Many: 1\r\n" * 6000], 500),
-            answered(host, port, [start + b"?", PIECE], 3000),
+            send_request(host, port, [start + end + b"X-Long: ", PIECE], 3000),
+            send_request(host, port, [start + end, b"X-Many: 1\r\n" * 6000], 500),
+            send_request(host, port, [start + b"?", PIECE], 3000),
         )
     )
 
 
 async def idle(host: str, port: int) -> Found:
-    """A thousand connections that say nothing, or a byte now and then."""
+    """A thousand connections that send nothing, or one byte now and then."""
     open_now: list[asyncio.StreamWriter] = []
     for n in range(1100):
         with contextlib.suppress(OSError):
@@ -83,7 +85,7 @@ async def idle(host: str, port: int) -> Found:
 
 
 async def unread(host: str, port: int) -> Found:
-    """WebSockets that send nonsense and never read what is answered."""
+    """WebSockets that send invalid messages and never read the answers."""
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
     upgrade = f"Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\n"
     text = b"\x81\xfe\x00\x80\0\0\0\0" + b"{" * 128
@@ -91,19 +93,19 @@ async def unread(host: str, port: int) -> Found:
     for path in ("/telemetry", "/vehicles/101/offboard/stream"):
         for _ in range(4):
             request = f"GET {API}{path} HTTP/1.1\r\n{upgrade}".encode()
-            found.add(await answered(host, port, [request, text * 400], 2000, wait_s=4.0))
+            found.add(await send_request(host, port, [request, text * 400], 2000, wait_s=4.0))
     return found
 
 
 async def requests(host: str, port: int) -> Found:
-    """Three thousand who ask for control, and as many invalid commands."""
+    """Three thousand requests for control from different clients, and as many invalid commands."""
     found: Found = set()
 
     async def ask(n: int) -> None:
         body = json.dumps({"reason": "now" * 50}).encode()
         path = ("/vehicles/101/control/request", "/vehicles/101/arm", "/vehicles/101/takeoff")[n % 3]
         more = f"X-Client-Id: stranger-{n}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n"
-        found.add(await answered(host, port, [post(path, more, body)]))
+        found.add(await send_request(host, port, [post(path, more, body)]))
 
     for start in range(0, 3000, 20):
         await asyncio.gather(*(ask(n) for n in range(start, start + 20)))
@@ -111,7 +113,7 @@ async def requests(host: str, port: int) -> Found:
 
 
 async def nonsense(host: str, port: int) -> Found:
-    """What is no HTTP, or nearly."""
+    """Bytes that are not HTTP, or almost HTTP."""
     bad = [
         b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + PIECE,
         b"GET / HTTP/9.9\r\n\r\n",
@@ -123,7 +125,7 @@ async def nonsense(host: str, port: int) -> Found:
     ]
     found: Found = set()
     for _ in range(30):
-        found |= set(await asyncio.gather(*(answered(host, port, [each], wait_s=3.0) for each in bad)))
+        found |= set(await asyncio.gather(*(send_request(host, port, [each], wait_s=3.0) for each in bad)))
     return found
 
 

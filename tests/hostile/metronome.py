@@ -1,4 +1,5 @@
-"""A process that wakes 50 times a second and does nothing else: what the machine itself delays."""
+"""A process that wakes up 50 times a second and does nothing else: measures the delay that the machine itself
+causes."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ PERIOD_S = 0.02
 
 
 class Metronome:
-    """Runs from its making to `stop`, with the priority that the process of the streams has."""
+    """Runs from its creation until `stop`, at the priority of the stream process."""
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
@@ -21,13 +22,13 @@ class Metronome:
         )
 
     def stop(self) -> float:
-        """Ends it; the longest time [s] between two of its wakings."""
+        """Ends the process; returns the longest time [s] between two wake-ups."""
         said, _ = self._process.communicate(b"\n", timeout=30)
         return float(said)
 
 
 def main() -> None:
-    """Prints the longest time [s] between two wakings, once its input ends."""
+    """Prints the longest time [s] between two wake-ups when its input ends."""
     take_priority()
     longest_s, next_s, last_s = 0.0, time.monotonic(), time.monotonic()
     while not select.select([sys.stdin], [], [], max(0.0, next_s - time.monotonic()))[0]:

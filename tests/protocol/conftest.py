@@ -1,4 +1,4 @@
-"""Simulated time, and a wire path with a scripted autopilot, for every test of this folder."""
+"""Simulated time, and a link to a scripted autopilot, for all tests of this folder."""
 
 import math
 from collections.abc import Callable, Coroutine
@@ -21,7 +21,7 @@ def jump() -> Callable[[Callable[[], Coroutine[Any, Any, Any]]], Any]:
 
 @pytest.fixture
 def kit() -> SimpleNamespace:
-    """The world, the autopilot and its modes, for test modules."""
+    """World, autopilot and modes for the test modules."""
     return SimpleNamespace(
         World=World,
         FakeAutopilot=FakeAutopilot,

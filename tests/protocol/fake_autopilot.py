@@ -1,7 +1,7 @@
-"""A scripted autopilot behind a link that may lose packets.
+"""A scripted autopilot on a link that may lose packets.
 
-It speaks with pymavlink's own encoder and parser (the simulator's dialect module), so that our codec is
-checked against somebody else's.
+It uses pymavlink's encoder and parser (the simulator's dialect module), so the tests check the server's codec
+against independent code.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ LATENCY_S = 0.005
 
 
 class FakeAutopilot:
-    """PX4's answers as the recordings show them, as far as these tests need."""
+    """Answers as PX4 does in the recordings, as far as these tests need."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class FakeAutopilot:
         self._every(2.0, self.home_position)
         self._every(2.0, self.gimbal_status)
 
-    # --- the wire
+    # --- link
     def _every(self, period_s: float, work: Callable[[], None]) -> None:
         def run() -> None:
             if self.alive:
@@ -245,7 +245,10 @@ class FakeAutopilot:
         self.armed = p[0] == 1
         self.ack(400, 0)
         if self.armed and self.mode == TAKEOFF:
-            self.target = (*self.position[:2], self.home[2] + 2.5)  # a height given before is forgotten
+            self.target = (
+                *self.position[:2],
+                self.home[2] + 2.5,
+            )  # an altitude from an earlier command is discarded
             self.loop.call_later(1.5, self.lift)
 
     def lift(self) -> None:

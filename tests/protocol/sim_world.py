@@ -1,4 +1,4 @@
-"""The whole simulated PX4 on a lossy link and on simulated time: its own FTP, parameters and events."""
+"""The whole simulated PX4 on a lossy link and on simulated time: its FTP, parameters and events."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ STEP_S = 0.02
 
 
 class SimPilot:
-    """Stands where `FakeAutopilot` stands: behind one peer of a memory link.
+    """Replaces `FakeAutopilot`: one peer of a memory link.
 
     Args:
-        loss: of packets, each way; may be changed while it runs.
+        loss: share of packets lost in each direction; may be changed while it runs.
     """
 
     def __init__(self, link: Any, *, peer: str = "peer", loss: float = 0.0, seed: int = 0, **options: Any):
@@ -29,7 +29,7 @@ class SimPilot:
         self.loop.call_later(STEP_S, self.run)
 
     def run(self) -> None:
-        """A step, and what it sent; then the next."""
+        """Steps the simulation and delivers what it sent."""
         if not self.alive:
             return
         self.sim.step(STEP_S)
@@ -39,11 +39,11 @@ class SimPilot:
         self.loop.call_later(STEP_S, self.run)
 
     def receive(self, data: bytes) -> None:
-        """From the server."""
+        """Receives from the server."""
         if self.random.random() >= self.loss:
             self.heard.append(data)
             self.sim.feed(0, "gcs", data)
 
     def count(self, msg_id: int) -> int:
-        """How many messages of an id have arrived from the server."""
+        """Number of messages with this id received from the server."""
         return sum(data[7] | data[8] << 8 | data[9] << 16 == msg_id for data in self.heard)

@@ -1,4 +1,4 @@
-"""All that vehicles of a fleet send while they arm, lift off and lose their GPS, as digests to compare."""
+"""Digests of all bytes that vehicles of a fleet send while they arm, take off and lose their GPS."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.simulation import row_east
 
 ARMED_AT = 0.6
-"""Part of the time: EKF2 needs six seconds from boot."""
+"""As a fraction of the time: EKF2 needs six seconds after boot."""
 BROKEN_AT = 0.8
 TICK_S = 0.02
 
 
 def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int, str]:
-    """Fly instances `first` to `first + count - 1`; by instance, a digest of every byte on both links."""
+    """Flies instances `first` to `first + count - 1`; returns for each instance a digest of all bytes on both
+    links."""
     sim = VehicleSim(count, first_instance=first, seed=seed, start_ned_m=row_east(count, first))
     found = {first + row: hashlib.sha256() for row in range(count)}
     climb_m = sim.simulation.home.alt_amsl_m + 10.0

@@ -1,4 +1,4 @@
-"""Several vehicles without physics that fly one mission together, on one clock."""
+"""Several vehicles without physics that fly one mission together, with one clock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Squad:
 
     Args:
         text: YAML of the mission.
-        in_air: roles whose vehicles fly already.
+        in_air: roles whose vehicles are already flying.
     """
 
     def __init__(self, text: str, in_air: Iterable[str] = ()) -> None:
@@ -43,17 +43,17 @@ class Squad:
             self.of[role].do(mine)
 
     def step(self) -> None:
-        """One look at each vehicle, then at all."""
+        """Updates each vehicle, then the runner."""
         for one in self.of.values():
             one.step()
         self.now_s = next(iter(self.of.values())).now_s
         self.do(self.together.update(self.now_s, self.readings()))
 
     def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> Squad:
-        """Flies until then.
+        """Flies until the condition is true.
 
         Raises:
-            AssertionError: it never came.
+            AssertionError: it was not true in time.
         """
         end_s = self.now_s + within_s
         while not condition():
@@ -62,7 +62,7 @@ class Squad:
         return self
 
     def fly(self, for_s: float) -> Squad:
-        """Flies on."""
+        """Flies for this time."""
         end_s = self.now_s + for_s
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
@@ -73,5 +73,5 @@ class Squad:
         return {role: one.status.place for role, one in self.of.items()}
 
     def reach(self, **states: str) -> Squad:
-        """Flies until each role named is in that state."""
+        """Flies until each given role is in this state."""
         return self.until(lambda: states.items() <= self.states().items())

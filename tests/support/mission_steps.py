@@ -1,4 +1,4 @@
-"""A mission in the middle of each kind of step, for tests of what may happen there."""
+"""A mission in the middle of each kind of step, for tests of events during that step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ IN_OFFBOARD = [kind for kind in STEPS if kind not in ("take_off", "land")]
 
 
 def flight(kind: str, **actions: str) -> FlownMission:
-    """In the middle of such a step."""
+    """A mission in the middle of a step of this kind."""
     wanted = STEPS[kind] or "step: hold, duration_s: 4"
     document = mission(flown(wanted, FLY))
     document = document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
@@ -40,7 +40,7 @@ def flight(kind: str, **actions: str) -> FlownMission:
 
 
 def asks_nothing(fake: FlownMission, for_s: float = 5.0) -> None:
-    """Nothing is asked of the vehicle, and nothing is sent."""
+    """Flies for this time and checks that nothing is requested or sent."""
     asked, sent = len(fake.asked), len(fake.sent)
     fake.fly(for_s)
     assert fake.asked[asked:] == []

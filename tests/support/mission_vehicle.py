@@ -1,4 +1,4 @@
-"""A vehicle for the mission runner without any physics: it is where its setpoint is, a step later."""
+"""A vehicle without physics for the mission runner: it reaches each setpoint one step later."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class FlownMission:
     """A runner, a player and a vehicle on one clock.
 
     Args:
-        mission: what is flown.
-        timeline: of one of its roles; None: of the mission.
-        options: of the runner.
+        mission: the mission.
+        timeline: timeline of one role; None: the mission's.
+        options: options of the runner.
     """
 
     def __init__(self, mission: OffboardMission, timeline: Timeline | None = None, **options: Any) -> None:
@@ -43,39 +43,39 @@ class FlownMission:
         self.sent: list[tuple[float, Any]] = []
         self.path: list[tuple[float, float, float]] = []
         self.refused: dict[type, str] = {}
-        """Requests that fail, by class, and why."""
+        """Requests that fail, with the reason, by class."""
         self._goal_down_m = 0.0
         self._held_at: tuple[float, float, float] | None = None
 
-    # --- what happens to it -----------------------------------------------------------------------
+    # --- disturbances -----------------------------------------------------------------------------
 
     def know(self, **changes: Any) -> None:
-        """From now on the runner knows this of the vehicle."""
+        """Sets fields of the runner's knowledge of the vehicle."""
         self.reading = replace(self.reading, **changes)
 
     def mode(self, mode: str, source: str, text: str | None = None) -> None:
-        """Somebody else than the runner changes the mode; a stream ends with that."""
+        """Changes the mode from outside the runner; this ends the stream."""
         self.player = None
         self.know(mode=mode, mode_source=source, mode_text=text, stream="idle", played=None)
 
     def hold_back(self) -> Any:
-        """Something keeps it where it is, whatever is sent; where that is."""
+        """Blocks the vehicle at its position whatever is sent; returns that position."""
         self._held_at = self.reading.position_ned_m
         return self._held_at
 
     def let_go(self) -> None:
-        """It follows what is sent again."""
+        """Lets the vehicle follow its setpoints again."""
         self._held_at = None
 
     def lose_link(self) -> None:
-        """Nothing is heard, and the stream has ended by asking for Hold."""
+        """Stops all messages of the vehicle; the stream has ended with a command to hold."""
         self.mode("hold", "command", "The server commanded Hold")
         self.know(link_active=False)
 
-    # --- people -----------------------------------------------------------------------------------
+    # --- operator ---------------------------------------------------------------------------------
 
     def start(self) -> FlownMission:
-        """Begins the mission."""
+        """Starts the mission."""
         self.do(self.runner.start(self.now_s, self.reading))
         return self
 
@@ -97,10 +97,10 @@ class FlownMission:
     # --- time -------------------------------------------------------------------------------------
 
     def until(self, condition: Callable[[], bool], within_s: float = 600.0) -> FlownMission:
-        """Flies until then.
+        """Flies until the condition is true.
 
         Raises:
-            AssertionError: it never came.
+            AssertionError: it was not true in time.
         """
         end_s = self.now_s + within_s
         while not condition():
@@ -109,25 +109,25 @@ class FlownMission:
         return self
 
     def fly(self, for_s: float) -> FlownMission:
-        """Flies on."""
+        """Flies for this time."""
         end_s = self.now_s + for_s
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
     def in_state(self, *states: str) -> FlownMission:
-        """Flies until the mission is in one of them."""
+        """Flies until the mission is in one of these states."""
         return self.until(lambda: self.status.state in states)
 
     def at_step(self, place: str) -> FlownMission:
-        """Flies until it flies that step."""
+        """Flies until it flies this step."""
         return self.until(lambda: self.status.place == place)
 
     def step(self) -> None:
-        """One setpoint, and one look of the runner."""
+        """One setpoint and one update of the runner."""
         self.now_s += STEP_S
         self._move()
         self.do(self.runner.tick(self.now_s, self.reading))
 
-    # --- what can be read -------------------------------------------------------------------------
+    # --- results ----------------------------------------------------------------------------------
 
     @property
     def status(self) -> RunnerStatus:
@@ -135,11 +135,11 @@ class FlownMission:
 
     @property
     def told(self) -> list[str]:
-        """What people hear."""
+        """Texts of the events."""
         return [request.text for request in self.asked if isinstance(request, Notify)]
 
     def modes(self) -> list[str]:
-        """Modes that were asked for."""
+        """Requested modes."""
         return [request.mode for request in self.asked if isinstance(request, SetMode)]
 
     def count(self, kind: type) -> int:
@@ -148,7 +148,7 @@ class FlownMission:
     # --- the vehicle ------------------------------------------------------------------------------
 
     def do(self, requests: list[Request]) -> None:
-        """Carries out what the runner asks for."""
+        """Executes the runner's requests."""
         for request in requests:
             self.asked.append(request)
             if type(request) in self.refused:

@@ -1,4 +1,4 @@
-"""Offboard missions for tests: written in YAML, compiled, and looked at."""
+"""Offboard missions for tests: written in YAML, compiled, and sampled."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DOWN = "- {step: land}\n"
 
 
 def flown(*steps: str) -> str:
-    """Steps between take-off and landing."""
+    """A mission with these steps between take-off and landing."""
     return UP + "".join(f"- {{{step}}}\n" for step in steps) + DOWN
 
 

@@ -1,6 +1,7 @@
-"""Random flights with one random fault each, side by side in one fleet, and what their estimates came to.
+"""Random flights with one random fault each, flown together in one fleet, and the errors of their estimates.
 
-Kinds, and the range of errors over stated accuracies, are those of the recorded faults of a real PX4.
+The kinds of faults, and their ranges of errors divided by stated accuracies, come from recorded faults of a
+real PX4.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from vehicle_sim.simulation import Simulation
 
 SETTLED_S = 8.0
 LIFT_S = 1.0
-"""After so long the land detector would call them airborne."""
+"""After this time the land detector would report them as airborne."""
 LOOK_EVERY_STEPS = 10
-"""As often as the estimator publishes."""
+"""The interval at which the estimator publishes."""
 NEW_COURSE_EVERY_S = 3.0
 JUDGED_AFTER_S = 1.0
 FLYING_ABOVE_M = 1.0
@@ -28,13 +29,13 @@ DESCENT_M_S = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of fault, and a real PX4's largest errors over stated accuracies, 1 to 20 s after it."""
+    """A kind of fault, and a real PX4's largest ratios of error to stated accuracy, 1 to 20 s after it."""
 
     strike: Callable[[Simulation, int, np.random.Generator], None]
     aided: bool | None
-    """Whether GNSS goes on aiding the estimate; None: that depends on chance."""
+    """Whether GNSS continues to aid the estimate; None: it depends on chance."""
     horizontal: tuple[float, float]
-    """Least and greatest of the recorded flights."""
+    """Smallest and largest value of the recorded flights."""
     vertical: tuple[float, float]
 
 
@@ -83,11 +84,13 @@ def _lifted_accelerometer(sim: Simulation, row: int, random: np.random.Generator
 
 GONE_FOR_A_WHILE = "GPS gone for a while"
 LEVEL, UPRIGHT = (0.4, 2.1), (0.4, 3.4)
-"""Of the recorded flights whose fault touches neither position nor height."""
+"""Range of the recorded flights whose fault affects neither position nor height."""
 RUNS_AWAY = (100.0, 300.0), (19.0, 300.0)
-"""A frozen fix closes the loop over nothing: of whole flights, since how fast they run away is chance."""
+"""With a frozen fix the position control has no feedback: the range covers whole flights, as the speed of the
+divergence is random."""
 TILTED = (0.4, 2.7)
-"""The recorded flights hovered; these tilt, and a tilted accelerometer pushes sideways also."""
+"""The recorded flights hovered; these vehicles tilt, and a tilted faulty accelerometer also pushes
+sideways."""
 KINDS = {
     GONE_FOR_A_WHILE: Kind(_no_fix, None, (1.0, 3.6), (0.4, 4.6)),
     "few satellites": Kind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
@@ -106,28 +109,28 @@ KINDS = {
 
 @dataclass(slots=True)
 class Course:
-    """What one estimate came to after its fault."""
+    """The errors of one estimate after its fault."""
 
     kind: str
     fixes_s: list[float]
-    """When receivers report, in seconds after the fault; the same for all."""
+    """Times of the receivers' reports [s] after the fault; the same for all."""
     back_s: float
-    """When a GPS that is gone for a while comes back."""
+    """Time when a lost GPS returns."""
     origin_ned_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,) where its local frame lies."""
+    """(3,) origin of its local frame."""
     invalid_at_s: list[float] = field(default_factory=list)
     valid_at_s: list[float] = field(default_factory=list)
     dead_reckoning_at_s: list[float] = field(default_factory=list)
     horizontal_ratio: float = 0.0
-    """Greatest error over stated accuracy while it flew."""
+    """Largest ratio of error to stated accuracy while it flew."""
     vertical_ratio: float = 0.0
 
 
 def fly(count: int, seed: int, seconds: float) -> list[Course]:
-    """Fly random courses, let one fault strike each vehicle, and look for so many seconds.
+    """Flies random courses with one fault per vehicle, for this time.
 
     Raises:
-        AssertionError: an estimate that is no number.
+        AssertionError: an estimate is not finite.
     """
     random = np.random.default_rng(seed)
     sim = Simulation(count, seed=seed, start_ned_m=np.zeros((count, 3)))
@@ -176,7 +179,7 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
 
 
 def _origin(sim: Simulation, row: int) -> np.ndarray:
-    """(3,) from the world's origin to that of the estimate."""
+    """(3,) vector from the world's origin to the origin of the estimate."""
     estimate, home = sim.estimate, sim.home
     north, east = to_local(
         estimate.origin_lat_deg[row], estimate.origin_lon_deg[row],
@@ -202,7 +205,8 @@ def _judge(sim: Simulation, courses: list[Course], flying: np.ndarray) -> None:
 
 
 def _new_courses(sim: Simulation, random: np.random.Generator) -> None:
-    """Half of them hold a place near where they are, half fly a velocity; all between 15 and 25 m."""
+    """Sets new setpoints: half of the vehicles hold a nearby position, half fly a velocity; all between 15
+    and 25 m."""
     count, setpoints = sim.count, sim.setpoints
     holds = random.random(count) < 0.5
     near = sim.estimate.position_ned_m[:, :2] + random.uniform(-8.0, 8.0, (count, 2))
@@ -215,7 +219,7 @@ def _new_courses(sim: Simulation, random: np.random.Generator) -> None:
 
 
 def _descend(sim: Simulation, who: np.ndarray) -> None:
-    """Those without a position (N,) are levelled and let down, as the failsafe does."""
+    """Descends level with the vehicles (N,) without a position, as the failsafe does."""
     setpoints = sim.setpoints
     setpoints.position_ned_m[who] = setpoints.velocity_ned_m_s[who] = np.nan
     setpoints.acceleration_ned_m_s2[:, :2] = np.where(who[:, None], 0.0, np.nan)

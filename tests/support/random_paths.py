@@ -9,7 +9,7 @@ from missions.trajectory.points import PassPoint
 
 
 def random_limits(rng: np.random.Generator) -> MotionLimits:
-    """Within what PX4's parameters allow."""
+    """Random limits within the range of PX4's parameters."""
     return MotionLimits(
         speed_m_s=rng.uniform(1.0, 20.0),
         climb_m_s=rng.uniform(0.5, 8.0),
@@ -25,7 +25,8 @@ def random_limits(rng: np.random.Generator) -> MotionLimits:
 
 
 def random_points(rng: np.random.Generator, count: int, yaws: bool) -> list[PassPoint]:
-    """A walk with steps from centimetres to hundreds of metres, stops, reversals and points met twice."""
+    """A random walk with steps from centimetres to hundreds of metres, stops, reversals and repeated
+    points."""
     here = rng.uniform(-50.0, 50.0, 3)
     points: list[PassPoint] = []
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""A simulated vehicle whose ROS 2 messages go to a list instead of a network; time is simulated."""
+"""A simulated vehicle whose ROS 2 messages go to a list instead of a network, in simulated time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOVER_HEIGHT_M = 2.5
 
 
 class Ros2Vehicle:
-    """One vehicle after its boot; `received` has (time [s], topic, fields) of everything it published."""
+    """One vehicle after its boot; `received` has (time [s], topic, fields) of each message it published."""
 
     def __init__(
         self, *, boot_s: float = READY_S, parameters: Mapping[str, float] = AT_ONCE, **options: Any
@@ -33,21 +33,21 @@ class Ros2Vehicle:
         self.sim.open_ros2(0, self, self.reports.append)
         self.run(boot_s)
 
-    # --- what carries the messages ---------------------------------------------------------------------
+    # --- transport -------------------------------------------------------------------------------------
 
     def publish(self, topic: str, data: bytes) -> None:
-        """From the vehicle."""
+        """Receives from the vehicle."""
         self.received.append((self.sim.time_s, topic, TYPES[topic].decode(data)))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """To the vehicle."""
+        """Returns messages for the vehicle."""
         inbox, self._inbox = self._inbox, []
         return inbox
 
-    # --- what a program does ---------------------------------------------------------------------------
+    # --- the program's side ----------------------------------------------------------------------------
 
     def send(self, topic: str, fields: Mapping[str, Any] = {}, **more: Any) -> None:
-        """A message; what is not given is zero."""
+        """Sends a message; fields that are not given are zero."""
         self._inbox.append((topic, TYPES[topic].encode({**fields, **more})))
 
     def send_bytes(self, topic: str, data: bytes) -> None:
@@ -64,7 +64,7 @@ class Ros2Vehicle:
         self.sim.step(seconds)
 
     def stream(self, seconds: float, hz: float, *messages: tuple[str, Mapping[str, Any]]) -> None:
-        """Send these messages again and again."""
+        """Sends these messages repeatedly for this time."""
         for _ in range(round(seconds * hz)):
             for topic, fields in messages:
                 self.send(topic, fields)
@@ -84,12 +84,12 @@ class Ros2Vehicle:
 
     @property
     def position_ned_m(self) -> tuple[float, float, float]:
-        """As the vehicle reports it."""
+        """The position that the vehicle reports."""
         local = self.last("/fmu/out/vehicle_local_position")
         return local["x"], local["y"], local["z"]
 
     def hover(self) -> None:
-        """Arm and take off to 2.5 m; ends in Hold."""
+        """Arms and takes off to 2.5 m; ends in Hold."""
         self.command(400, 1.0)
         self.command(22, float("nan"), 0.0, 0.0, float("nan"), float("nan"), float("nan"), self._amsl())
         self.run(9.0)

@@ -1,4 +1,4 @@
-"""A browser and two flying vehicles for the tests by keyboard: one of each a module."""
+"""A browser and two flying vehicles for the keyboard tests, one set for each module."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tools import build_page
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all of them; the page is built first if it is older than its sources."""
+    """One Chromium for all tests; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
     with chromium() as one:
         yield one
@@ -24,20 +24,20 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def port() -> int:
-    """Where the vehicles send to."""
+    """The port to which the vehicles send."""
     return free_port()
 
 
 @pytest.fixture(scope="module")
 def vehicles(port: int) -> Iterator[int]:
-    """The process group of two vehicles, so that the room for groups is there too; 101 is flown."""
+    """The process group of two vehicles, so that the room for groups is available; 101 flies."""
     with vehicle(port, instances=2, more=FAST) as process:
         yield process.pid
 
 
 @pytest.fixture(scope="module")
 def field(port: int, vehicles: int) -> Iterator[Station]:
-    """One station for all."""
+    """One station for all tests."""
     assert vehicles
     with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url, client="e2e") as gcs:
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -47,9 +47,9 @@ def field(port: int, vehicles: int) -> Iterator[Station]:
 
 @pytest.fixture
 def flying(field: Station) -> Station:
-    """The station with its vehicle in Hold, in the air."""
+    """The station with its vehicle in flight, in Hold."""
     if not field.drone.status()["armed"]:
         field.drone.takeoff(6)
     field.drone.hold()
-    field.drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold in the air")
+    field.drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold in flight")
     return field

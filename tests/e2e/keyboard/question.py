@@ -1,4 +1,4 @@
-"""A confirmation of the page, and what must hold for each; commands that are kept from the server."""
+"""A confirmation of the page with the rules for each; commands are blocked before they reach the server."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ HELD_ELSEWHERE = """
   }, held_ms);
 })
 """
-"""A key that goes down on what does not confirm, wherever the focus is, and is not let go."""
+"""Presses and holds a key on an element outside the confirmation, whatever has the focus."""
 
 
 def refuse_commands(page: Page) -> list[str]:
-    """From now on no command of the page reaches the server; answers those that it gave."""
+    """From now on blocks all commands of the page; returns the list of blocked ones."""
     commands: list[str] = []
     asks_only = re.compile("/scene/|/readiness/check|/params/refresh")
 
@@ -66,7 +66,7 @@ def refuse_commands(page: Page) -> list[str]:
 
 
 def await_command(page: Page, commands: list[str], what: str) -> None:
-    """Waits for a command of the page; what it requests is seen only while something is asked of the page."""
+    """Waits for a command of the page; Playwright delivers requests only during calls to the page."""
 
     def seen() -> list[str]:
         page.wait_for_timeout(20)
@@ -76,7 +76,7 @@ def await_command(page: Page, commands: list[str], what: str) -> None:
 
 
 class Question:
-    """An open confirmation, and what must hold for each."""
+    """An open confirmation, and the rules for each."""
 
     def __init__(self, page: Page, commands: list[str]) -> None:
         self.page, self.commands = page, commands
@@ -86,24 +86,25 @@ class Question:
         self._ask: Callable[[], None] = lambda: None
 
     def check(self, ask: Callable[[], None]) -> None:
-        """Everything but its own slider leaves it unconfirmed; `ask` opens it again."""
+        """Checks that only its own slider confirms it; `ask` opens it again."""
         self._ask = ask
         self._announces_itself()
-        self._keeps_the_keyboard()
-        self._heeds_no_key_elsewhere()
+        self._keeps_the_focus()
+        self._ignores_keys_elsewhere()
         self._is_cancelled_by_its_button_and_by_escape()
         assert self.commands == [], f"{self.title}: sent without being confirmed"
         self._is_confirmed_on_its_slider()
 
     def open(self) -> None:
-        """Asks anew where it was cancelled or has expired; just after that a press counts as one too late."""
+        """Opens it again if it was cancelled or has expired; a key press directly after that is ignored as
+        late."""
 
         def asked() -> bool:
             if not self.dialog.is_visible():
                 self._ask()
             return self.dialog.is_visible()
 
-        wait_until(asked, f"the question {self.title!r}")
+        wait_until(asked, f"the confirmation {self.title!r}")
 
     def _announces_itself(self) -> None:
         self.open()
@@ -111,21 +112,21 @@ class Question:
         named = self.dialog.evaluate(DESCRIBED)
         assert all(text.strip() for text in named), (self.title, named)
 
-    def _keeps_the_keyboard(self) -> None:
+    def _keeps_the_focus(self) -> None:
         for key in ("Tab", "Shift+Tab"):
             self.open()
             controls = self.dialog.evaluate(CONTROLS)
             reached: set[str] = set()
             for _ in range(controls + 1):
                 self.page.keyboard.press(key)
-                assert self.dialog.evaluate(HAS_FOCUS), f"{self.title}: {key} leaves it"
+                assert self.dialog.evaluate(HAS_FOCUS), f"{self.title}: {key} moves the focus out of it"
                 reached.add(self.page.evaluate(AT))
-            assert len(reached) == controls, f"{self.title}: {key} goes round in it"
+            assert len(reached) == controls, f"{self.title}: {key} does not cycle within it"
         self.open()
         self.page.evaluate(FOCUS_OUTSIDE)
-        wait_until(lambda: self.dialog.evaluate(HAS_FOCUS), "the keyboard's return into the question")
+        wait_until(lambda: self.dialog.evaluate(HAS_FOCUS), "the return of the focus into the confirmation")
 
-    def _heeds_no_key_elsewhere(self) -> None:
+    def _ignores_keys_elsewhere(self) -> None:
         for where in ELSEWHERE:
             for key in (" ", "Enter"):
                 self.open()
@@ -138,12 +139,12 @@ class Question:
             self.dialog.get_by_role("button", name="Cancel").focus()
             self.page.keyboard.down(key)
             self.page.wait_for_timeout(LONGER_THAN_A_GLANCE_MS)
-            self.page.keyboard.down(key)  # the keyboard repeats
+            self.page.keyboard.down(key)  # key repeat
             self.page.keyboard.up(key)
             expect(self.dialog, f"{self.title}: {key} on Cancel").to_be_hidden()
         self.open()
         for key in ("Space", "Enter", "End", "PageUp"):
-            self.knob.press(key)  # let go at once
+            self.knob.press(key)  # released at once
         expect(self.knob, self.title).to_have_attribute("aria-valuenow", "0")
         self.page.keyboard.press("Escape")
         expect(self.dialog, f"{self.title}: Escape").to_be_hidden()
@@ -154,20 +155,23 @@ class Question:
         self.page.keyboard.down("Space")
         expect(self.dialog, f"{self.title}: Space held on its slider").to_be_hidden()
         for _ in range(3):
-            self.page.keyboard.down("Space")  # the keyboard repeats, now with the focus on another button
+            self.page.keyboard.down("Space")  # key repeat, now with the focus on another button
         self.page.keyboard.up("Space")
         await_command(self.page, self.commands, f"the command of {self.title!r}")
-        expect(self.dialog, f"{self.title}: asks again by the same press").to_be_hidden()
+        expect(self.dialog, f"{self.title}: opens again by the same key press").to_be_hidden()
         assert len(self.commands) == 1, (self.title, self.commands)
         self.commands.clear()
 
 
 def press_new_buttons(page: Page, pressed: set[str], where: str) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Enter on each button in sight that was not pressed before; those that ask, and how they ask again."""
+    """Presses Enter on each visible button not pressed before; returns those with a confirmation, and how to
+    reopen them."""
     dialog = page.get_by_role("alertdialog")
     for name in page.evaluate(BUTTONS):
-        named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some count
-        button = page.get_by_role("button", name=re.compile(f"^{named}")).first  # and what it adds later
+        named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
+        button = page.get_by_role(
+            "button", name=re.compile(f"^{named}")
+        ).first  # and controls that appear later
         if named in pressed or not button.is_visible() or button.is_disabled():
             continue
         pressed.add(named)

@@ -1,4 +1,4 @@
-"""What single keys do: on Cancel, after a control was used, on the gimbal's pad."""
+"""Single keys: on Cancel, after the use of other controls, on the gimbal's pad."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ LONGER_THAN_ANY_HOLD_MS = 2_000
 
 
 @pytest.mark.parametrize("key", ["Space", "Enter"])
-def test_a_key_held_on_cancel_stops_no_motors(browser: Browser, flying: Station, key: str) -> None:
+def test_a_key_held_on_cancel_does_not_stop_the_motors(browser: Browser, flying: Station, key: str) -> None:
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("Shift+K")
         dialog = page.get_by_role("alertdialog")
         dialog.get_by_role("button", name="Cancel").focus()
-        for _ in range(5):  # the keyboard repeats
+        for _ in range(5):  # key repeat
             page.keyboard.down(key)
             page.wait_for_timeout(LONGER_THAN_ANY_HOLD_MS / 5)
         page.keyboard.up(key)
@@ -31,7 +31,7 @@ def test_a_key_held_on_cancel_stops_no_motors(browser: Browser, flying: Station,
         assert commands == []
 
 
-def test_stopping_the_motors_is_confirmed_by_its_own_slider_only(browser: Browser, flying: Station) -> None:
+def test_stopping_the_motors_is_confirmed_only_by_its_own_slider(browser: Browser, flying: Station) -> None:
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
@@ -44,7 +44,9 @@ def test_stopping_the_motors_is_confirmed_by_its_own_slider_only(browser: Browse
     assert flying.drone.status()["armed"]
 
 
-def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Browser, flying: Station) -> None:
+def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
+    browser: Browser, flying: Station
+) -> None:
     drone = flying.drone
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
@@ -69,9 +71,9 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
 
         field = room.get_by_label("Valid for, seconds")
         field.press("h")
-        assert commands == []  # a text is typed there
+        assert commands == []  # this field accepts text
 
-        # switched off there is no key but Escape; the page says so, and the setting outlives it
+        # when disabled only Escape works; the page shows this, and the setting persists
         page.keyboard.press("Escape")
         press(page.get_by_role("button", name="Fly", exact=True), "Enter")
         page.keyboard.press("?")
@@ -89,7 +91,7 @@ def test_hold_works_after_a_checkbox_a_list_and_a_slider_were_used(browser: Brow
         press(off, "Enter")
         press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         page.keyboard.press("h")
-        await_command(page, commands, "Hold, switched on again")
+        await_command(page, commands, "Hold, after the keys were enabled again")
     assert drone.status()["armed"]
 
 
@@ -110,5 +112,5 @@ def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) 
             gimbal = flying.drone.topic("gimbal")
             return 0.0 if gimbal is None else float(gimbal["pitch_rad"])
 
-        wait_until(lambda: pitch_rad() < -0.3, "the camera turned by keys")
+        wait_until(lambda: pitch_rad() < -0.3, "the gimbal moved by keys")
         press(card.get_by_role("button", name="Release"), "Enter")

@@ -1,4 +1,4 @@
-"""Only its own slider confirms a question, whatever key goes down elsewhere."""
+"""Only its own slider confirms a question; keys pressed elsewhere do not."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from tests.e2e.keyboard.walk import close_all, rooms
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 NOT_PRESSED = ("Reload", "Hold")
-"""Hold asks nobody, and ends every question."""
+"""Hold has no confirmation, and closes every open one."""
 
 
-def test_each_question_of_each_button_is_confirmed_by_its_own_slider_only(
+def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
     browser: Browser, flying: Station
 ) -> None:
     asked: dict[str, str] = {}
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        # Before the link's rate is known its button is called otherwise, and could not be found again.
+        # Before the link's rate is known its button has another name, and would not be found again.
         page.get_by_role("button", name=re.compile(r"^Link .* lost")).first.wait_for()
         commands = refuse_commands(page)
-        # in the air everything; on the ground what is other there
+        # all buttons in flight; on the ground those that differ
         for vehicle_key, some in (("1", None), ("2", 1)):
             pressed: set[str] = {*NOT_PRESSED}
             for room, open_it in rooms(page)[:some]:
@@ -37,7 +37,7 @@ def test_each_question_of_each_button_is_confirmed_by_its_own_slider_only(
                 page.wait_for_timeout(50)
                 for where, ask in press_new_buttons(page, pressed, room):
                     question = Question(page, commands)
-                    commands.clear()  # of the buttons before, which ask nothing
+                    commands.clear()  # of the previous buttons, which have no confirmation
                     if asked.setdefault(question.title, where) == where:
                         question.check(ask)
                     else:

@@ -1,4 +1,5 @@
-"""Each control of each room is reached by keyboard; nothing that only counts is said aloud."""
+"""Each control of each room can be reached by keyboard; screen readers do not announce values that only
+count."""
 
 from __future__ import annotations
 
@@ -54,7 +55,7 @@ def test_every_control_of_every_room_is_reached_by_tab_and_has_a_name(
                 close_all(page)
 
 
-def test_nothing_that_only_counts_is_said_aloud(browser: Browser, flying: Station, vehicles: int) -> None:
+def test_values_that_only_count_are_not_announced(browser: Browser, flying: Station, vehicles: int) -> None:
     drone = flying.drone
     with opened(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")

@@ -1,4 +1,4 @@
-"""Through the page by Tab: what is reached, and how each room and panel is opened by keys."""
+"""Moves through the page by Tab: the reached controls, and the keys that open each room and panel."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ WITHOUT_A_NAME = """
 
 
 def walk(page: Page, way: str) -> None:
-    """Tab through all of the page; every control that is seen is reached and has a name.
+    """Presses Tab through the whole page; checks that every visible control is reached and has a name.
 
-    A control that appears behind the walk (a warning's, say) is reached by the next.
+    A control that appears at an earlier position (a warning, for example) is reached in the next round.
     """
     page.evaluate(WALK)
     for _ in range(MAX_ROUNDS):
@@ -56,12 +56,12 @@ def _round(page: Page, way: str) -> None:
         for _ in range(STOPS_AT_ONCE):
             page.keyboard.press(way)
         if page.evaluate("() => window.walked.size") == before:
-            return  # it has come round
-    pytest.fail(f"{MAX_STOPS} times {way} do not come round")
+            return  # all controls were reached
+    pytest.fail(f"{MAX_STOPS} presses of {way} do not complete a round")
 
 
 def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
-    """Every room and panel, and how it is opened by keys."""
+    """Every room and panel, with the keys that open it."""
 
     def way(name: str) -> Callable[[], None]:
         def choose() -> None:
@@ -105,6 +105,6 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
 
 
 def close_all(page: Page) -> None:
-    """Escape closes one after the other."""
+    """Closes everything by Escape."""
     for _ in range(MAX_PANELS):
         page.keyboard.press("Escape")

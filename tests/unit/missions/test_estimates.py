@@ -1,4 +1,4 @@
-"""Estimates beside numbers worked out by hand."""
+"""Estimates compared with numbers calculated by hand."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def a_plan(*items: object) -> Plan:
     return Plan(planned_home=HOME, items=items)  # type: ignore[arg-type]
 
 
-def test_a_straight_flight_takes_what_the_trapezoid_says() -> None:
+def test_a_straight_flight_takes_the_time_of_its_trapezoidal_profile() -> None:
     found = estimate(a_plan(TAKEOFF, to(100)), VEHICLE)
     assert found.length_m == pytest.approx(120.0)
     assert found.time_s == pytest.approx(CLIMB_S + 100.0 / 5.0 + 5.0 / 3.0)
@@ -52,7 +52,7 @@ def test_steep_legs_take_their_vertical_time() -> None:
     assert found.time_s == pytest.approx(CLIMB_S + 60.0 / 3.0)
 
 
-def test_waits_speeds_and_jumps_count() -> None:
+def test_waits_speed_changes_and_jumps_are_included() -> None:
     plain = estimate(a_plan(TAKEOFF, to(100)), VEHICLE).time_s
     waits = estimate(a_plan(TAKEOFF, Delay(delay_s=7.0), to(100, hold_s=3.0)), VEHICLE).time_s
     assert waits == pytest.approx(plain + 10.0)
@@ -62,7 +62,7 @@ def test_waits_speeds_and_jumps_count() -> None:
     assert looped.length_m == pytest.approx(20.0 + 100.0 + 5 * 100.0)
 
 
-def test_a_landing_and_a_return_come_down() -> None:
+def test_the_descents_of_a_landing_and_a_return_are_included() -> None:
     landed = estimate(a_plan(TAKEOFF, Land(lat_deg=0.0, lon_deg=8.0, altitude=up(0.0))), VEHICLE)
     assert landed.time_s == pytest.approx(CLIMB_S + land_time_s(20.0, VEHICLE))
     assert land_time_s(20.0, VEHICLE) == pytest.approx(15.0 / 1.5 + 5.0 / 0.7)
@@ -71,7 +71,7 @@ def test_a_landing_and_a_return_come_down() -> None:
     assert returned.climb_m == pytest.approx(30.0)
 
 
-def test_pictures_are_counted_along_the_way() -> None:
+def test_pictures_are_counted_along_the_path() -> None:
     plan = a_plan(
         TAKEOFF,
         TriggerDistance(distance_m=30.0, at_once=1.0),
@@ -83,7 +83,7 @@ def test_pictures_are_counted_along_the_way() -> None:
     assert estimate(plan, VEHICLE).photos == 1 + 3 + 3
 
 
-def test_energy_is_hover_power_and_the_work_of_climbing() -> None:
+def test_energy_is_hover_power_plus_the_work_of_climbing() -> None:
     power = PowerModel(hover_power_w=180.0, battery_wh=50.0, mass_kg=1.5, efficiency=0.5, reserve=0.2)
     found = estimate(a_plan(TAKEOFF, to(100)), VEHICLE, power)
     assert found.energy_wh == pytest.approx((180.0 * found.time_s + 1.5 * 9.80665 * 20.0 / 0.5) / 3600.0)
@@ -97,7 +97,7 @@ def test_hover_power_follows_momentum_theory() -> None:
     assert hover_power_w(3.0, 0.2) == pytest.approx(hover_power_w(1.5, 0.2) * 2.0**1.5)
 
 
-def test_the_vehicle_takes_its_own_parameters_and_no_nonsense() -> None:
+def test_valid_parameters_of_the_vehicle_are_used_and_invalid_ones_ignored() -> None:
     found = VehicleModel.from_parameters(
         {
             "MPC_XY_CRUISE": 7.0,
@@ -111,6 +111,6 @@ def test_the_vehicle_takes_its_own_parameters_and_no_nonsense() -> None:
     assert set(PARAMETERS) == set(VehicleModel.__dataclass_fields__)
 
 
-def test_unknown_altitudes_are_said() -> None:
+def test_unknown_altitudes_are_reported() -> None:
     terrain = Waypoint(lat_deg=0.0, lon_deg=8.0, altitude=Altitude(value_m=20.0, reference="terrain"))
     assert not estimate(a_plan(TAKEOFF, terrain), VEHICLE).known_altitudes

@@ -1,4 +1,4 @@
-"""A mission of several vehicles: what is read, how a mistake is told, what is said of their separation."""
+"""A mission for several vehicles: the document, errors in it, and findings about separation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UP, DOWN = "{step: take_off, height_m: 10}", "{step: land}"
 
 
 def crossing(wait: str = "") -> OffboardMission:
-    """Two vehicles 40 m apart fly through the same place, the second one along the other diagonal."""
+    """Two vehicles 40 m apart fly through the same point, the second one on the other diagonal."""
     return read(
         "name: Crossing\nroles:\n"
         f"  lead:\n    steps:\n    - {UP}\n    - {fly(40, 40)}\n{wait}    - {DOWN}\n"
@@ -35,7 +35,7 @@ def fly(north: float, east: float) -> str:
 
 
 def apart(mission: OffboardMission, east_m: float = 40.0) -> CompiledRoles:
-    """Compiled for vehicles that stand that far apart, each with a local origin where it stands."""
+    """Compiled for vehicles at this distance, each with its local origin at its position."""
     origin = LocalOrigin(47.0, 8.0, 480.0)
     lat, lon, alt = origin.to_geodetic((0.0, east_m, 0.0))
     starts = {"lead": Start(origin=origin), "left": Start(origin=LocalOrigin(lat, lon, alt))}
@@ -56,7 +56,7 @@ def test_roles_are_read_written_and_counted() -> None:
     assert documents.read(documents.write(mission)) == mission
 
 
-def test_a_mission_without_roles_is_written_as_before() -> None:
+def test_a_mission_without_roles_is_written_without_roles() -> None:
     text = document.write(read(f"name: One\nsteps:\n  - {DOWN}\n")).decode()
     assert "roles" not in text
     assert "separation" not in text
@@ -105,21 +105,21 @@ def test_a_mission_without_roles_is_written_as_before() -> None:
         ),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_with_role_and_step(text: str, place: str, words: str) -> None:
+def test_an_error_names_role_and_step(text: str, place: str, words: str) -> None:
     with pytest.raises(PlanError) as caught:
         read(f"name: Test\n{text}\n")
     assert caught.value.place == place
     assert words in caught.value.reason
 
 
-def test_a_mission_of_several_vehicles_is_never_compiled_for_one() -> None:
+def test_a_mission_for_several_vehicles_is_never_compiled_for_one() -> None:
     with pytest.raises(PlanError, match="it is for 2 vehicles"):
         compile_mission(crossing())
     with pytest.raises(PlanError, match="there is no role 'right'"):
         compile_mission(crossing(), role="right")
 
 
-def test_each_role_begins_with_a_meeting_of_all_and_its_steps_are_named() -> None:
+def test_each_role_begins_with_a_common_start_and_its_steps_are_named() -> None:
     found = compile_mission(crossing(), role="left")
     first = found.segments[0]
     assert isinstance(first, WaitSegment)
@@ -127,7 +127,7 @@ def test_each_role_begins_with_a_meeting_of_all_and_its_steps_are_named() -> Non
     assert found.segments[1].place == "left, step 1"
 
 
-def test_two_that_cross_at_one_moment_are_told_with_place_and_time() -> None:
+def test_two_vehicles_that_cross_at_one_time_are_a_finding_with_position_and_time() -> None:
     found = apart(crossing())
     assert codes(found) == ["separation"]
     text = found.findings[0].message
@@ -136,7 +136,7 @@ def test_two_that_cross_at_one_moment_are_told_with_place_and_time() -> None:
     assert found.findings[0].step == "lead, step 2"
 
 
-def test_after_a_meeting_they_are_apart() -> None:
+def test_vehicles_separated_by_a_meeting_give_no_finding() -> None:
     waiting = read(
         "name: Crossing\nroles:\n"
         f"  lead:\n    steps: [{UP}, {fly(40, 60)}, {{step: meet, meeting: passed}}, {DOWN}]\n"
@@ -148,13 +148,13 @@ def test_after_a_meeting_they_are_apart() -> None:
     assert found.duration_s > max(lead.duration_s, left.duration_s)
 
 
-def test_two_that_stand_too_near_are_told_at_the_start() -> None:
+def test_vehicles_too_near_at_the_start_are_a_finding() -> None:
     found = apart(crossing(), east_m=4.0)
     assert found.findings[0].code == "separation"
     assert "lead, s" in found.findings[0].message
 
 
-def test_the_documents_own_minimum_counts() -> None:
+def test_the_documents_minimum_separation_is_used() -> None:
     side_by_side = read(
         f"name: Two\nminimum_separation_m: 2\nroles:\n  lead: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
         f"  left: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
@@ -164,7 +164,7 @@ def test_the_documents_own_minimum_counts() -> None:
     assert codes(apart(usual, east_m=5.0)) == ["separation"]
 
 
-def test_without_the_places_of_the_vehicles_nothing_is_said_of_their_separation() -> None:
+def test_without_the_vehicles_positions_there_is_no_finding_about_separation() -> None:
     mission = crossing().model_copy(update={"home": HOME})
     vehicles = dict.fromkeys(mission.roles, MissionVehicle())
     assert "separation_unknown" in codes(compile_roles(mission, vehicles, planned_starts(mission)))

@@ -1,4 +1,4 @@
-"""The document of an offboard mission: what is read, and how a mistake in it is told."""
+"""The document of an offboard mission: its fields, and the errors for invalid ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_yaml_and_json_give_the_same_mission() -> None:
     assert read(text.encode()) == mission
 
 
-def test_numbers_and_words_are_read_as_a_person_means_them() -> None:
+def test_yaml_numbers_and_plain_words_have_their_usual_meaning() -> None:
     mission = read(HEAD + ORBIT + "{position_ned_m: [1, -2e1, .5]}, clockwise: false}")
     orbit = mission.steps[0]
     assert isinstance(orbit, Orbit)
@@ -97,7 +97,7 @@ def test_the_schema_names_every_step() -> None:
         ),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_with_its_line_its_step_and_its_reason(text: str, place: str, words: str) -> None:
+def test_an_error_names_line_and_step_and_its_reason(text: str, place: str, words: str) -> None:
     with pytest.raises(PlanError) as caught:
         read(text)
     assert caught.value.place == place
@@ -118,14 +118,14 @@ def test_a_mistake_is_told_with_its_line_its_step_and_its_reason(text: str, plac
         "\t- a",
     ],
 )
-def test_hostile_text_is_refused_soon(text: str) -> None:
+def test_hostile_text_is_refused_quickly(text: str) -> None:
     before = time.process_time()
     with pytest.raises(PlanError):
         read(text)
     assert time.process_time() - before < 5.0
 
 
-def test_deep_calls_are_refused_and_wide_ones_do_not_cost() -> None:
+def test_deeply_nested_calls_are_refused_and_many_calls_take_little_time() -> None:
     deep = "".join(f"  m{k}: [{{step: call, mission: m{k + 1}}}]\n" for k in range(9))
     with pytest.raises(PlanError, match="nested deeper than 8"):
         read(HEAD + "  - {step: call, mission: m0}\nmissions:\n" + deep + "  m9: [{step: land}]\n")
@@ -142,7 +142,7 @@ def test_any_text_gives_a_mission_or_a_plan_error(text: str | bytes) -> None:
         assert isinstance(read(text), OffboardMission)
 
 
-def test_a_place_is_said_in_one_way() -> None:
+def test_a_position_has_exactly_one_specification() -> None:
     with pytest.raises(ValueError, match="give one of"):
         FlyPoint()
     with pytest.raises(ValueError, match="give one of"):
@@ -151,7 +151,7 @@ def test_a_place_is_said_in_one_way() -> None:
         FlyPoint(lat_deg=1.0, alt_home_m=2.0)
 
 
-def test_a_mission_made_in_python_is_that_of_the_file() -> None:
+def test_a_mission_built_in_python_equals_that_of_the_file() -> None:
     made = OffboardMission(name="Test", steps=(Hold(duration_s=2.0),), missions={})
     assert read(HEAD + "  - {step: hold, duration_s: 2}") == made
 
@@ -161,7 +161,7 @@ def test_a_mission_made_in_python_is_that_of_the_file() -> None:
 @example("1e5", 0.1, 0.0)
 @example("Null", -0.0, 1.0)
 @example("a: b\n # c \n", 1e-7, 2.0)
-def test_yaml_that_is_written_is_read_as_the_same_mission(text: str, metres: float, seconds: float) -> None:
+def test_written_yaml_is_read_as_the_same_mission(text: str, metres: float, seconds: float) -> None:
     try:
         made = read_json(
             json.dumps(
@@ -178,17 +178,17 @@ def test_yaml_that_is_written_is_read_as_the_same_mission(text: str, metres: flo
             )
         )
     except PlanError:
-        return  # no text that a document can hold
+        return  # text that a document cannot contain
     assert read(write_yaml(made)) == made
 
 
-def test_yaml_says_what_happens_when_something_goes_wrong_and_leaves_other_defaults_out() -> None:
+def test_written_yaml_has_the_actions_on_failures_and_omits_other_defaults() -> None:
     written = write_yaml(read(HEAD + "  - {step: photo}\n")).decode()
     assert "link_loss: hold" in written
     assert "count" not in written
 
 
-def test_a_mistake_in_json_names_step_and_field() -> None:
+def test_an_error_in_json_names_step_and_field() -> None:
     steps = [{"step": "repeat", "times": 2, "steps": [{"step": "hold", "duration_s": -1}]}]
     with pytest.raises(PlanError) as caught:
         read_json(json.dumps({"name": "a", "steps": steps}))

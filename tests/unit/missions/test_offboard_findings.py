@@ -1,4 +1,4 @@
-"""What is wrong with an offboard mission is found, with its step."""
+"""Findings about offboard missions, each with its step."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ROOT = Path(__file__).resolve().parents[3]
         (flown("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_found_with_its_step(steps: str, code: str) -> None:
+def test_each_fault_is_a_finding_with_its_step(steps: str, code: str) -> None:
     limits = Limits(
         length_max_m=50_000.0,
         power=PowerModel(200.0, 100.0, 2.0),
@@ -57,7 +57,7 @@ def test_what_is_wrong_is_found_with_its_step(steps: str, code: str) -> None:
 FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_deg: 8}, radius_m: 50}\n"
 
 
-def test_a_path_outside_the_geofence_is_found_with_its_place() -> None:
+def test_a_path_outside_the_geofence_is_a_finding_with_its_position() -> None:
     text = f"name: Test\n{FENCE}steps:\n{UP}- {{step: fly, points: [{{offset_ned_m: [60, 0, -10]}}]}}\n{DOWN}"
     assert codes(compile_mission(read(text))) == {"fence_unknown"}
     found = compile_mission(read(text).model_copy(update={"home": HOME}))
@@ -68,14 +68,14 @@ def test_a_path_outside_the_geofence_is_found_with_its_place() -> None:
     assert compile_mission(read(inside).model_copy(update={"home": HOME})).findings == ()
 
 
-def test_a_condition_that_the_vehicle_reports_and_that_can_come_true_is_no_finding() -> None:
+def test_a_reported_and_satisfiable_condition_gives_no_finding() -> None:
     wait = flown("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
     assert codes(compile_mission(mission(wait))) == set()
     vehicle = MissionVehicle(reported=frozenset({"wind_speed_m_s"}))
     assert codes(compile_mission(mission(wait), vehicle)) == set()
 
 
-def test_every_code_has_a_meaning_in_the_documentation() -> None:
+def test_each_finding_code_is_explained_in_the_documentation() -> None:
     text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (error|warning) \| `(\w+)` \| (.+) \|$", text, re.MULTILINE)
     assert {code: (severity, meaning) for severity, code, meaning in rows} == CODES

@@ -1,4 +1,4 @@
-"""A waypoint plan becomes an offboard mission that flies the same places."""
+"""Conversion of a waypoint plan to an offboard mission with the same positions."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_return_and_a_landing_end_at_home() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(altitudes=RESOLVED))
-def test_any_plan_becomes_a_mission_or_a_plan_error(plan: Plan) -> None:
+def test_any_plan_gives_a_mission_or_a_plan_error(plan: Plan) -> None:
     with contextlib.suppress(PlanError):
         made = from_plan(plan, "Any plan").mission
         assert read(made.model_dump_json(exclude_none=True)) == made

@@ -1,4 +1,4 @@
-"""A mission as it is drawn before the flight: legs that join, and times that add up."""
+"""Samples of a mission's path for drawing: connected legs, and times with the correct sum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ START = (0.0, 0.0, 0.0)
 ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns: 3"
 
 
-def test_legs_join_each_other_and_steps_add_up_to_the_flight() -> None:
+def test_legs_are_connected_and_the_times_of_steps_sum_to_the_flight() -> None:
     found = timeline(
         flown("step: fly, points: [{offset_ned_m: [30, 0, -10]}]", ORBIT, "step: photo, count: 3")
     )
@@ -32,13 +32,13 @@ def test_legs_join_each_other_and_steps_add_up_to_the_flight() -> None:
     assert [step.photos for step in steps] == [0, 0, 0, 3, 0]
 
 
-def test_a_repeated_step_is_one_whose_time_is_that_of_all_rounds() -> None:
+def test_a_repeated_step_is_one_entry_with_the_time_of_all_rounds() -> None:
     found = timeline(UP + "- {step: repeat, times: 3, steps: [{step: hold, duration_s: 5}]}\n" + DOWN)
     step = samples.step_times(found)[1]
     assert (step.place, step.duration_s) == ("step 2.1", 15.0)
 
 
-def test_after_a_branch_both_ways_are_drawn_and_the_longer_one_is_timed() -> None:
+def test_after_a_branch_both_paths_are_drawn_and_the_longer_one_is_timed() -> None:
     branch = (
         "- {step: branch, condition: {value: battery_share, above: 0.5}, then: [], "
         "otherwise: [{step: fly, points: [{offset_ned_m: [0, 50, -10]}]}]}\n"
@@ -55,7 +55,7 @@ def test_after_a_branch_both_ways_are_drawn_and_the_longer_one_is_timed() -> Non
     assert [step.place for step in samples.step_times(found)] == ["step 1", "step 2 otherwise 1", "step 3"]
 
 
-def test_a_long_mission_is_sampled_farther_apart() -> None:
+def test_a_long_mission_has_a_larger_sampling_interval() -> None:
     found = compile_mission(mission(flown(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
     points = sum(len(leg.points) for leg in samples.legs(found, START))
     assert points <= samples.MAX_POINTS
@@ -65,8 +65,8 @@ def test_a_long_mission_is_sampled_farther_apart() -> None:
     )
 
 
-def test_a_landing_after_a_branch_is_checked_where_it_is() -> None:
-    """The straight way from start to landing leads through what the fence excludes; the path does not."""
+def test_a_landing_after_a_branch_is_checked_at_its_position() -> None:
+    """The straight line from start to landing passes an exclusion fence; the path does not."""
     point = "{{offset_ned_m: [{}, {}, -10]}}"
     places = ", ".join(point.format(*at) for at in ((30, 0), (30, 45), (0, 45)))
     way = f"[{{step: fly, points: [{places}]}}]"

@@ -1,4 +1,4 @@
-"""The plan document: what it refuses, and in what words."""
+"""The plan document: refused values, and their error messages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def changed(path: list[str | int], value: object) -> bytes:
     return json.dumps(document).encode()
 
 
-def test_a_written_plan_reads_back_as_itself() -> None:
+def test_a_written_plan_is_read_unchanged() -> None:
     assert plan.read(plan.write(a_plan())) == a_plan()
 
 
@@ -70,7 +70,7 @@ def test_a_written_plan_reads_back_as_itself() -> None:
         (["surprise"], 1, "field surprise", "not permitted"),
     ],
 )
-def test_a_wrong_value_is_named_with_its_place_and_a_fix(
+def test_the_error_for_an_invalid_value_names_its_item_and_field(
     path: list[str | int], value: object, place: str, reason: str
 ) -> None:
     with pytest.raises(PlanError) as caught:
@@ -80,13 +80,13 @@ def test_a_wrong_value_is_named_with_its_place_and_a_fix(
     assert caught.value.fix.endswith(".")
 
 
-def test_more_items_than_the_vehicle_holds_are_refused() -> None:
+def test_more_items_than_the_vehicle_can_store_are_refused() -> None:
     many = a_plan().model_copy(update={"items": (Jump(target_index=0, repeat=1),) * (plan.MAX_ITEMS + 1)})
     with pytest.raises(PlanError, match="Split the plan"):
         plan.read(plan.write(many))
 
 
-def test_an_altitude_resolves_only_where_its_reference_is_known() -> None:
+def test_an_altitude_is_resolved_only_if_its_reference_is_known() -> None:
     assert Altitude(value_m=20.0, reference="home").amsl_m(480.0) == 500.0
     assert Altitude(value_m=20.0, reference="home").amsl_m(None) is None
     assert Altitude(value_m=20.0, reference="amsl").amsl_m(None) == 20.0

@@ -1,4 +1,4 @@
-"""Trajectories pass their points, are as fast as possible on straight legs, and refuse bad points."""
+"""Trajectories pass their points, take the shortest time on straight legs, and refuse invalid points."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def points(*places: tuple[float, float, float], **rest: object) -> list[PassPoin
 
 
 def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) -> float:
-    """From rest to rest on a line: full jerk one way or the other, until acceleration or speed is reached."""
+    """From rest to rest on a line: maximum jerk in either direction until acceleration or speed reaches its
+    limit."""
     bang_s = (length_m / (2.0 * jerk)) ** (1.0 / 3.0)
     if jerk * bang_s <= acceleration and jerk * bang_s**2 <= speed:
         return 4.0 * bang_s
@@ -38,7 +39,7 @@ def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) 
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_a_straight_leg_takes_the_shortest_time_there_is(seed: int) -> None:
+def test_a_straight_leg_takes_the_shortest_possible_time(seed: int) -> None:
     rng = np.random.default_rng(seed)
     direction = rng.normal(0.0, 1.0, 3) * rng.choice([0.0, 1.0], 3, p=[0.2, 0.8])
     direction = direction / (np.linalg.norm(direction) or 1.0) if direction.any() else np.array([0, 0, -1.0])
@@ -57,14 +58,14 @@ def test_a_straight_leg_takes_the_shortest_time_there_is(seed: int) -> None:
     assert bound_s * (1.0 - 1e-6) <= found_s <= bound_s * (1.0 + 1e-6)
 
 
-def test_legs_between_stops_add_up() -> None:
+def test_the_times_of_legs_between_stops_add_up() -> None:
     there = through(points((0, 0, 0), (30, 0, 0))).duration_s
     both = through(points((0, 0, 0), (30, 0, 0), (0, 0, 0), stop=True))
     assert both.duration_s == pytest.approx(2.0 * there)
     assert both.point_times_s == pytest.approx((0.0, there, 2.0 * there))
 
 
-def test_bends_pass_within_their_corner_and_are_faster_than_stops() -> None:
+def test_curves_pass_within_the_corner_distance_and_are_faster_than_stops() -> None:
     square = ((0, 0, -5), (40, 0, -5), (40, 40, -5), (0, 40, -5))
     times = []
     for corner_m in (0.0, 0.2, 2.0, 3.0):
@@ -79,7 +80,7 @@ def test_bends_pass_within_their_corner_and_are_faster_than_stops() -> None:
     assert times == sorted(times, reverse=True)
 
 
-def test_an_exact_curve_passes_every_point_at_the_time_it_says() -> None:
+def test_an_exact_curve_passes_each_point_at_the_stated_time() -> None:
     rng = np.random.default_rng(7)
     places = np.cumsum(rng.normal(0.0, 20.0, (30, 3)), axis=0)
     curve = through([PassPoint(tuple(place)) for place in places.tolist()], exact=True)
@@ -88,7 +89,7 @@ def test_an_exact_curve_passes_every_point_at_the_time_it_says() -> None:
     assert curve.point_times_s == tuple(sorted(curve.point_times_s))
 
 
-def test_it_rests_where_a_stop_is_asked_for_and_only_there() -> None:
+def test_it_stops_only_at_requested_stops() -> None:
     route = points((0, 0, 0), (20, 0, 0), (20, 20, 0), (40, 20, 0))
     route[2] = PassPoint((20, 20, 0), stop=True)
     curve = through(route)
@@ -98,7 +99,7 @@ def test_it_rests_where_a_stop_is_asked_for_and_only_there() -> None:
     assert curve.at(curve.point_times_s[2]).position_ned_m == pytest.approx((20, 20, 0), abs=1e-6)
 
 
-def test_a_dense_smooth_path_is_not_slower_for_its_points() -> None:
+def test_a_dense_smooth_path_is_not_slower_because_of_its_points() -> None:
     few, many = (
         through(points(*[(x, 0.0, -5.0) for x in np.linspace(0.0, 200.0, count).tolist()])).duration_s
         for count in (2, 201)
@@ -106,7 +107,7 @@ def test_a_dense_smooth_path_is_not_slower_for_its_points() -> None:
     assert many == pytest.approx(few, rel=1e-6)
 
 
-def test_yaws_are_met_at_their_points_the_shorter_way_round() -> None:
+def test_yaws_are_reached_at_their_points_by_the_shorter_rotation() -> None:
     route = [PassPoint((0, 0, 0), 3.0), PassPoint((30, 0, 0)), PassPoint((60, 0, 0), -3.0)]
     curve = through(route)
     yaws = [curve.at(t).yaw_ned_rad for t in curve.point_times_s]
@@ -123,7 +124,7 @@ def test_it_turns_on_the_spot() -> None:
     assert curve.at(curve.duration_s / 2).yaw_ned_rad == pytest.approx(EAST / 2)
 
 
-def test_the_nose_follows_the_path_and_turns_at_stops() -> None:
+def test_the_heading_follows_the_path_and_turns_at_stops() -> None:
     curve = through(points((0, 0, 0), (30, 0, 0), (30, 30, 0), stop=True), heading=AlongPath())
     assert curve.at(1.0).yaw_ned_rad == pytest.approx(0.0)
     assert curve.at(curve.duration_s - 1.0).yaw_ned_rad == pytest.approx(EAST)
@@ -135,7 +136,7 @@ def test_the_nose_follows_the_path_and_turns_at_stops() -> None:
         assert abs(off) < math.radians(0.5)
 
 
-def test_a_path_over_the_place_it_looks_at_turns_there() -> None:
+def test_a_path_over_its_look_at_point_turns_there() -> None:
     curve = through(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
     found = curve.sample(np.linspace(0.0, curve.duration_s, 20_000))
     turning = np.abs(found.yaw_rate_ned_rad_s) > 1e-3
@@ -146,7 +147,7 @@ def test_a_path_over_the_place_it_looks_at_turns_there() -> None:
     )
 
 
-def test_an_orbit_keeps_its_radius_and_looks_at_its_middle() -> None:
+def test_an_orbit_keeps_its_radius_and_points_at_its_centre() -> None:
     curve = along(arc((10, 20, -30), 15.0, 2.0), LIMITS, LookAt((10.0, 20.0, 0.0)))
     assert curve.length_m == pytest.approx(math.tau * 15.0 * 2.0, rel=1e-6)
     for t in np.linspace(0.0, curve.duration_s, 300).tolist():
@@ -165,7 +166,7 @@ def test_a_helix_climbs_and_a_spiral_widens_evenly() -> None:
     assert (curve.at(2.0).velocity_ned_m_s[1] or 0.0) < 0.0
 
 
-def test_a_figure_eight_crosses_its_middle_and_reaches_its_tips() -> None:
+def test_a_figure_eight_crosses_its_centre_and_reaches_its_ends() -> None:
     curve = along(figure_eight((5, 5, -9), 40.0, 12.0, 1.0, heading_ned_rad=EAST), LIMITS)
     path = curve.sample(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
     assert path[:, 1].max() == pytest.approx(25.0, abs=1e-3)
@@ -173,7 +174,7 @@ def test_a_figure_eight_crosses_its_middle_and_reaches_its_tips() -> None:
     assert path[-1] == pytest.approx(path[0], abs=1e-9)
 
 
-def test_one_moment_and_many_moments_agree_and_survive_a_pickle() -> None:
+def test_single_and_multiple_samples_agree_also_after_pickling() -> None:
     curve = through(points((0, 0, 0), (9, 3, -4), (20, -5, -6)), heading=AlongPath(), exact=True)
     copy = pickle.loads(pickle.dumps(curve))
     times = np.linspace(-1.0, curve.duration_s + 1.0, 97)
@@ -188,7 +189,7 @@ def test_one_moment_and_many_moments_agree_and_survive_a_pickle() -> None:
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_odd_input_gives_a_trajectory(exact: bool) -> None:
+def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
     one = through(points((1, 2, -3)), exact=exact)
     assert (one.duration_s, one.at(5.0).position_ned_m) == (0.0, (1.0, 2.0, -3.0))
     assert one.sample(np.array([0.0, 1.0])).position_ned_m.tolist() == [[1, 2, -3], [1, 2, -3]]
@@ -218,7 +219,7 @@ def test_odd_input_gives_a_trajectory(exact: bool) -> None:
         ([PassPoint((0, 0, 0))] * 10_001, "the trajectory", "Split it"),
     ],
 )
-def test_what_cannot_be_flown_is_refused_with_its_place_and_a_fix(
+def test_an_infeasible_trajectory_is_refused_with_the_field_and_a_fix(
     given: list[PassPoint], place: str, fix: str
 ) -> None:
     with pytest.raises(PlanError) as caught:
@@ -244,6 +245,6 @@ def test_a_yaw_and_a_heading_together_are_refused() -> None:
         (lambda: MotionLimits(tilt_rad=1.57), "tilt_rad"),
     ],
 )
-def test_shapes_and_limits_name_the_field(make: object, field: str) -> None:
+def test_errors_for_invalid_shapes_and_limits_name_the_field(make: object, field: str) -> None:
     with pytest.raises(PlanError, match=field):
         make()  # type: ignore[operator]

@@ -1,4 +1,4 @@
-"""A point that follows setpoints as slowly as PX4 does, among boxes that its lidar sees."""
+"""A point mass that follows setpoints with PX4's lag, among boxes that its lidar measures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP_S = 0.05
 SCAN_EVERY = 4
 """5 Hz."""
 VELOCITY_LAG_S, MOST_M_S2 = 0.5, 3.0
-"""A velocity is followed with this lag, and with no more acceleration."""
+"""The time constant with which a velocity is followed, and the greatest acceleration."""
 RANGE_M = 20.0
 SECTORS = 72
 _turns = np.arange(8) * math.pi / 4
@@ -31,19 +31,19 @@ DOWN = np.vstack(
         np.stack([0.5 * np.cos(_turns), 0.5 * np.sin(_turns), np.full(8, math.sqrt(0.75))], axis=1),
     ]
 )
-"""A cone of 30° below: a single ray does not see what stands beside it."""
+"""A cone of 30° below: a single ray would miss obstacles beside it."""
 
 
 @dataclass(frozen=True)
-class Block:
-    """An upright box on the ground, its sides along north and east."""
+class BoxObstacle:
+    """An upright box on the ground with its sides along north and east."""
 
     north_m: tuple[float, float]
     east_m: tuple[float, float]
     height_m: float
 
     def distance_m(self, at_ned_m: Array) -> float:
-        """From a place to its nearest surface; zero inside."""
+        """Distance from a position to its nearest surface; zero inside."""
         n, e, d = at_ned_m
         return math.hypot(
             max(self.north_m[0] - n, 0.0, n - self.north_m[1]),
@@ -52,7 +52,7 @@ class Block:
         )
 
     def met_m(self, at_ned_m: Array, directions: Array) -> Array:
-        """(R,) along rays (R, 3); infinite where they pass."""
+        """Distance (R,) along rays (R, 3) to the box; infinite for rays that miss it."""
         low = np.array([self.north_m[0], self.east_m[0], -self.height_m])
         high = np.array([self.north_m[1], self.east_m[1], 0.0])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -71,14 +71,14 @@ class Course:
     """One flight.
 
     Args:
-        blocks: what stands there; the ground is at height zero.
-        around: whether the lidar sees in 72 directions; else straight ahead alone.
-        down: whether a sensor measures below.
+        blocks: obstacles; the ground is at height zero.
+        around: whether the lidar measures in 72 directions; otherwise only straight ahead.
+        down: whether there is a downward sensor.
     """
 
     def __init__(
         self,
-        blocks: Iterable[Block],
+        blocks: Iterable[BoxObstacle],
         *,
         start: Vector3 = (0.0, 0.0, -2.0),
         around: bool = True,
@@ -118,7 +118,7 @@ class Course:
         return Scan(self.now_s, rays, self._measure(directions), RANGE_M, half_angle_rad)
 
     def step(self, wanted: WantedMotion) -> None:
-        """Flies on for one step."""
+        """Flies one step."""
         if self.steps % SCAN_EVERY == 0 and not self.blind:
             self._scan()
         here = MotionState(_vector(self.at), _vector(self.velocity), self.yaw)
@@ -148,12 +148,12 @@ class Course:
         self.steps += 1
 
     def fly(self, goal: Vector3, seconds: float = 60.0, yaw: float = 0.0) -> None:
-        """To a place, until it is reached as wanted or the time is over."""
+        """Flies to a position until it is reached or the time is over."""
         for _ in range(round(seconds / STEP_S)):
             self.step(WantedMotion(goal, yaw_ned_rad=yaw))
             if self.adjusted.state == "clear" and math.dist(self.at, goal) < 0.3:
                 return
 
     def reached(self, goal: Vector3) -> bool:
-        """Whether it is there."""
+        """Whether the goal is reached."""
         return math.dist(self.at, goal) < 0.5

@@ -1,4 +1,4 @@
-"""Flights among boxes: over them, around them, and stopped where there is no way."""
+"""Flights among boxes: over them, around them, and a stop if there is no way."""
 
 import math
 
@@ -10,15 +10,15 @@ from missions.avoidance.avoider import MAX_CLIMB_M
 from missions.avoidance.values import AvoidanceWay, DetourLimits, WantedMotion
 from missions.fence import Circle, Region
 from missions.frames import Vector3
-from tests.unit.missions.avoidance.obstacle_course import STEP_S, Block, Course
+from tests.unit.missions.avoidance.obstacle_course import STEP_S, BoxObstacle, Course
 
-BOX = Block((4.25, 5.75), (-2.0, 2.0), 4.0)
+BOX = BoxObstacle((4.25, 5.75), (-2.0, 2.0), 4.0)
 GOAL = (10.0, 0.0, -1.0)
 START = (0.0, 0.0, -1.0)
 
 
 @pytest.mark.parametrize("around", [True, False])
-def test_it_climbs_over_the_box_and_comes_down_behind(around: bool):
+def test_it_climbs_over_the_box_and_descends_behind(around: bool):
     course = Course([BOX], start=START, around=around)
     course.fly(GOAL)
     assert course.told == ["over", "back", "clear"]
@@ -27,7 +27,7 @@ def test_it_climbs_over_the_box_and_comes_down_behind(around: bool):
     assert 4.5 < course.highest_m < 6.0, "above the box, and not far above it"
 
 
-def test_it_comes_down_behind_the_box_and_not_at_the_goal():
+def test_it_descends_behind_the_box_and_not_only_at_the_goal():
     course = Course([BOX], start=START)
     goal = (40.0, 0.0, -1.0)
     while course.adjusted.state != "back" or course.at[2] < -1.5:
@@ -44,8 +44,8 @@ def test_around_it_passes_at_the_same_altitude():
     assert course.told == ["around", "back", "clear"]
 
 
-def test_what_is_too_high_to_climb_over_is_flown_around():
-    course = Course([Block((8.0, 9.0), (-6.0, 4.0), 60.0)], start=(0.0, 0.0, -2.0))
+def test_an_obstacle_too_high_to_climb_over_is_flown_around():
+    course = Course([BoxObstacle((8.0, 9.0), (-6.0, 4.0), 60.0)], start=(0.0, 0.0, -2.0))
     course.fly((20.0, 0.0, -2.0), seconds=90.0)
     assert course.told[:2] == ["over", "around"]
     assert course.reached((20.0, 0.0, -2.0))
@@ -60,9 +60,9 @@ def test_below_an_altitude_limit_it_goes_around_instead():
     assert course.highest_m < 4.0
 
 
-def test_without_a_way_over_or_around_it_stops_and_says_why():
+def test_without_a_way_over_or_around_it_stops_and_reports_the_reason():
     tube = Region(down_min_m=-4.0, circles=(Circle((0.0, 0.0), 6.0, "the fence"),))
-    wall = Block((3.0, 4.0), (-20.0, 20.0), 30.0)
+    wall = BoxObstacle((3.0, 4.0), (-20.0, 20.0), 30.0)
     course = Course([wall], start=START, allowed=DetourLimits(region=tube))
     course.fly(GOAL, seconds=60.0)
     assert course.adjusted.state == "stopped"
@@ -72,15 +72,15 @@ def test_without_a_way_over_or_around_it_stops_and_says_why():
     assert math.hypot(*course.velocity) < 0.1
 
 
-def test_a_single_ray_ahead_sees_no_way_around():
-    wall = Block((8.0, 9.0), (-6.0, 4.0), 60.0)
+def test_with_a_single_ray_ahead_no_way_around_is_known():
+    wall = BoxObstacle((8.0, 9.0), (-6.0, 4.0), 60.0)
     course = Course([wall], start=START, around=False)
     course.fly((20.0, 0.0, -1.0), seconds=40.0)
     assert course.adjusted.state == "stopped"
     assert "too high to climb over" in course.adjusted.text
 
 
-def test_without_a_sensor_below_it_stays_above_the_path():
+def test_without_a_downward_sensor_it_stays_above_the_path():
     course = Course([BOX], start=START, down=False)
     course.fly(GOAL, seconds=30.0)
     assert course.adjusted.state == "back"
@@ -89,7 +89,7 @@ def test_without_a_sensor_below_it_stays_above_the_path():
     assert course.at[0] == pytest.approx(10.0, abs=0.5)
 
 
-def test_it_turns_the_nose_into_the_direction_of_travel_where_the_sensor_looks_ahead_alone():
+def test_it_yaws_into_the_direction_of_travel_if_the_sensor_measures_only_ahead():
     course = Course([BOX], start=(12.0, 0.0, -1.0), around=False)  # the box is behind it
     course.step(WantedMotion(START, yaw_ned_rad=0.0))
     assert course.adjusted.state == "turning"
@@ -99,7 +99,7 @@ def test_it_turns_the_nose_into_the_direction_of_travel_where_the_sensor_looks_a
     assert course.nearest_m > 0.5
 
 
-def test_sensors_that_fall_silent_stop_it_and_it_flies_on_when_they_are_back():
+def test_sensors_that_stop_sending_stop_the_vehicle_until_they_return():
     course = Course([BOX], start=START)
     for _ in range(round(3.0 / STEP_S)):
         course.step(WantedMotion(GOAL, yaw_ned_rad=0.0))
@@ -115,7 +115,7 @@ def test_sensors_that_fall_silent_stop_it_and_it_flies_on_when_they_are_back():
     assert course.nearest_m > 0.5
 
 
-def test_without_any_measurement_it_does_not_begin():
+def test_without_any_measurement_it_does_not_start():
     course = Course([], start=START)
     course.blind = True
     course.fly(GOAL, seconds=3.0)
@@ -124,21 +124,21 @@ def test_without_any_measurement_it_does_not_begin():
 
 
 def test_a_lower_goal_is_reached_by_descending_first():
-    """On a slope no sensor would look into the direction of travel."""
-    hidden = Block((6.0, 8.0), (-2.0, 2.0), 4.0)
+    """On a slope no sensor would measure in the direction of travel."""
+    hidden = BoxObstacle((6.0, 8.0), (-2.0, 2.0), 4.0)
     course = Course([hidden], start=(0.0, 0.0, -6.0))
     course.fly(GOAL)
     assert course.reached(GOAL)
     assert course.nearest_m > 0.5
 
 
-def test_it_comes_down_no_lower_than_what_stands_under_the_goal():
+def test_it_does_not_descend_into_an_obstacle_under_the_goal():
     course = Course([BOX], start=START)
     course.fly((5.0, 0.0, -1.0), seconds=30.0)  # inside the box
     assert course.nearest_m > 0.5
 
 
-def test_a_moving_path_is_met_again_behind_the_obstacle():
+def test_a_moving_path_is_rejoined_behind_the_obstacle():
     course = Course([BOX], start=START)
     speed, begin_s = 1.5, course.now_s
 
@@ -155,27 +155,27 @@ def test_a_moving_path_is_met_again_behind_the_obstacle():
     assert course.nearest_m > 0.5
 
 
-def test_a_flight_past_a_wall_is_left_alone():
-    course = Course([Block((0.0, 30.0), (2.0, 3.0), 6.0)], start=START)
+def test_a_flight_past_a_wall_is_not_changed():
+    course = Course([BoxObstacle((0.0, 30.0), (2.0, 3.0), 6.0)], start=START)
     course.fly((25.0, 0.0, -1.0))
     assert course.told == ["clear"]
 
 
 @st.composite
-def blocks(draw: st.DrawFn) -> Block:
+def blocks(draw: st.DrawFn) -> BoxObstacle:
     north = draw(st.floats(5.0, 35.0))
     east = draw(st.floats(-8.0, 8.0))
     deep, left, right = draw(st.floats(1.0, 5.0)), draw(st.floats(1.0, 4.0)), draw(st.floats(1.0, 4.0))
     height = draw(st.sampled_from((2.0, 4.0, 8.0, 30.0)))
-    return Block((north, north + deep), (east - left, east + right), height)
+    return BoxObstacle((north, north + deep), (east - left, east + right), height)
 
 
 @settings(
     max_examples=5, deadline=None, phases=[Phase.generate], suppress_health_check=[HealthCheck.too_slow]
 )
 @given(st.lists(blocks(), min_size=1, max_size=5), st.sampled_from(("over", "around")))
-def test_among_any_boxes_it_keeps_its_distance_and_comes_back_to_the_path(
-    standing: list[Block], way: AvoidanceWay
+def test_among_any_boxes_it_keeps_its_distance_and_returns_to_the_path(
+    standing: list[BoxObstacle], way: AvoidanceWay
 ):
     goal = (45.0, 0.0, -2.0)
     course = Course(standing, start=(0.0, 0.0, -2.0), way=way)
@@ -183,4 +183,4 @@ def test_among_any_boxes_it_keeps_its_distance_and_comes_back_to_the_path(
     assert course.nearest_m > 0.4
     if course.adjusted.state != "stopped":
         assert course.reached(goal)
-    assert len(course.told) <= 30, "it does not turn to and fro"
+    assert len(course.told) <= 30, "it does not turn back and forth"

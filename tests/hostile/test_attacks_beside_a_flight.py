@@ -1,6 +1,7 @@
-"""Somebody hostile beside a vehicle in Offboard: its stream misses no period, nothing grows, nothing fails.
+"""Hostile parties beside a vehicle in Offboard: its setpoints stay on time, and memory and log stay limited.
 
-One server and one flight for all attacks, so that what one leaves behind is there when the next begins.
+One server and one flight are used for all attacks, so that a later attack also meets the effects of an
+earlier one.
 """
 
 from __future__ import annotations
@@ -12,30 +13,32 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.hostile.innocent import Innocent, attack, endless_recording, innocent, pause
+from tests.hostile.attacked_flight import AttackedFlight, attack, attacked_flight, endless_recording, pause
 
 FUZZ_FRAMES = int(os.environ.get("HOSTILE_FRAMES", "500000"))
 SHEDDING = {503}
-"""What a server may answer to somebody who asks for too much, in words."""
+"""Statuses with which the server refuses a client that asks for too much."""
 
 
 @pytest.fixture(scope="module")
-def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Innocent]:
-    with innocent(tmp_path_factory.mktemp("hostile")) as flying:
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AttackedFlight]:
+    with attacked_flight(tmp_path_factory.mktemp("hostile")) as flying:
         yield flying
 
 
 @pytest.mark.parametrize(
     ("name", "count"), [("extremes", 30), ("texts", 20_000), ("sources", 300)], ids=lambda value: str(value)
 )
-def test_a_vehicle_that_says_anything_harms_nobody(flight: Innocent, name: str, count: int) -> None:
+def test_a_vehicle_with_hostile_messages_affects_no_other_vehicle(
+    flight: AttackedFlight, name: str, count: int
+) -> None:
     with flight.under_attack():
         assert int(attack("vehicles", name, flight.hostile_port, 1, count)) > 100
         pause(2)
 
 
-def test_a_vehicle_whose_files_and_parameters_never_end_harms_nobody(flight: Innocent) -> None:
-    """It is asked for them: its readiness, its parameters and what these mean."""
+def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(flight: AttackedFlight) -> None:
+    """The test requests its readiness, its parameters and their metadata."""
     asked: set[int] = set()
 
     def ask() -> None:
@@ -53,14 +56,14 @@ def test_a_vehicle_whose_files_and_parameters_never_end_harms_nobody(flight: Inn
 
 
 @pytest.mark.parametrize("name", ["bodies", "headers", "idle", "unread", "requests", "nonsense"])
-def test_a_client_that_asks_for_anything_harms_nobody(flight: Innocent, name: str) -> None:
+def test_a_hostile_client_affects_no_vehicle(flight: AttackedFlight, name: str) -> None:
     with flight.under_attack():
         statuses = {int(each) for each in attack("clients", name, flight.url.removeprefix("http://")).split()}
         pause(3)
     assert not {status for status in statuses if status >= 500} - SHEDDING
 
 
-def test_a_recording_of_a_million_senders_harms_nobody(flight: Innocent) -> None:
+def test_a_recording_with_a_million_senders_affects_no_vehicle(flight: AttackedFlight) -> None:
     (flight.data / "recordings").mkdir(exist_ok=True)
     endless_recording(flight.data / "recordings" / "endless.tlog", 1_000_000)
     with flight.under_attack(), httpx.Client(base_url=f"{flight.url}/api/v1", timeout=60) as client:
@@ -74,7 +77,7 @@ def test_a_recording_of_a_million_senders_harms_nobody(flight: Innocent) -> None
     assert [answer.status_code for answer in (index, opened, sought, closed)] == [200, 201, 200, 204]
 
 
-def test_half_a_million_frames_of_nonsense_harm_nobody(flight: Innocent) -> None:
+def test_half_a_million_invalid_frames_affect_no_vehicle(flight: AttackedFlight) -> None:
     with flight.under_attack():
         assert int(attack("vehicles", "fuzz", flight.hostile_port, 7, FUZZ_FRAMES)) >= FUZZ_FRAMES
         pause(2)

@@ -1,4 +1,4 @@
-"""Readiness and parameters of a real process over real sockets, as a script meets them."""
+"""Readiness and parameters of a real process over real sockets, as a script uses them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from tests.station import wait_until
 
 
 @pytest.mark.story
-def test_why_it_cannot_go_offboard_and_what_its_parameters_mean(station: Station) -> None:
+def test_the_reasons_against_offboard_and_the_metadata_of_parameters_are_available(station: Station) -> None:
     base = f"{station.url}/api/v1/vehicles/101"
     with httpx.Client(base_url=base, timeout=30, headers={"X-Client-Id": "e2e"}) as http:
-        wait_until(lambda: http.get("/readiness").json()["known"], "the first report, unasked")
+        wait_until(lambda: http.get("/readiness").json()["known"], "the first report, without a request")
         shown = http.post("/readiness/check").json()
         offboard = next(m for m in shown["modes"] if m["mode"] == "offboard")
         assert (offboard["can_arm"], offboard["can_run"]) == (False, False)
@@ -35,7 +35,7 @@ def test_why_it_cannot_go_offboard_and_what_its_parameters_mean(station: Station
 
         assert http.get("/params").json()["list"]["state"] == "unknown"
         assert http.post("/params/refresh").status_code == 202
-        wait_until(lambda: http.get("/params").json()["list"]["facts"], "parameters and what they mean")
+        wait_until(lambda: http.get("/params").json()["list"]["facts"], "parameters and their metadata")
         content = http.get("/params").json()
         assert (content["list"]["state"], len(content["params"])) == ("ready", 929)
         by_name = {p["name"]: p for p in content["params"]}

@@ -1,4 +1,5 @@
-"""The innocent: a vehicle that flies Offboard while others attack, and what must not happen to it."""
+"""The flight under attack: a vehicle that flies in Offboard while others attack, and the limits for its
+disturbance."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,15 +24,16 @@ from tests.hostile.metronome import PERIOD_S, Metronome
 from tests.station import free_port, running, server_command, vehicle, wait_until
 
 LATE_S = 0.02
-"""How much longer than a period two setpoints may lie apart; where the machine was late itself, than that."""
+"""How much longer than a period the gap between two setpoints may be; added to the delay of the machine
+itself."""
 GROWTH_MB = 100.0
 LOOK_EVERY_S = 0.2
 VALID_FOR_S = 600
 
 
 @dataclass
-class Innocent:
-    """A flight, and what was seen of it while somebody attacked."""
+class AttackedFlight:
+    """A flight, and its measurements during the attacks."""
 
     url: str
     process: subprocess.Popen[bytes]
@@ -41,17 +43,17 @@ class Innocent:
     relay: Relay
     drone: SyncVehicle
     statuses: set[int] = field(default_factory=set)
-    """Of the answers that the innocent's own client got during the attack."""
+    """HTTP statuses of the answers to this flight's own client during the attack."""
     grown_mb: float = 0.0
 
     @contextlib.contextmanager
-    def under_attack(self) -> Iterator[None]:
-        """Looks on while the block attacks, and judges at its end."""
+    def under_attack(self) -> Generator[None]:
+        """Measures while the block attacks; checks the measurements at its end."""
         before_mb, self.grown_mb = self._memory_mb(), 0.0
         log_bytes = self.log.stat().st_size
         self.relay.setpoints.clear()
         over = threading.Event()
-        looking = threading.Thread(target=self._look, args=(over, before_mb))
+        looking = threading.Thread(target=self._watch, args=(over, before_mb))
         looking.start()
         metronome = Metronome()
         try:
@@ -62,35 +64,35 @@ class Innocent:
             machine_s = metronome.stop()
         self._judge(log_bytes, machine_s)
 
-    def _look(self, over: threading.Event, before_mb: float) -> None:
-        with httpx.Client(base_url=self.url, timeout=10, headers={"X-Client-Id": "innocent"}) as client:
+    def _watch(self, over: threading.Event, before_mb: float) -> None:
+        with httpx.Client(base_url=self.url, timeout=10, headers={"X-Client-Id": "pilot"}) as client:
             while not over.wait(LOOK_EVERY_S):
                 for path in ("/api/v1/vehicles/101", "/api/v1/vehicles", "/api/v1/vehicles/101/offboard"):
                     self.statuses.add(client.get(path).status_code)
                 self.grown_mb = max(self.grown_mb, self._memory_mb() - before_mb)
 
     def _memory_mb(self) -> float:
-        """Of the server and the processes that live as long as it does."""
+        """Memory of the server and of its lasting child processes."""
         streams = [pid for pid in family(self.process.pid) if _is_lasting(pid)]
         return sum(resident_mb(pid) for pid in streams)
 
     def _judge(self, log_bytes: int, machine_s: float) -> None:
         arrivals = self.relay.arrivals_s().get(101, [])
-        assert len(arrivals) > 100, self._story()
+        assert len(arrivals) > 100, self._failure_details()
         gaps = [later - earlier for earlier, later in itertools.pairwise(arrivals)]
-        said_ms = f"largest gap {max(gaps) * 1e3:.1f} ms beside {machine_s * 1e3:.1f} ms of a bare process"
-        print(f"{said_ms}; grown by {self.grown_mb:.1f} MB")
-        assert max(gaps) <= max(PERIOD_S, machine_s) + LATE_S, said_ms
+        summary = f"largest gap {max(gaps) * 1e3:.1f} ms beside {machine_s * 1e3:.1f} ms of a bare process"
+        print(f"{summary}; grown by {self.grown_mb:.1f} MB")
+        assert max(gaps) <= max(PERIOD_S, machine_s) + LATE_S, summary
         assert self.statuses == {200}
         assert self.grown_mb < GROWTH_MB, f"the server grew by {self.grown_mb:.0f} MB"
         shown = self.drone.show()["status"]
-        assert (shown["mode"], shown["armed"]) == ("offboard", True), self._story()
-        said = self.log.read_bytes()[log_bytes:]
-        assert b"Traceback" not in said, said[-4000:].decode("utf-8", "replace")
-        assert len(said) < 100_000, "an attack fills the log"
+        assert (shown["mode"], shown["armed"]) == ("offboard", True), self._failure_details()
+        new_log = self.log.read_bytes()[log_bytes:]
+        assert b"Traceback" not in new_log, new_log[-4000:].decode("utf-8", "replace")
+        assert len(new_log) < 100_000, "an attack fills the log"
 
-    def _story(self) -> str:
-        """What the innocent was told, and how its stream stands: for who reads a failure."""
+    def _failure_details(self) -> str:
+        """The flight's events and the state of its stream, for the message of a failed test."""
         messages = self.drone.request("GET", "/messages")["messages"][-12:]
         stream = self.drone.request("GET", "/offboard")
         return "\n".join(
@@ -108,8 +110,8 @@ def _is_lasting(pid: int) -> bool:
 
 
 @contextlib.contextmanager
-def innocent(folder: Path) -> Iterator[Innocent]:
-    """A server of its own with two UDP links, and a vehicle that hovers in Offboard on the first."""
+def attacked_flight(folder: Path) -> Generator[AttackedFlight]:
+    """Starts a server with two UDP links, and a vehicle that hovers in Offboard on the first."""
     own_port, hostile_port, http_port = free_port(), free_port(), free_port(socket.SOCK_STREAM)
     url, log, data = f"http://127.0.0.1:{http_port}", folder / "server.log", folder / "data"
     links = [f"udpin://127.0.0.1:{port}" for port in (own_port, hostile_port)]
@@ -121,21 +123,21 @@ def innocent(folder: Path) -> Iterator[Innocent]:
         wait_until(lambda: _answers(url), "the server")
         relay = open_now.enter_context(Relay(own_port))
         open_now.enter_context(vehicle(relay.vehicle_port, more=["--no-log"]))
-        gcs = open_now.enter_context(SyncGcs(url, client="innocent", client_id="innocent"))
+        gcs = open_now.enter_context(SyncGcs(url, client="pilot", client_id="pilot"))
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         open_now.enter_context(drone.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))
         drone.arm()
         drone.until(
             lambda v: v["topics"]["local_position"]["value"]["position_ned_m"][2] < -4.5, what="the hover"
         )
-        yield Innocent(url, process, data, log, hostile_port, relay, drone)
+        yield AttackedFlight(url, process, data, log, hostile_port, relay, drone)
 
 
 def attack(module: str, *arguments: object, deadline_s: float = 240.0) -> str:
-    """Runs an attack in a process of its own; answers what it printed.
+    """Runs an attack in a separate process; returns its output.
 
     Raises:
-        subprocess.CalledProcessError: the attack itself is broken.
+        subprocess.CalledProcessError: the attack itself has an error.
     """
     command = [sys.executable, "-m", f"tests.hostile.{module}", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=deadline_s, check=False)
@@ -150,12 +152,12 @@ def _answers(url: str) -> bool:
 
 
 def pause(seconds: float) -> None:
-    """Real time in which the attack may still take effect."""
+    """Waits in real time for delayed effects of the attack."""
     time.sleep(seconds)
 
 
 def endless_recording(path: Path, records: int) -> None:
-    """A telemetry log in which every record is of another sender or message."""
+    """A telemetry log in which each record has another sender or message."""
     first_us = 1_752_220_800_000_000
     with path.open("wb") as file:
         for n in range(records):
