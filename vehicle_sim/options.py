@@ -26,8 +26,8 @@ Each vehicle N (from 0) has MAVLink system id N+1 and talks MAVLink 2 on
   TCP 5760+N   to one client that connects
 With --ros2 it also has PX4's ROS 2 topics (/fmu/in/…, /fmu/out/…) on DDS, under /px4_N for N from 1.
 All on loopback unless --bind or --ros2-interface says otherwise.
-The first who writes to a UDP port is answered there.
-Nothing is needed beside it: no PX4, no Gazebo. Stop it with Ctrl+C.
+Each UDP port answers the first sender.
+Neither PX4 nor Gazebo is needed. Stop it with Ctrl+C.
 
 examples:
   python -m vehicle_sim
@@ -85,7 +85,7 @@ def _speed(text: str) -> float:
         return math.inf
     if not 0.05 <= number <= 100.0:
         raise argparse.ArgumentTypeError(
-            f"speed {text}: give 0.05 to 100 (1 is real time), or max for as fast as it goes"
+            f"speed {text}: give 0.05 to 100 (1 is real time), or max for the highest possible speed"
         )
     return number
 
@@ -111,7 +111,7 @@ def _wind(text: str) -> WindOption:
     numbers = [_number(part, "wind") for part in parts]
     if len(numbers) not in (2, 3) or not all(abs(number) <= 50.0 for number in numbers):
         raise argparse.ArgumentTypeError(
-            f"wind {text!r}: give NORTH,EAST in m/s (where it blows to) and perhaps the gusts' sigma: 0,5,1.5"
+            f"wind {text!r}: give NORTH,EAST in m/s (blowing to), optionally the gusts' sigma: 0,5,1.5"
         )
     if len(numbers) == 3 and numbers[2] < 0.0:
         raise argparse.ArgumentTypeError(f"gusts {numbers[2]:g}: give 0 or more m/s")
@@ -182,9 +182,9 @@ def build_parser() -> argparse.ArgumentParser:
     add("--processes", type=_count("processes"), default=0, metavar="P",
         help="that share the vehicles (default: one for every 40, as far as there are cores)")  # fmt: skip
     add("--speed", type=_speed, default=1.0, metavar="X",
-        help="simulated over real time (default 1); max or 0: as fast as it goes")  # fmt: skip
-    add("--home", type=_home, default=None, metavar="LAT,LON,ALT", help="where the first vehicle stands")
-    add("--seed", type=int, default=0, metavar="S", help="of the sensor noise: same seed, same flight")
+        help="simulated over real time (default 1); max or 0: the highest possible speed")  # fmt: skip
+    add("--home", type=_home, default=None, metavar="LAT,LON,ALT", help="position of the first vehicle")
+    add("--seed", type=int, default=0, metavar="S", help="seed of the sensor noise: same seed, same flight")
     add("--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
         help="set a PX4 parameter before boot; may be repeated")  # fmt: skip
     add("--data-dir", type=Path, default=None, metavar="DIR",
@@ -201,7 +201,11 @@ def build_parser() -> argparse.ArgumentParser:
     add("--script", type=_script, default=None, metavar="FILE",
         help="what goes wrong and when, a YAML file")  # fmt: skip
     add(
-        "--duration", type=_seconds, default=math.inf, metavar="S", help="end after so many simulated seconds"
+        "--duration",
+        type=_seconds,
+        default=math.inf,
+        metavar="S",
+        help="end after this many simulated seconds",
     )
     add("--lockstep", action="store_true",
         help="time stands until a client sends SYSTEM_TIME with the time_boot_ms to go on to")  # fmt: skip

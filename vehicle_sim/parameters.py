@@ -51,7 +51,7 @@ _SET_AT_BOOT = frozenset(
 )  # fmt: skip
 """Parameters that PX4 sets at its first boot: detected sensors, and values of the start script."""
 _DEFAULTS = {"SENS_BOARD_X_OFF": 0.0, "SENS_DPRES_OFF": 0.0, "UXRCE_DDS_KEY": 1, "UXRCE_DDS_PTCFG": 0}
-"""Defaults of these; ids are 0, priorities -1, the others as at boot."""
+"""Defaults of these parameters; ids are 0, priorities -1, the others equal the boot values."""
 
 
 class Change(Enum):
@@ -70,7 +70,7 @@ class UnknownParameterError(KeyError):
         self.name = name
 
     def __str__(self) -> str:
-        return f"no parameter is called {self.name!r}; names are PX4's, upper case, up to 16 characters"
+        return f"there is no parameter {self.name!r}; names are PX4's, upper case, up to 16 characters"
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +179,7 @@ class Parameters:
             raise UnknownParameterError(name) from None
 
     def usable(self, name: str) -> float:
-        """The value to fly with: the stored one, or the boot value instead of NaN or infinity.
+        """The effective value: the stored one, or the boot value instead of NaN or infinity.
 
         PX4 stores NaN too; a NaN gain would remain in every integrator even after it was corrected.
         """
@@ -207,7 +207,7 @@ class Parameters:
 
         Raises:
             UnknownParameterError: no such name.
-            ValueError: a value the type cannot hold.
+            ValueError: a value outside the type's range.
         """
         stored = coerce(name, self._default(name).type, value)
         if not _same(stored, self._values[name]):

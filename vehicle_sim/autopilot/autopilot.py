@@ -79,12 +79,13 @@ class Autopilot:
 
     @property
     def by_setpoints(self) -> bool:
-        """Whether the active mode flies setpoints from outside: Offboard, and external modes."""
+        """Whether the active mode flies external setpoints: Offboard, and external modes."""
         active = self.commander.active
         return active is NavState.OFFBOARD or is_external(active)
 
     def _select_setpoints(self) -> None:
-        """Chooses the setpoints of an external mode by its controllers; other modes have their own."""
+        """Selects the setpoints of an external mode by its controllers; other modes have their own
+        setpoints."""
         active = self.commander.active
         if is_external(active):
             self.offboard.choose(kind_of(self.commander.external.controllers(active)))
@@ -233,7 +234,7 @@ class Autopilot:
         return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_MARGIN * parameter("MPC_Z_V_AUTO_DN"))
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
-        """One of PX4's own setpoint topics, in whatever mode: its controllers follow the newest one.
+        """Applies a setpoint of PX4's own topics, in any mode: the controllers follow the newest one.
 
         Outside Offboard the mode's own output follows within a tick. Motors, thrust and torque have no effect
         there: PX4's own output follows them within 4 ms.
@@ -252,7 +253,7 @@ class Autopilot:
             self._write_trajectory(setpoint)
 
     def take_goto(self, goto: Goto) -> None:
-        """GotoSetpoint: flown in every mode that controls the position, while such messages come."""
+        """GotoSetpoint: applied in every mode that controls the position, while messages are received."""
         self._goto.take(goto)
 
     def _fly_goto(self) -> None:
@@ -303,7 +304,8 @@ class Autopilot:
             self._write_trajectory(setpoint)
 
     def _hold_outputs(self) -> None:
-        """No setpoint of this level ever came: the last outputs of the controllers above it go on."""
+        """No setpoint of this level was ever received: the last outputs of the controllers above it stay in
+        effect."""
         if self.offboard.level is ControlLevel.MOTORS:
             self._row.freeze_motors()
 

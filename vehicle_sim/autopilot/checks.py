@@ -79,7 +79,7 @@ class Checks:
         """Whether a change has not been reported yet."""
 
     def _look(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
-        """What may change in flight, in the order of `health.Facts`, for the mode asked for."""
+        """Values that can change in flight, in the order of `health.Facts`, for this mode."""
         view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self._sensors
         good = self.position_good
         windy = monitors.wind_too_high

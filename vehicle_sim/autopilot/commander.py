@@ -56,7 +56,7 @@ class Commander:
         self.intended = NavState.HOLD
         self.active = NavState.HOLD
         self._selected = NavState.HOLD
-        """The active mode, before it is replaced by an external one."""
+        """The active mode, before an external mode replaces it."""
         self.landed = True
         self.terminated = False
         self.calibrating = False
@@ -137,8 +137,8 @@ class Commander:
         )  # fmt: skip
 
     def sticks_heard(self) -> None:
-        """Called at stick input; a disarmed vehicle without a chosen mode switches to Position, as with an
-        RC."""
+        """Called at stick input; a disarmed vehicle without a selected mode switches to Position, as with an
+        RC transmitter."""
         if not self.armed and not self._mode_was_chosen:
             self.set_mode(NavState.POSITION)
 
@@ -338,7 +338,7 @@ class Commander:
 
     @property
     def intention(self) -> NavState:
-        """The intended mode, or its replacement."""
+        """The intended mode, or the external mode that replaces it."""
         return NavState(self.external.replaced(self.intended))
 
     @property

@@ -44,7 +44,8 @@ class Conditions(NamedTuple):
     position_lost: bool = False
     """The mode requires a position, and there is none."""
     external_cannot_run: bool = False
-    """The mode is an external one that is silent, says that it cannot run, or lacks a requirement."""
+    """The mode is an external one that is unresponsive, reports that it cannot run, or lacks a
+    requirement."""
     sticks: bool = False
     """The pilot controls the vehicle with sticks."""
     manual_lost: bool = False

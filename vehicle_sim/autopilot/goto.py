@@ -1,4 +1,4 @@
-"""GotoSetpoint: a smooth flight to a position, in whatever mode, as PX4's position controller does it."""
+"""GotoSetpoint: a smooth flight to a position in any mode, as by PX4's position controller."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 EXPIRES_S = 0.5
-"""The flight ends so long after the last message."""
+"""The flight ends this long after the last message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goto:
-    """One message; NaN: as the parameters say."""
+    """One message; NaN: the parameter's value."""
 
     position_ned_m: Vector
     heading_ned_rad: float = math.nan
@@ -34,12 +34,12 @@ class GotoControl:
         self._flies = False
 
     def take(self, goal: Goto) -> None:
-        """A message; one without a position is ignored."""
+        """Stores a message; a message without a position is ignored."""
         if all(map(math.isfinite, goal.position_ned_m)):
             self._goal, self._received_at_s = goal, self._view.time_s
 
     def fly(self) -> None:
-        """One tick: writes over what the mode has asked for, while messages come."""
+        """Runs one tick: overrides the active mode's setpoints while messages are received."""
         goal = self._goal
         if goal is None:
             return

@@ -1,4 +1,4 @@
-"""Arming checks: which modes could run, which could be armed in, and the report PX4 sends about it."""
+"""Arming checks: the modes that can run, the modes that allow arming, and PX4's report about them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ COMPONENT_ACCELEROMETER = 28
 COMPONENT_GYRO = 29
 COMPONENT_OPEN_DRONE_ID = 30
 WARNING = 4
-"""Log level: below it are errors, above it notes that count as neither."""
+"""Log level: lower levels are errors, higher levels are notes that count as neither error nor warning."""
 GPS_PROBLEMS = {
     "fix": ("check_estimator_gps_fix_too_low", "Preflight: GPS fix too low"),
     "satellites": ("check_estimator_gps_num_sats_too_low", "Preflight: not enough GPS Satellites"),
@@ -44,25 +44,25 @@ HEALTH_EVENTS = frozenset(
         "check_parachute_missing",
     }
 )
-"""PX4 counts these as failures of a component, in the health summary; the rest as failed arming checks."""
+"""PX4 counts these as failures of a component in the health summary, the others as failed arming checks."""
 COMPASSES = 1
-"""The airframe carries one."""
+"""Number of compasses of the airframe."""
 
 PRESENT = 0x38021C0A
-"""Health components present on a real simulated vehicle, as its health summary says."""
+"""Health components that are present on a simulated PX4, from its recorded health summary."""
 GPS_PRESENT = 0x08
-"""Of these, the one that goes with the fusion of GNSS,"""
+"""The component of these that is present during the fusion of GNSS."""
 MAG_PRESENT = 1 << COMPONENT_MAGNETOMETER
-"""the one that goes with a magnetometer that is heard."""
+"""The component that is present while the magnetometer sends."""
 LOGGING_PRESENT = 0x400
-"""Of these, the one that is there while a log is written."""
+"""The component of these that is present while a log is written."""
 REMOTE_PRESENT = 1 << COMPONENT_REMOTE
 
 
 class Facts(NamedTuple):
-    """All that the checks look at, compared 50 times a second: first what changes in flight, then parameters.
+    """Inputs of the checks, compared 50 times a second: first values that change in flight, then parameters.
 
-    `Checks` makes the first part each tick, and the second when a parameter changes.
+    `Checks` computes the first part each tick, and the second part when a parameter changes.
     """
 
     mode: NavState
@@ -74,7 +74,7 @@ class Facts(NamedTuple):
     offboard_signal: bool
     manual_control: bool
     gcs_missing: bool
-    """A ground station is required (NAV_DLL_ACT) and none is heard."""
+    """A ground station is required (NAV_DLL_ACT) and none is connected."""
     battery_warning: int
     """0 fine, 1 low, 2 critical, 3 emergency."""
     terminated: bool
@@ -88,25 +88,25 @@ class Facts(NamedTuple):
     baro_silent: bool = False
     mag_silent: bool = False
     gnss_used: bool = True
-    """The estimator fuses it."""
+    """Whether the estimator fuses it."""
     gps_problem: str = ""
-    """Why the GPS is no use yet, before take-off: a key of GPS_PROBLEMS."""
+    """Why GPS cannot be used before take-off: a key of GPS_PROBLEMS."""
     distance_sensors: int = 1
     external: ExternalHealth = ExternalHealth()
-    """What the components of external modes say."""
+    """Reports of the components of external modes."""
     mission_required: bool = False
     uncalibrated: tuple[str, ...] = ()
-    """Of "accel", "gyro" and "mag"."""
+    """Uncalibrated sensors: \"accel\", \"gyro\" and \"mag\"."""
     compasses_required: int = 1
     """SYS_HAS_MAG."""
     open_drone_id: int = 0
-    """COM_ARM_ODID: 1 warns without such a system, 2 requires it; none is ever there."""
+    """COM_ARM_ODID: 1 warns without such a system, 2 requires it; the simulated vehicle has none."""
     parachute_required: bool = False
-    """COM_PARACHUTE; none is ever there."""
+    """COM_PARACHUTE; the simulated vehicle has no parachute."""
     distance_sensors_required: int = 0
     """SYS_HAS_NUM_DIST."""
     optical_flow_required: bool = False
-    """SYS_HAS_NUM_OF; none is ever there."""
+    """SYS_HAS_NUM_OF; the simulated vehicle has no optical flow sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,23 +117,23 @@ class Check:
     modes: int
     component: int
     blocks_arming: int = 0
-    """Modes that cannot be armed in because of it."""
+    """Modes in which the finding prevents arming."""
     blocks_running: int = 0
     text: str = ""
     severity: int = 2
     argument: float | None = None
-    """Its own argument, where the event has one."""
+    """The event's own argument, if it has one."""
     counts: tuple[int, ...] = ()
-    """Small whole numbers as further arguments."""
+    """Further arguments: small integers."""
     warns: bool = False
-    """A warning, not an error."""
+    """Whether it is a warning, not an error."""
     external: ExternalEvent | None = None
     """The event of an external component; its first four arguments are replaced by the modes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The outcome of all checks."""
+    """The result of all checks."""
 
     checks: tuple[Check, ...]
     can_arm: int
@@ -142,11 +142,11 @@ class Report:
     requirements: Requirements = OWN
 
     def armable(self, mode: NavState) -> bool:
-        """Whether one may arm in this mode."""
+        """Whether the vehicle can be armed in this mode."""
         return bool(self.can_arm >> mode & 1)
 
     def runnable(self, mode: NavState) -> bool:
-        """Whether this mode may be switched to in flight."""
+        """Whether the vehicle can switch to this mode in flight."""
         return bool(self.can_run >> mode & 1)
 
 
@@ -287,12 +287,12 @@ FENCE_EVENTS = {
 
 
 def _no_arming(event: str, component: int, text: str) -> Check:
-    """A finding that forbids arming in every mode and stops none that is flown."""
+    """A finding that prevents arming in every mode, but does not affect a mode that is active."""
     return Check(event, EVERY_MODE, component, EVERY_MODE, 0, text)
 
 
 def _detected_failures(facts: Facts) -> list[Check]:
-    """What the failure detector found."""
+    """Findings of the failure detector."""
     found: list[tuple[str, int, str]] = []
     if facts.roll_failure:
         text = "Preflight Fail: Attitude failure (roll)"
@@ -304,7 +304,7 @@ def _detected_failures(facts: Facts) -> list[Check]:
 
 
 def _limits(facts: Facts) -> list[Check]:
-    """What was exceeded: fence, flight time, wind."""
+    """Findings about exceeded limits: fence, flight time, wind."""
     checks = [_no_arming(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
               for breach in Breach if breach in facts.fence]  # fmt: skip
     if facts.flight_time_over:
@@ -317,7 +317,7 @@ def _limits(facts: Facts) -> list[Check]:
 
 
 def announce(report: Report, announcer: Announcer) -> None:
-    """Send the report as PX4 does: summary, one event a finding, health summary."""
+    """Sends the report as PX4 does: summary, one event per finding, health summary."""
     errors = warnings = unhealthy = 0
     for check in report.checks:
         if check.external is not None:

@@ -77,8 +77,8 @@ class Limits:
 
 
 _CONTACT, _MAYBE, _LANDED, _LEAST_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
-"""Where a detector's conditions stand: each whether it has held for long enough, and since when it holds [s];
-and whether the range finder has seen the ground once, so that its silence means something."""
+"""State of the detector's conditions: for each, whether it has held for long enough, and since when it holds
+[s]; then whether the range finder has measured the ground once, so that a missing range is significant."""
 _CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _THRUST_MIN_BY_HAND = range(6)
 
 
@@ -93,21 +93,21 @@ class LandDetector:
 
     @property
     def ground_contact(self) -> bool:
-        """Something carries it."""
+        """Whether a surface carries the vehicle."""
         return self._numbers[_CONTACT] != 0.0
 
     @property
     def maybe_landed(self) -> bool:
-        """And it stands still without thrust."""
+        """Whether the vehicle is also at rest without thrust."""
         return self._numbers[_MAYBE] != 0.0
 
     @property
     def landed(self) -> bool:
-        """For long enough."""
+        """Whether that has lasted for long enough."""
         return self._numbers[_LANDED] != 0.0
 
     def update(self, now_s: float, motion: Motion, limits: Limits) -> None:
-        """Look again; call at 50 Hz."""
+        """Updates the state; call at 50 Hz."""
         if limits is not self._limits:
             self._limits = limits
             self._limit_numbers[:] = (
@@ -126,7 +126,7 @@ class LandDetector:
 
 @formula
 def _hold(state: Column, which: int, now_s: float, condition: bool, for_s: float) -> None:
-    """True once the condition has held for a while, false as soon as it does not."""
+    """Sets a condition after it has held for a time, and clears it as soon as it does not hold."""
     if not condition:
         state[which], state[which + 1] = 0.0, math.inf
         return

@@ -101,9 +101,9 @@ class Offboard:
         self._announcer = announcer
         self._heard_at_s = -math.inf
         self._flagged: Kind | None = None
-        """Kind that an OffboardControlMode message asks for; None: the stream is MAVLink's."""
+        """Kind selected by OffboardControlMode; None: the stream uses MAVLink."""
         self._topics: dict[ControlLevel, Setpoint] = {}
-        """Newest setpoint of PX4's own topics, by where it enters the cascade."""
+        """Newest setpoint of PX4's own topics, by its level in the cascade."""
         self.setpoint = Setpoint()
         self.no_attitude: tuple[float, float, float, float] | None = None
         """The newest attitude if it is invalid (zeros or NaN): no controller follows it, but it is
@@ -111,7 +111,7 @@ class Offboard:
         self.reported_thrust = math.nan
         """Magnitude of the newest thrust of an attitude or rates message, as reported; PX4 drops the sign."""
         self.invalid = False
-        """The newest setpoint controls nothing; the vehicle descends level."""
+        """Whether the newest setpoint controls nothing; the vehicle then descends level."""
         self.on_setpoint: Callable[[], None] = _nobody
         """Called at each attitude, rate, torque or motor setpoint, because these are applied at once."""
 
@@ -121,7 +121,7 @@ class Offboard:
         return self._view.time_s - self._heard_at_s < loss_s
 
     def control_mode(self, kind: Kind) -> None:
-        """OffboardControlMode: what keeps Offboard alive, and chooses which setpoints are flown.
+        """OffboardControlMode: keeps Offboard active, and selects the setpoints that are flown.
 
         Args:
             kind: the first of its flags; NONE: no flag is set, which counts as no signal.
@@ -131,19 +131,20 @@ class Offboard:
         self._choose()
 
     def choose(self, kind: Kind) -> None:
-        """Chooses which setpoints of PX4's own topics an external mode flies; no stream is required."""
+        """Selects the setpoints of PX4's own topics that an external mode flies; no stream is required."""
         if self._flagged is not kind:
             self._flagged = kind
             self._choose()
 
     def put(self, setpoint: Setpoint) -> None:
-        """A setpoint of PX4's own topics: flown in Offboard where OffboardControlMode asks for its level."""
+        """Stores a setpoint of PX4's own topics; it is flown in Offboard if OffboardControlMode selects its
+        level."""
         self._topics[LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)] = setpoint
         if self._flagged is not None:
             self._choose()
 
     def left(self) -> None:
-        """Another mode flies: its own setpoints have replaced those of the topics."""
+        """Called when another mode is active: its own setpoints have replaced those of the topics."""
         if self._topics:
             self._topics.clear()
             if self._flagged is not None:
@@ -160,7 +161,8 @@ class Offboard:
 
     @property
     def waits(self) -> bool:
-        """OffboardControlMode asks for setpoints of a level that never came: the last ones go on."""
+        """Whether OffboardControlMode selects a level without a setpoint so far: the last outputs stay in
+        effect."""
         return self._flagged is not None and self.setpoint.kind is Kind.NONE
 
     def local(
@@ -244,14 +246,14 @@ class Offboard:
         self.on_setpoint()
 
     def thrust_torque(self, thrust_frd: Vector, torque_frd: Vector) -> None:
-        """Inner interface: what ROS 2 sends as thrust and torque setpoints, each -1..1 in FRD.
+        """Internal interface for thrust and torque setpoints, as from ROS 2, each -1..1 in FRD.
 
-        Rotors lift only, so of the thrust only the part upwards (-z) has an effect; no number is zero.
+        Rotors only lift, so only the upward part (-z) of the thrust has an effect; NaN counts as zero.
         """
         self._direct(thrust_torque_setpoint(thrust_frd, torque_frd))
 
     def actuators(self, motors: Sequence[float]) -> None:
-        """Inner interface: what ROS 2 sends as actuator motors, up to `ROTOR_COUNT`, each -1..1.
+        """Internal interface for motor signals, as from ROS 2, up to `ROTOR_COUNT`, each -1..1.
 
         NaN disarms a motor; so does a negative value, since these motors do not reverse, and a missing one.
 
@@ -316,7 +318,7 @@ class Offboard:
 
 
 def kind_of(controllers: Controllers) -> Kind:
-    """The kind of setpoints that an external mode sends, by the controllers that it has asked for."""
+    """The kind of setpoints that an external mode sends, by the controllers that it has selected."""
     if controllers.trajectory:
         return Kind.POSITION
     if controllers.attitude:
@@ -327,7 +329,7 @@ def kind_of(controllers: Controllers) -> Kind:
 
 
 def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> Kind:
-    """The highest quantity that has a number."""
+    """The highest quantity with a finite value."""
     if _finite(*position):
         return Kind.POSITION
     if _finite(*velocity):
@@ -336,18 +338,18 @@ def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) ->
 
 
 def lift_of(thrust_frd: Vector) -> float:
-    """Collective thrust 0..1: rotors lift only, and no number is zero."""
+    """Collective thrust 0..1: rotors only lift, and NaN counts as zero."""
     return max(0.0, min(1.0, -thrust_frd[2])) if math.isfinite(thrust_frd[2]) else 0.0
 
 
 def thrust_torque_setpoint(thrust_frd: Vector, torque_frd: Vector) -> Setpoint:
-    """Of normalised thrust and torques, -1..1; no number is zero."""
+    """Setpoint of normalised thrust and torques, -1..1; NaN counts as zero."""
     x, y, z = (max(-1.0, min(1.0, each)) if math.isfinite(each) else 0.0 for each in torque_frd)
     return Setpoint(Kind.THRUST_TORQUE, thrust=lift_of(thrust_frd), torque_frd=(x, y, z))
 
 
 def motor_setpoint(motors: Sequence[float]) -> Setpoint:
-    """Of motor signals; NaN and negative ones disarm a motor."""
+    """Setpoint of motor signals; NaN and negative values disarm a motor."""
     signals = tuple(min(1.0, each) if math.isfinite(each) and each >= 0.0 else math.nan for each in motors)
     return Setpoint(Kind.ACTUATORS, motors=signals)
 

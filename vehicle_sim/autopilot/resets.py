@@ -1,4 +1,4 @@
-"""Resets of one vehicle's estimate: a flight task goes on from there instead of chasing the step."""
+"""Resets of one vehicle's estimate, by which a flight task shifts its trajectory."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Reset(NamedTuple):
     level_position: bool
     height: bool
     heading_rad: float
-    """How far the heading was turned; 0 without a reset."""
+    """Change of the heading; 0 without a reset."""
 
 
 class EstimateResets:
@@ -28,16 +28,16 @@ class EstimateResets:
         self._heading_rad = 0.0
 
     def _counters(self) -> list[int]:
-        """Level velocity, vertical velocity, level position, height, heading."""
+        """Counters of horizontal velocity, vertical velocity, horizontal position, height, heading."""
         fusion, i = self._view.simulation.fusion, self._view.row
         return [*fusion.resets[:, i].tolist(), int(fusion.heading_reset_counter[i])]
 
     def forget(self) -> None:
-        """What was reset so far concerns nobody."""
+        """Ignores all resets so far."""
         self._counts, self._heading_rad = self._counters(), self._view.estimate.yaw_ned_rad
 
     def take(self) -> Reset | None:
-        """What was reset since the last call; None: nothing. Call it once a tick."""
+        """The resets since the last call; None: no reset. Call it once per tick."""
         before, self._counts = self._counts, self._counters()
         old_rad, self._heading_rad = self._heading_rad, self._view.estimate.yaw_ned_rad
         if self._counts == before:

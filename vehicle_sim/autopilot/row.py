@@ -40,7 +40,7 @@ class SetpointRow:
         self._position = numbers(self._all.position_ned_m[self._i])
         self._velocity = numbers(self._all.velocity_ned_m_s[self._i])
         self._acceleration = numbers(self._all.acceleration_ned_m_s2[self._i])
-        # The same for single numbers of all vehicles: what every tick writes goes past NumPy.
+        # The same for single numbers of all vehicles; writes that happen every tick bypass NumPy.
         every = self._all
         self._level, self._in_air = _integers(every.level), _flags(every.in_air)
         self._yaw, self._yaw_rate = numbers(every.yaw_ned_rad), numbers(every.yaw_rate_ned_rad_s)
@@ -127,7 +127,7 @@ class SetpointRow:
         s.motors[i, : len(signals)] = signals
 
     def freeze_motors(self) -> None:
-        """Writes the last motor signals again: no controller runs any more."""
+        """Writes the last motor signals again: all controllers are off."""
         pulses = self._simulation.motors_us[self._i].tolist()
         self.motors(tuple((each - 1000.0) / 1000.0 if each >= 1000.0 else math.nan for each in pulses))
 

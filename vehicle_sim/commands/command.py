@@ -1,4 +1,4 @@
-"""A command and its results, independent of what carried it (MAVLink, ROS 2, the console)."""
+"""A command and its results, independent of its transport (MAVLink, ROS 2, the console)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.vehicle_view import VehicleView
 
 ROS2 = "ros2"
-"""`Command.link` of a VehicleCommand that came over ROS 2."""
+"""`Command.link` of a VehicleCommand received over ROS 2."""
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 """MAV_RESULT."""
 
@@ -31,7 +31,7 @@ class Command:
     link: str
     """Name of the MAVLink connection, or `ROS2`."""
     external: bool = True
-    """Whether it says that it comes from outside the vehicle (`VehicleCommand.from_external`)."""
+    """Whether the command is marked as external (`VehicleCommand.from_external`)."""
 
 
 Handler = Callable[[Command], int | None]

@@ -56,7 +56,7 @@ class Readings:
         return self._unturned(read) / self._triple("CAL_MAG0_", "SCALE") + self._triple("CAL_MAG0_", "OFF")
 
     def known_field(self, yaw_ned_rad: float) -> FloatArray:
-        """(3,) what a compass should read with this heading, at the estimated roll and pitch [gauss]."""
+        """(3,) expected compass reading with this heading, at the estimated roll and pitch [gauss]."""
         estimate = self._view.estimate
         matrix = board_matrix(estimate.roll_rad, estimate.pitch_rad, yaw_ned_rad)
         return matrix.T @ np.array(field_ned_gauss())
@@ -155,12 +155,12 @@ class Readings:
 
 
 def board_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> FloatArray:
-    """(3, 3) the rotation of these angles, yaw turned first."""
+    """(3, 3) rotation matrix of these angles; yaw is the first rotation."""
     return rotation_matrix(np.array([quaternion_of(roll_rad, pitch_rad, yaw_rad)]))[0]
 
 
 def sphere_centre(points: FloatArray) -> FloatArray:
-    """(3,) of the sphere nearest to points (M, 3), by least squares: a compass's offset.
+    """(3,) centre of the sphere nearest to points (M, 3), by least squares: a compass's offset.
 
     Raises:
         numpy.linalg.LinAlgError: the points lie in a plane.

@@ -80,10 +80,10 @@ class Constraints:
         self._constrained[i] = True
 
     def add(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
-        """Adds what the IMU measured in one prediction step (N, 3).
+        """Adds the IMU's measurements of one prediction step (N, 3).
 
         A specific force counts as gravity while its recent peak is within a tenth of 1 g. The noise of
-        running motors interrupts that some twenty times per second.
+        running motors interrupts this some twenty times per second.
         """
         self._angle_sum += delta_angle
         size = row_norm(delta_velocity)[:, 0] / dt_s

@@ -36,8 +36,7 @@ YAW_OFF_RAD = math.radians(25.0)
 reset."""
 POSITION_RESET_S = 2.0 * RESET_TIMEOUT_S + HORIZON_S
 VERTICAL_SPEED_FACTOR = 1.5
-"""Factor of vertical noise: on the noise of GNSS velocity, and on the least noise of a position for GNSS
-height."""
+"""Factors of vertical noise: of GNSS velocity, and of the minimum position noise for GNSS height."""
 LARGEST_RATIO = 2.0
 """Upper limit of the test ratios in ESTIMATOR_STATUS."""
 _CHECKS = {"EKF2_REQ_NSATS": 1, "EKF2_REQ_PDOP": 2, "EKF2_REQ_EPH": 4, "EKF2_REQ_EPV": 8, "EKF2_REQ_SACC": 16}

@@ -39,8 +39,8 @@ CONTROL_AFTER_S = 1.0
 """A magnetometer heading is good for control this long after its alignment in flight."""
 DECLINATION_NOISE_RAD = 0.5
 START_SHARE = 0.9
-"""Part of EKF2_MAG_CHK_INC that a stopped magnetometer must meet to start again: in recordings 17 degrees off
-starts and 19.6 never does."""
+"""Factor on EKF2_MAG_CHK_INC for a stopped magnetometer to start again: in recordings an inclination error of
+17 degrees allows it, 19.6 degrees never."""
 
 
 class Magnetometer:

@@ -28,7 +28,7 @@ SLOW_RAD_S = math.radians(10.0)
 BIAS_LIMIT_RAD_S = 0.05
 FORCE_SMOOTHING_PER_S = 2.0
 FORCE_ATTENUATION = 2.0
-"""At half of 1 g difference from gravity, the specific force is not used to level the attitude."""
+"""The specific force is not used to level the attitude if it differs from gravity by more than 0.5 g."""
 ACCEL_NOISE_M_S2, GYRO_NOISE_RAD_S = 2.0, 0.1
 NOISE_STEP_S = 0.008
 """PX4 adds this noise once per filter step; this step length converts it to a density."""
@@ -165,8 +165,8 @@ class YawEstimator:
         np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=counts)
 
     def headings(self) -> tuple[FloatArray, FloatArray]:
-        """(N,) weighted mean of the hypotheses' headings [rad], and its variance [rad2]; infinite: none is
-        running."""
+        """(N,) weighted mean of the hypotheses' headings [rad] and its variance [rad²], which is infinite if
+        no hypothesis is running."""
         headings = yaw_of(self._q)[:, None] + self._states[2]
         weights = self._weights
         mean = np.arctan2((weights * np.sin(headings)).sum(axis=1), (weights * np.cos(headings)).sum(axis=1))

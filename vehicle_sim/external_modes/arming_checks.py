@@ -18,9 +18,9 @@ REQUEST_EVERY_US, ANSWER_WITHIN_US = 312_000, 50_000
 TOLERATED, TOLERATED_AT_FIRST = 3, 10
 """Unanswered requests in a row that have no effect, after the first answer and before it."""
 RECOVERIES = 3
-"""An unresponsive component that answers again counts as responsive so often."""
+"""Number of answers after which an unresponsive component counts as responsive again."""
 REPLIES_KEPT = 4
-"""PX4's queue: of more replies at once the last ones count."""
+"""PX4's queue length: of more simultaneous replies only the last ones count."""
 MAX_EVENTS = 5
 REQUEST_IDS = 256
 
@@ -44,7 +44,7 @@ class ArmingCheck:
     """One registered arming check."""
 
     mode: int = NONE
-    """Navigation state of its mode; NONE: it applies to every mode."""
+    """Navigation state of its mode; NONE: the check applies to every mode."""
     replaces: int = NONE
     reply: Reply | None = None
     missed: int = 0
@@ -74,17 +74,17 @@ class ArmingCheck:
 
 @dataclass(frozen=True, slots=True)
 class ExternalHealth:
-    """What external components say about arming."""
+    """Results of the external components for arming."""
 
     requirements: Requirements = OWN
     unresponsive: int = 0
     """Bit mask of the modes whose component is unresponsive."""
     not_armable: int = 0
-    """Bit mask of the modes that nobody may arm in."""
+    """Bit mask of the modes in which arming is not allowed."""
     registered: int = 0
     """Bit mask of the registered modes."""
     events: tuple[tuple[int, ExternalEvent], ...] = ()
-    """Each with the bit mask of its modes."""
+    """Findings, each with the bit mask of its modes."""
 
 
 NOTHING_REGISTERED = ExternalHealth()

@@ -1,7 +1,7 @@
 """External modes of one vehicle: registration, arming checks, replacement of modes, executor in charge.
 
-It has no clock and no transport: time is an argument, and its caller sends the messages. The rules are those
-of PX4 v1.16, recorded over ROS 2.
+The registry has no clock and no transport: time is an argument, and the caller sends the messages. The rules
+are those of PX4 v1.16, recorded over ROS 2.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vehicle_sim.external_modes.slots import (
 )
 
 NAME_LENGTH = 24
-"""A name is cut to this length, for its terminator."""
+"""Maximum length of a name; a longer name is cut."""
 AUTOPILOT = 0
 """The executor in charge while no external one is."""
 EXECUTOR_COMPONENT = 1000
@@ -42,7 +42,7 @@ class Registration:
     replaces: int = NONE
     """Navigation state of the mode to replace."""
     activate: bool = False
-    """Select the mode at once."""
+    """Whether to select the mode immediately."""
 
     @property
     def consistent(self) -> bool:
@@ -80,11 +80,11 @@ class ExternalModes:
         self.failsafe_acts = False
         """Whether a failsafe has replaced the intended mode, as of the last update."""
         self.commanded_by_executor = False
-        """Whether the command that is being executed came from an executor."""
+        """Whether the current command came from an executor."""
         self.configured = 0
         """Number of changes of `config_control_setpoints`."""
         self.announced = 0
-        """Changes that ground stations have to know of: AVAILABLE_MODES_MONITOR.seq.
+        """Number of changes to the list of modes: AVAILABLE_MODES_MONITOR.seq.
 
         As recorded, each registered mode counts, and each change of the modes that can be set when it is
         published in `vehicle_status`.
@@ -95,7 +95,7 @@ class ExternalModes:
     # --- registration ----------------------------------------------------------------------------------
 
     def register(self, request: Registration) -> Answer:
-        """Registers a component in all its parts, or in none."""
+        """Registers all parts of a component, or none."""
         if not request.consistent or not self._has_room(request):
             return Answer()
         name = request.name[:NAME_LENGTH]
@@ -133,7 +133,7 @@ class ExternalModes:
                 self._announce()
 
     def unregister(self, name: str, arming_check: int, mode: int) -> bool:
-        """Removes a component; True: its mode is gone. A mode with another name stays."""
+        """Removes a component; returns True if its mode was removed. A mode with another name stays."""
         if arming_check != NONE:
             self.checks.remove(arming_check, mode)
         return mode != NONE and self._remove_mode(mode, name[:NAME_LENGTH])
@@ -161,7 +161,7 @@ class ExternalModes:
         return self._slots.modes.get(state)
 
     def health(self) -> ExternalHealth:
-        """What the components say about arming."""
+        """Results of the external components for arming."""
         return self.checks.health()
 
     def replaces(self, state: int) -> int:
@@ -204,11 +204,11 @@ class ExternalModes:
 
     @property
     def executor_in_charge(self) -> int:
-        """Id of the executor in charge; during a failsafe the autopilot is."""
+        """Id of the executor in charge; during a failsafe the autopilot is in charge."""
         return AUTOPILOT if self.failsafe_acts else self._in_charge
 
     def mode_chosen(self, state: int) -> None:
-        """The intended mode has changed: its executor takes charge.
+        """Called after a change of the intended mode: its executor takes charge.
 
         A mode without an executor ends the charge of another one, unless that executor selected it.
         """

@@ -21,7 +21,7 @@ class Requirements(NamedTuple):
     prevent_arming: int = 0x3C3020
     manual_control: int = 0x8447
     other: int = 0x7F800000
-    """Modes that cannot run: external modes that nobody registered, or that say so."""
+    """Modes that cannot run: external modes that are not registered, or report that they cannot run."""
 
 
 OWN = Requirements()
@@ -39,7 +39,7 @@ def required_by(
     """The requirements after an external mode has stated its own.
 
     Args:
-        requirements: those so far.
+        requirements: the requirements so far.
         modes: bit mask of the external mode and the mode that it replaces.
         stated: its requirements, of `REPORTED`.
         runs: whether it can run.

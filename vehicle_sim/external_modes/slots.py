@@ -62,7 +62,7 @@ class Executor:
 
 
 def name_hash(name: str) -> int:
-    """FNV-1a of a mode's name as a signed 32-bit number, which PX4 keeps in COM_MODEn_HASH; never 0."""
+    """FNV-1a hash of a mode's name as a signed 32-bit number, stored by PX4 in COM_MODEn_HASH; never 0."""
     value = _FNV_OFFSET
     for byte in name.encode():
         value = (value ^ byte) * _FNV_PRIME & 0xFFFFFFFF
@@ -90,8 +90,8 @@ class ModeSlots:
     def add(self, mode: ExternalMode) -> int:
         """Stores a mode; returns its navigation state.
 
-        A known name gets its old slot, another one the first slot that was never used, or else the first free
-        one. A second mode of the same name leaves the hash of its slot unchanged.
+        A known name gets its old slot; a new name gets the first unused slot, otherwise the first free slot.
+        A second mode of the same name leaves the hash of its slot unchanged.
         """
         hashed = name_hash(mode.name)
         free = [n for n in range(LAST_MODE - FIRST_MODE + 1) if FIRST_MODE + n not in self.modes]

@@ -32,7 +32,7 @@ class Context:
         """In simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
         self.heard: set[tuple[int, int]] = set()
-        """(system id, component id) of all who have sent anything."""
+        """(system id, component id) of all senders so far."""
         self._ack_listeners: list[AckListener] = []
 
     @property
@@ -41,7 +41,7 @@ class Context:
         return self.system_id, AUTOPILOT_COMPONENT
 
     def gcs_connected(self, link: Link) -> bool:
-        """Whether a ground station is connected on a link; only then it is sent status texts."""
+        """Whether a ground station is connected on a link; status texts are sent only then."""
         return self.view.time_s - link.gcs_heard_at_s < self.gcs_silent_s
 
     def is_for_me(self, message: Message) -> bool:
@@ -53,17 +53,17 @@ class Context:
         )
 
     def broadcast(self, name: str, /, **fields: Any) -> None:
-        """Send on every link."""
+        """Sends on every link."""
         layout, payload = pack(name, **fields)
         for link in self.links:
             link.send_payload(layout, payload)
 
     def add_ack_listener(self, listener: AckListener) -> None:
-        """Call `listener(command, result, progress)` with each answer to a command."""
+        """Calls `listener(command, result, progress)` with each acknowledgement of a command."""
         self._ack_listeners.append(listener)
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Answer a command everywhere; over MAVLink only to senders that are known there."""
+        """Acknowledges a command on all transports; over MAVLink only if the sender is known there."""
         for listener in self._ack_listeners:
             listener(command, result, progress)
         if command.link != ROS2 or command.sender in self.heard:
@@ -91,7 +91,7 @@ class Context:
         return bool(self._later or self._timers or self._woken)
 
     def wake(self) -> None:
-        """Called when a service has work that no received message caused."""
+        """Called when a service has work that was not caused by a received message."""
         self._woken = True
 
     def run_due(self) -> None:

@@ -53,7 +53,7 @@ class Link:
         self.send_payload(layout, payload)
 
     def send_payload(self, layout: Layout, payload: bytes) -> None:
-        """Queue a packed payload."""
+        """Queues a packed payload."""
         self.send_raw(frame_v2(layout, payload, self._sequence, self.system_id, 1))
         self._sequence = (self._sequence + 1) & 0xFF
 
@@ -92,7 +92,7 @@ class Link:
         return self._intervals_us.get(msg_id, 0)
 
     def set_interval(self, msg_id: int, interval_us: int, now_us: int) -> None:
-        """Stream at this interval; 0 or less switches the stream off."""
+        """Streams a message at this interval; 0 or less stops it."""
         self._generation += 1
         self._generations[msg_id] = self._generation
         if interval_us <= 0:

@@ -62,9 +62,9 @@ class Node:
         self._own_commands = OwnCommandService(self.context, gimbal.commands)
         meanings = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
         self.commands = {number: do for each in meanings for number, do in each.commands.items()}
-        """Who carries out which command, whatever brought it."""
+        """Handlers of commands from any source."""
         self.mavlink_commands = frozenset(requests.commands)
-        """Those that only mean something over MAVLink."""
+        """Handlers of commands that exist only in MAVLink."""
         commands = CommandService(self.context, self.commands)
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (

@@ -1,5 +1,4 @@
-"""PX4's ROS 2 client of one vehicle: it decodes and encodes messages, and has no DDS and no clock of
-its own."""
+"""PX4's ROS 2 client of one vehicle: decodes and encodes messages, without DDS and without a clock."""
 
 from __future__ import annotations
 
@@ -96,7 +95,7 @@ class Bridge:
             host.autopilot, states, port.publish, offset_us, synchronized=synchronized
         )  # fmt: skip
         self._commands: deque[tuple[Values, bool]] = deque(maxlen=COMMANDS_KEPT)
-        """Each with whether the service sent it."""
+        """Commands, each with whether the service sent it."""
         self._executor_commands: deque[Values] = deque(maxlen=COMMANDS_KEPT)
         self._cycle_at_us = 0
         self._service_command: Command | None = None
@@ -176,7 +175,8 @@ class Bridge:
         self._external.commanded_by_executor = False
 
     def _executor_command(self, values: Values) -> None:
-        """Passes a command of the executor in charge on as one of the vehicle; rejects those of others."""
+        """Forwards a command of the executor in charge as the vehicle's own; rejects commands of other
+        executors."""
         system = self._host.own[0]
         if values["source_component"] == EXECUTOR_COMPONENT + self._external.executor_in_charge:
             self._commands.append(({**values, "source_system": system}, False))

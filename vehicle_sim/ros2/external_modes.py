@@ -122,7 +122,7 @@ class ExternalModeTopics:
             )
 
     def _echo_completion(self, values: Values) -> None:
-        """The topic is the same one for PX4 and for external modes, so all readers get the message."""
+        """PX4 and external modes publish on the same topic, so all readers get the message."""
         self._publish(
             MODE_COMPLETED, "ModeCompleted", {"result": values["result"], "nav_state": values["nav_state"]}
         )

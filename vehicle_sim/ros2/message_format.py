@@ -12,7 +12,7 @@ REQUEST: Final = "/fmu/in/message_format_request"
 RESPONSE: Final = "/fmu/out/message_format_response"
 PROTOCOL_VERSION: Final = 1
 UNSET_HASH, UNSET_NAME = 3, "6"
-"""What PX4's answers contain where it sets no value, as recorded."""
+"""Content of PX4's answers in fields that it does not set, as recorded."""
 VERSIONED_TOPIC: Final = "vehicle_status_v1"
 """The only bridged topic with a version in its name, which the topic inside PX4 does not have."""
 
@@ -43,7 +43,7 @@ def answer(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class MessageFormats:
-    """Answers requests of one vehicle; of several at once the last one."""
+    """Answers requests of one vehicle; of several simultaneous requests only the last."""
 
     def __init__(self, publish: Callable[[str, str, Mapping[str, Any]], None]) -> None:
         self._publish = publish

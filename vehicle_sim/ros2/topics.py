@@ -8,7 +8,7 @@ from typing import Final
 from vehicle_sim.ros2.messages import MESSAGES, MessageType
 
 FASTEST_US: Final = 10_000
-"""The client does not send a topic more often."""
+"""Shortest period at which the client sends a topic [µs]."""
 
 
 @dataclass(frozen=True, slots=True)

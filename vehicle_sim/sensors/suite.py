@@ -109,7 +109,7 @@ class SensorSuite:
         self._board = np.tile(np.eye(3), (count, 1, 1))
         """(N, 3, 3) from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
         self._board_rotated = np.zeros(count, dtype=np.bool_)
-        """(N,) whose board is not level."""
+        """(N,) vehicles whose board is not level."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_strength(1.0 if noise else 0.0)
@@ -289,7 +289,7 @@ def _measure_motion(
     sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows, accel_scale: Rows, turned: Flags,
     board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
 ) -> None:  # fmt: skip
-    """The IMU: noise, then what its calibration takes away, then the board's attitude, then faults."""
+    """The IMU's sample: noise, calibration, rotation of the board, then faults."""
     for i in range(gyro.shape[0]):
         force = rotated_back(
             matrix[i], acceleration[i, 0], acceleration[i, 1], acceleration[i, 2] - GRAVITY_M_S2

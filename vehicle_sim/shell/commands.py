@@ -37,7 +37,7 @@ an entry below answers that it is not simulated."""
 
 
 class Shell:
-    """Makes consoles for one vehicle."""
+    """Creates consoles for one vehicle."""
 
     def __init__(
         self,

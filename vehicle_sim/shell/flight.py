@@ -82,7 +82,7 @@ class CommanderCommand:
 
     def _arm(self, words: Words) -> str:
         if not self._commander.arm(Reason.INTERNAL_COMMAND):
-            raise CommandFailed(error("commander", "not armed; `commander check` tells why"))
+            raise CommandFailed(error("commander", "not armed; see `commander check`"))
         return ""
 
     def _disarm(self, words: Words) -> str:
@@ -103,12 +103,12 @@ class CommanderCommand:
 
     def _mode_by(self, mode: NavState) -> str:
         if not self._commander.set_mode(mode):
-            raise CommandFailed(error("commander", f"{MODES[mode].name} cannot be flown now"))
+            raise CommandFailed(error("commander", f"{MODES[mode].name} is not available now"))
         return ""
 
     def _termination(self, words: Words) -> str:
         if words != ["on"]:
-            raise Usage("termination on: for good")
+            raise Usage("flight terminated; this cannot be undone")
         if not self._commander.terminate():
             raise CommandFailed(error("commander", "only while armed"))
         return ""

@@ -64,7 +64,7 @@ class ListenerCommand:
                 else:
                     raise Usage(f"unknown: {option}")
             except ValueError:
-                raise Usage(f"{option} {text} is no number") from None
+                raise Usage(f"{option} {text} is not a number") from None
         if not (1 <= number <= MAX_SAMPLES and 0.0 <= hz < math.inf):
             raise Usage(f"-n takes 1 to {MAX_SAMPLES}, -r a rate")
         if name not in self._arrays and name not in self._states:

@@ -106,7 +106,7 @@ class ParamCommand:
 
     def _reset(self, words: Words) -> str:
         if not words:
-            raise Usage("param reset takes names; reset_all is for all of them")
+            raise Usage("param reset takes names; use reset_all for all parameters")
         for pattern in words:
             names = [name for name in self._parameters.names if fnmatchcase(name, pattern)]
             if not names:

@@ -131,7 +131,7 @@ class PartsCommands:
 
     def _time(self, words: Words) -> str:
         if words != ["get"]:
-            raise Usage("the time comes with the simulation and cannot be set")
+            raise Usage("the time is the simulation's and cannot be set")
         seconds = self._view.time_unix_us() / 1e6
         when = datetime.fromtimestamp(seconds, UTC)
         return f"Unix epoch time: {int(seconds)}\nSystem time: {when:%a %b %d %H:%M:%S %Y}\n"
@@ -176,11 +176,11 @@ class LoggerCommand:
             raise CommandFailed(error("logger", "not running: this vehicle was started without logs"))
         if words == ["on"]:
             if not logger.start_by_hand():
-                raise CommandFailed(error("logger", "no log could be begun"))
+                raise CommandFailed(error("logger", "no log could be started"))
             return ""
         if words == ["off"]:
             logger.stop_by_hand()
-            return warning("logger", "the log goes on while armed") if logger.running else ""
+            return warning("logger", "the log continues while armed") if logger.running else ""
         state = info("logger", f"Running in mode: {logger.mode}")
         if not logger.running:
             return state + info("logger", "Not logging")

@@ -82,7 +82,7 @@ class Mission:
         self._disarmed_since = False
         self._judged: tuple[object, bool] = (None, False)
         self._looked: tuple[object, ...] = ()
-        """What may change the judgement, as it was at the last look."""
+        """Inputs of the feasibility check at the last check."""
 
     # --- the plan --------------------------------------------------------------------------------------
 
@@ -91,7 +91,7 @@ class Mission:
         return self._plans.mission
 
     def valid(self, *, landed: bool) -> bool:
-        """Whether there is a mission that may be flown; says once why not."""
+        """Whether there is a mission that can be flown; reports the reason once if not."""
         looked = self._plans.changes, self._home.set_at_us, self._home.valid, self._view.parameter_changes
         if looked == self._looked:
             return self._judged[1]
@@ -244,7 +244,7 @@ class Mission:
         self._jumps.pop(self.current, None)
         return self._advance(landed=False)
 
-    # --- is it done ------------------------------------------------------------------------------------
+    # --- completion of an item -------------------------------------------------------------------------
 
     def _done(self, item: Item, landed: bool) -> bool:
         if self._work is Work.TAKEOFF:

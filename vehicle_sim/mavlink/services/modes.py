@@ -1,4 +1,4 @@
-"""AVAILABLE_MODES_MONITOR: tells ground stations that the list of modes has changed."""
+"""AVAILABLE_MODES_MONITOR: notifies ground stations of changes to the list of modes."""
 
 from __future__ import annotations
 

@@ -172,7 +172,8 @@ class RequestService:
         return bool(modes)
 
     def _listed(self, mode: Mode) -> tuple[int, str]:
-        """Properties and name of a mode; a registered external one has its own, a replaced one is hidden."""
+        """Properties and name of a mode; a registered external mode has its own, a replaced mode is
+        hidden."""
         external = self._context.autopilot.commander.external
         registered = external.mode(mode.state)
         if registered is not None:
