@@ -1,4 +1,5 @@
-"""The server's settings, from command line, then environment, then file, then defaults."""
+"""The server's settings, from the command line, the environment, a file, and defaults, in this order of
+priority."""
 
 from __future__ import annotations
 
@@ -28,27 +29,30 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     host: str = Field(default="127.0.0.1", description="Address to listen on.")
-    port: int = Field(default=8080, ge=0, le=65535, description="Port of the page and the API; 0 takes any.")
+    port: int = Field(
+        default=8080, ge=0, le=65535, description="Port of the page and the API; 0: any free port."
+    )
     links: tuple[str, ...] = Field(
         default=("udpin://127.0.0.1:14550",), description="Links to open, as URLs."
     )
-    sim: int = Field(default=1, ge=0, le=50, description="Simulated vehicles to start; 0 starts none.")
+    sim: int = Field(default=1, ge=0, le=50, description="Number of simulated vehicles to start.")
     sim_args: tuple[str, ...] = Field(
         default=(), description="Further arguments of the simulator, such as its ports (`gcs sim --help`)."
     )
     data: Path = Field(default_factory=default_folder, description="Data folder: journal, recordings.")
     token: SecretStr | None = Field(
         default=None,
-        description="The token that every client needs; not a flag, because other users can see a process's "
-        "arguments.",
+        description="The token that every client needs. It is not a flag, because other users can see a "
+        "process's arguments.",
     )
     token_file: Path | None = Field(
-        default=None, description="File with the token; if it is missing, it is created with a random token."
+        default=None,
+        description="File with the token; if the file is missing, it is created with a random token.",
     )
     trusted_proxies: tuple[str, ...] = Field(
         default=(),
-        description="Addresses of proxies (https) whose X-Forwarded-For and X-Forwarded-Proto are believed; "
-        "none unless given.",
+        description="Addresses of https proxies whose X-Forwarded-For and X-Forwarded-Proto headers are "
+        "trusted; default: none.",
     )
     system_id: int = Field(default=255, ge=1, le=255, description="MAVLink system id of this server.")
     record: bool = Field(default=True, description="Record each link to a tlog in the data folder.")
@@ -57,13 +61,13 @@ class Settings(BaseModel):
         default=1.5,
         ge=0.5,
         le=30,
-        description="Silence of the event loop [s] after which setpoint streams stop.",
+        description="Time for which the event loop may stall before setpoint streams stop [s].",
     )
     control_lease_s: float = Field(
-        default=30.0, ge=5, le=3600, description="How long control of a vehicle lasts without renewal [s]."
+        default=30.0, ge=5, le=3600, description="Duration of control of a vehicle without renewal [s]."
     )
     control_answer_s: float = Field(
-        default=15.0, ge=3, le=120, description="How long a holder has to answer a request for control [s]."
+        default=15.0, ge=3, le=120, description="Time to answer a request for control [s]."
     )
 
     @field_validator("token")
@@ -88,7 +92,7 @@ def read_file(path: Path) -> dict[str, Any]:
     """Reads a TOML file.
 
     Raises:
-        InvalidRequest: not readable, of another schema version, or with an unknown key.
+        InvalidRequest: the file cannot be read, has another schema version, or an unknown key.
     """
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -145,11 +149,11 @@ def load(
 
     Args:
         flags: flags of the command line.
-        environment: the process's environment unless given.
+        environment: environment variables; default: those of the process.
         config: the TOML file; default: the file in `GCS_CONFIG`.
 
     Raises:
-        InvalidRequest: names the invalid setting and its source.
+        InvalidRequest: a setting is invalid; the error names the setting and its source.
     """
     env = dict(os.environ) if environment is None else environment
     if config is None and env.get("GCS_CONFIG"):
@@ -173,7 +177,7 @@ def load(
 
 
 def token_of(settings: Settings) -> str | None:
-    """The token in force; None if no token is needed (on loopback, unless one was set).
+    """The required token; None if no token is required (on loopback, unless a token was set).
 
     Raises:
         StorageError: its file cannot be read or created, or has no valid token. InvalidRequest: it is set

@@ -1,9 +1,10 @@
-"""Runs the simulator in a process of its own, so that it continues if the server is killed, as a real
-vehicle does.
+"""Runs the simulator in a separate process, so that it continues if the server is killed, as a real vehicle
+does.
 
-A restarted server finds it by the port of PX4's first ground-station link (18570), which only one process can
-bind, and by its process id in the data folder; then it does not start a second one. A clean shutdown ends the
-simulator that this server started or took over; a killed server leaves it flying.
+A restarted server finds a running simulator by the port of PX4's first ground-station link (18570), which
+only one process can bind, and by the process id in the data folder. It then does not start a second one. A
+clean shutdown ends a simulator that this server started or took over; after a kill of the server it continues
+to fly.
 """
 
 from __future__ import annotations
@@ -65,15 +66,15 @@ def first_port(arguments: Sequence[str]) -> int:
 
 
 def is_simulator(pid: int) -> bool | None:
-    """Whether the process runs and is a simulator, because its pid may have been reused. None: a process has
-    the pid, but it cannot be identified now (no free descriptors).
+    """Whether the process with this pid is running and is a simulator, because pids are reused. None: the
+    process cannot be identified now (no free descriptors).
     """
     try:
         os.kill(pid, 0)
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except (ProcessLookupError, FileNotFoundError, PermissionError, OverflowError):
-        return False  # PermissionError: another user's process
+        return False  # PermissionError: the process of another user
     except OSError:
         return None
     return b"vehicle_sim" in command and state != "Z"
@@ -84,10 +85,10 @@ class SimulatorProcess:
 
     Args:
         count: simulated vehicles.
-        folder: for its log and process id.
+        folder: data folder for the log and the process id.
         more: further arguments of `vehicle_sim`, such as its ports.
         command: program to run; default: the simulator of this installation.
-        probe_port: port that shows that a simulator runs; default: the simulator's own.
+        probe_port: port that is in use while a simulator runs; default: the simulator's own.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class SimulatorProcess:
 
     @property
     def pid(self) -> int | None:
-        """The process, if this server started it."""
+        """Process id, if this server started the simulator."""
         return self._pid
 
     def start(self) -> None:
@@ -157,7 +158,7 @@ class SimulatorProcess:
             self._folder.simulator_pid.write_text(json.dumps(note))
 
     async def watch(self) -> None:
-        """Watches the simulator; its death becomes a warning. If another program's simulator was used and
+        """Monitors the simulator; its end becomes a warning. If another program's simulator was used and
         ends, or none could be started because of a shortage, this server starts its own.
         """
         while self._pid is not None or self._start_again:
@@ -172,7 +173,7 @@ class SimulatorProcess:
 
     def _ended(self) -> bool:
         """Whether the simulator has certainly ended."""
-        if self._child is not None:  # works without a descriptor
+        if self._child is not None:  # this check needs no file descriptor
             return self._child.poll() is not None
         return self._pid is None or is_simulator(self._pid) is False
 

@@ -1,7 +1,7 @@
 """Converts a click in the 3D view to a global position: intersects its ray with the ground.
 
-The ray comes from the browser, in the world's ENU as it is drawn there at that moment: `chase` moves the
-world under the camera thirty times a second, and the server would use a later position of the world.
+The browser sends the ray in the world's ENU frame as drawn at that moment. The mode `chase` moves the world
+under the camera thirty times a second, so the server would use a later position of the world.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from pydantic import BaseModel, ConfigDict, Field
 from missions.frames import Vector3
 
 REACH_M = 5_000.0
-"""Clicks farther away are ignored: there a pixel is hundreds of metres, and the ground is not flat."""
+"""Clicks farther away are ignored: at that distance a pixel covers hundreds of metres, and the ground is not
+flat."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
 
 
 class ClickRequest(BaseModel):
-    """A click, as the view's script sends it."""
+    """A click, sent by the script of the view."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -39,7 +40,7 @@ class SceneClick:
     """A clicked point of the ground, at the altitude of a vehicle's home."""
 
     view: str
-    """The token of the view that was clicked into."""
+    """The token of the clicked view."""
     vehicle: str
     lat_deg: float
     lon_deg: float
@@ -49,8 +50,8 @@ class SceneClick:
 
 
 def ground_point(eye_enu_m: Vector3, ray_enu: Vector3, ground_z_m: float) -> Vector3 | None:
-    """Intersection of the ray with the level ground; None: in the sky, from below, or farther than
-    `REACH_M`."""
+    """Intersection of the ray with the level ground; None if it points to the sky, comes from below, or is
+    farther than `REACH_M`."""
     descent = -ray_enu[2]
     height_m = eye_enu_m[2] - ground_z_m
     if descent <= 0.0 or height_m <= 0.0:

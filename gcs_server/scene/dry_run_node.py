@@ -1,4 +1,5 @@
-"""One vehicle of a dry run in a browser's scene: corridor and path are sent once, then only its pose."""
+"""One vehicle of a dry run in a browser's scene. Corridor and path are sent once, afterwards only the
+pose."""
 
 from __future__ import annotations
 
@@ -20,10 +21,10 @@ ROOT = "/world/dry_run"
 
 
 class DryRunNode:
-    """All parts have the colour of plans, so that the ghost is not mistaken for a real vehicle.
+    """The nodes of the vehicle. All have the colour of plans, so that it is not mistaken for a real vehicle.
 
     Args:
-        number: of the vehicle in the dry run, from 0.
+        number: number of the vehicle in the dry run, from 0.
         origin_enu_m: origin of the path, in the world's ENU frame.
     """
 
@@ -64,11 +65,12 @@ class DryRunNode:
         self._root.remove()
 
     def update(self, pose: VehiclePose, *, hidden: bool, open_corridor: bool) -> None:
-        """Moves the ghost vehicle.
+        """Moves the simulated vehicle.
 
         Args:
             hidden: hides the vehicle, because the view looks through its camera.
-            open_corridor: draws its edges alone: the camera is inside it, behind the real vehicle.
+            open_corridor: draws only the edges of the corridor, because the camera is inside it, behind the
+                real vehicle.
         """
         self._ghost.visible = self.label.shown = not hidden
         if self._corridor is not None:

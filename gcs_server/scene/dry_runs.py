@@ -1,5 +1,5 @@
-"""Computes what the 3D view draws of a dry run: path, corridor of many flights, the vehicle at one time.
-Pure.
+"""Computes the shapes that the 3D view draws for a dry run: path, corridor of many flights, and the vehicle
+at one time. No I/O.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from gcs_server.scene.pose import VehiclePose
 from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, q_from_euler
 
 MAX_POINTS = 600
-"""Largest number of drawn points of the path."""
+"""Maximum number of drawn points of the path."""
 LEVEL_M = 0.01
-"""Points nearer to each other than this (horizontally) define no direction."""
+"""Horizontal distance below which two points define no direction [m]."""
 
 DryRunResults = Callable[[str], Mapping[str, Any]]
 """Returns the result of a dry run by its id, as in the API; raises UnknownDryRun."""
@@ -37,7 +37,7 @@ class DryRunRequest(BaseModel):
         ge=0,
         le=1e6,
         allow_inf_nan=False,
-        description="Time to show, since the start of the flight [s]; null: paths and corridor alone.",
+        description="Time to show, since the start of the flight [s]; null: show only paths and corridor.",
     )
     follow: bool = Field(
         default=False, description="Whether the camera follows the simulated vehicle instead of the real one."
@@ -61,7 +61,8 @@ class DryRunPath:
     gimbal_rad: NDArray[np.float64]
     """(N, 2): pitch, up is positive; yaw from north."""
     corridor_enu_m: NDArray[np.float64] | None
-    """(M, 4, 3): its corners at each point, in the order left low, right low, right high, left high."""
+    """(M, 4, 3): corners of the corridor at each point, in the order left low, right low, right high, left
+    high."""
     role: str | None = None
     """The vehicle's role in a mission of several vehicles."""
 
@@ -72,14 +73,14 @@ class DryRunMoment:
 
     id: str
     paths: tuple[DryRunPath, ...]
-    """Of each vehicle that flew; the camera follows the first."""
+    """Path of each vehicle that flew; the camera follows the first one."""
     t_s: float | None
-    """None: its vehicles are not shown."""
+    """Time since the start of the flight [s]; None: the vehicles are not shown."""
     follow: bool
 
 
 def paths_of(result: Mapping[str, Any]) -> tuple[DryRunPath, ...]:
-    """From what came of a dry run: of each vehicle that flew."""
+    """The paths of all vehicles that flew, from the result of a dry run."""
     together, many = result["together"], result["monte_carlo"]
     corridor = None if many is None else many["corridor"]
     flights = {None: result["nominal"]} if together is None else together["roles"]
@@ -112,7 +113,7 @@ def way(path: DryRunPath) -> Points:
 
 
 def tube(path: DryRunPath) -> Mesh | None:
-    """The corridor, open at its ends; None without one."""
+    """The corridor as a mesh that is open at both ends; None if there is no corridor."""
     corners = path.corridor_enu_m
     if corners is None or len(corners) < 2:
         return None
@@ -175,7 +176,7 @@ def _corners(corridor: Mapping[str, Any]) -> NDArray[np.float64]:
     ahead = np.gradient(middle[:, :2], axis=0) if len(middle) > 1 else np.zeros((len(middle), 2))
     length_m = np.hypot(ahead[:, 0], ahead[:, 1])
     level = length_m > LEVEL_M
-    # During a vertical climb the corridor keeps the direction of the leg before.
+    # During a vertical climb the corridor keeps the direction of the previous leg.
     index = np.maximum.accumulate(np.where(level, np.arange(len(middle)), 0))
     ahead = np.where(level[:, None], ahead / np.maximum(length_m, LEVEL_M)[:, None], 0.0)[index]
     ahead[np.hypot(ahead[:, 0], ahead[:, 1]) < 0.5] = (0.0, 1.0)

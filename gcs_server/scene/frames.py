@@ -1,7 +1,8 @@
-"""Conversions to ENU and FLU, which only the scene uses; everything else is NED and FRD.
+"""Conversions to ENU and FLU, which only the scene uses; all other code uses NED and FRD.
 
-Vectors are `(x, y, z)` tuples [m], quaternions `(w, x, y, z)` tuples. A quaternion's name says what it
-does: `q_enu_flu` takes FLU vectors to ENU. Plain floats, because one pose is cheaper that way than in NumPy.
+Vectors are `(x, y, z)` tuples [m], quaternions `(w, x, y, z)` tuples. The name of a quaternion contains both
+frames: `q_enu_flu` transforms FLU vectors to ENU. Values are floats, because for one pose they are faster
+than NumPy.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ def enu_from_geodetic(
 ) -> Vector3:
     """A position in the tangent plane of `origin_deg_m` (lat_deg, lon_deg, alt_m).
 
-    By the two radii of curvature of WGS84 at the origin: within 5 km it is off by less than 2 m, which
-    no picture shows.
+    Uses the two radii of curvature of WGS84 at the origin. Within 5 km the error is below 2 m, which is not
+    visible.
     """
     lat_0_deg, lon_0_deg, alt_0_m = origin_deg_m
     radius_north_m, radius_parallel_m = _radii_m(lat_0_deg)

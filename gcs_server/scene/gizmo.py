@@ -2,8 +2,8 @@
 
 The handles are viser's transform controls: one along the ground and about the vertical, one up and down, so
 that a position cannot be tilted. This module reads and checks a browser's messages about them, and does not
-pass them to viser. A drag becomes a position in the vehicle's local NED, which the page that owns the view
-may send.
+pass them to viser. A drag is converted to a position in the vehicle's local NED frame, which the page of the
+view may send as a setpoint.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ GROUND_HANDLE = "/world/gizmo_ground"
 HEIGHT_HANDLE = "/world/gizmo_height"
 HANDLE_PX = 96.0
 REACH_M = 1_000.0
-"""Longest distance from the vehicle to which the preview can be dragged; at the horizon a pixel is that
-long.
+"""Maximum distance from the vehicle to which the preview can be dragged [m]; near the horizon a pixel covers
+as much.
 """
 AWAY_M = 0.35
 LABEL_BELOW_M = 0.14
@@ -48,7 +48,7 @@ class PreviewRequest(BaseModel):
     )
     yaw_ned_rad: Angle | None = None
     handles: bool = Field(
-        default=False, description="Whether it has handles to drag; they are shown in mode `free`."
+        default=False, description="Whether the preview has handles to drag; they are shown in mode `free`."
     )
 
 
@@ -82,17 +82,17 @@ class ReleasedMessage(
 
 @dataclass(frozen=True, slots=True)
 class Drag:
-    """A drag of a handle in one browser, in the world's ENU. A release has no pose."""
+    """A drag of a handle in one browser, in the world's ENU frame. A release has no pose."""
 
     position_enu_m: Vector3 | None
     q_enu: Quaternion | None
     turns: bool
-    """Whether it is the handle that also changes the yaw."""
+    """Whether this handle also changes the yaw."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneGizmo:
-    """Position to which a view's preview was dragged, in its vehicle's local NED."""
+    """Position to which the preview of a view was dragged, in the vehicle's local NED frame."""
 
     view: str
     """Token of the view."""
@@ -104,7 +104,7 @@ class SceneGizmo:
 
 
 def drag_of(message: MovedMessage | ReleasedMessage) -> Drag | None:
-    """The drag in a browser's message; None: another handle, or not a valid position."""
+    """The drag in a browser's message; None if it is for another handle or the position is not valid."""
     if message.name not in (GROUND_HANDLE, HEIGHT_HANDLE):
         return None
     turns = message.name == GROUND_HANDLE
@@ -174,10 +174,11 @@ class PreviewNode:
         *,
         handles: bool,
     ) -> None:
-        """Moves the preview; moves the handles only if the page, not this browser, set the position.
+        """Moves the preview. Moves the handles only if the position was set by the page and not by a drag in
+        this browser.
 
         Args:
-            handles: whether handles can be dragged, because this view's world does not move.
+            handles: whether handles can be dragged, which requires that the world of this view does not move.
         """
         east, north, up = enu_from_ned(preview.position_ned_m)
         at = (origin_enu_m[0] + east, origin_enu_m[1] + north, origin_enu_m[2] + up)

@@ -1,11 +1,11 @@
 """Runs viser so that only this server's proxy can reach it: on a Unix socket in a private folder.
 
-viser checks neither origin nor identity of clients, and every browser could open a public tunnel. So it has
-no TCP port (a web page cannot open a Unix socket, and other users cannot access the folder), clients must
-know a secret of this run, and the tunnel is disabled. Its banner is suppressed.
+viser does not check the origin or identity of clients, and any browser could open a public tunnel. Therefore
+it has no TCP port: a web page cannot open a Unix socket, and other users cannot access the folder. Clients
+must send a secret that is new in each run, the tunnel is disabled, and viser's banner is suppressed.
 
-viser has no setting for any of this. So the name `websockets` inside `viser.infra._infra` is replaced while
-the server starts (hence the pinned minor version, which a test checks).
+viser has no settings for this, so the name `websockets` inside `viser.infra._infra` is replaced while the
+server starts. A test checks the pinned minor version of viser.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ START_DEADLINE_S = 20.0
 STARTING_S = 60.0
 FOLDER_PREFIX = "gcs-scene-"
 MAX_SOCKET_PATH = 100
-"""Unix allows about 104 to 108 bytes."""
+"""Maximum length of the socket's path; Unix systems allow 104 to 108 bytes."""
 
 _starting = threading.Lock()
 
@@ -58,7 +58,7 @@ class _PrivateViser(viser.ViserServer):
     """viser without its public tunnel."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Always refused: no click may publish the view of an aircraft on the internet."""
+        """Always refuses, so that no click can publish the view of an aircraft on the internet."""
         del verbose
         log.warning("a request for a public tunnel to the 3D view was refused")
         return None
@@ -83,7 +83,7 @@ class ViserHost:
         """Starts viser; raises SceneError with the reason."""
         try:
             self._folder = await asyncio.to_thread(_own_folder)
-            # Bound here so that a failure raises an exception; viser would retry forever.
+            # The socket is bound here, so that a failure raises an exception; viser would retry forever.
             listener = _bound(self.socket_path)
             async with asyncio.timeout(START_DEADLINE_S):
                 self._server = await asyncio.to_thread(self._build, listener)
@@ -103,7 +103,7 @@ class ViserHost:
 
     @property
     def is_running(self) -> bool:
-        """Whether viser is up."""
+        """Whether viser is running."""
         return self._server is not None
 
     def clients(self) -> dict[int, viser.ClientHandle]:
@@ -196,4 +196,4 @@ def _sweep(ours: Path) -> None:
         except (ConnectionRefusedError, FileNotFoundError):
             shutil.rmtree(folder, ignore_errors=True)
         except OSError:
-            continue  # another user's, or in use
+            continue  # the folder belongs to another user, or is in use

@@ -1,8 +1,8 @@
 """Name tags in the page's font and colours.
 
-viser's own labels are black on white in every theme, and its HTML panels in the scene do not work in
-1.1. So a tag is an empty node, and its text goes in one HTML element of viser's hidden panel; the script
-of `page.py` draws the texts where the nodes are.
+viser's own labels are black on white in every theme, and its HTML panels in the scene do not work in version
+1.1. Therefore a tag is an empty node, and its text is sent in an HTML element of viser's hidden panel. The
+script of `page.py` draws the texts at the nodes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from missions.frames import Vector3
 Side = Literal["above", "below", "sign"]
 
 EVERY_S = 0.2
-"""Shortest time between two updates; numbers that change faster cannot be read."""
+"""Minimum time between two updates [s]; numbers that change faster cannot be read."""
 
 
 def height_text(height_m: float) -> str:
@@ -27,7 +27,7 @@ def height_text(height_m: float) -> str:
 
 
 class Label:
-    """A tag at a point of the scene.
+    """A name tag at a point of the scene.
 
     Args:
         side: above or below the point; `sign` is a letter at the point, without a frame.
@@ -48,7 +48,7 @@ class Label:
         self._node.place(position_m)
 
     def html(self) -> str:
-        """HTML for the script that draws it; empty if there is nothing to show."""
+        """HTML for the script that draws the tag; empty if there is nothing to show."""
         if not self.shown or not self.text:
             return ""
         return (
@@ -78,7 +78,7 @@ class Board:
 
         Args:
             mode: mode of the view; `gimbal` has a mark at the centre.
-            scale: size of the grid's squares.
+            scale: text with the size of the grid's squares.
         """
         view = f'<i data-gcs-mode="{html.escape(mode)}">{html.escape(scale)}</i>'
         text = view + "".join(label.html() for label in labels)

@@ -1,7 +1,7 @@
 """The shapes of the scene as plain arrays: computed once, sent once to each view.
 
-Body frame FLU [m]: x forward, y left, z up. The vehicle is drawn about twice the size of a 500 mm
-quadrotor, so that it can still be read from a chase camera in a small inset.
+All shapes are in the body frame FLU [m]: x forward, y left, z up. The vehicle is drawn at about twice the
+size of a 500 mm quadrotor, so that it stays recognisable from a chase camera in a small inset.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ ROTORS_FLU_M: tuple[Vector3, ...] = tuple(
     (sx * ARM_M * math.sqrt(0.5), sy * ARM_M * math.sqrt(0.5), ROTOR_Z_M)
     for sx, sy in ((1, -1), (-1, 1), (1, 1), (-1, -1))
 )
-"""In the order of PX4's quad X: front right, rear left, front left, rear right."""
+"""Rotor positions in the order of PX4's quad X: front right, rear left, front left, rear right."""
 ROTOR_SPINS: tuple[int, ...] = (1, 1, -1, -1)
-"""Seen from above, 1 is anticlockwise."""
+"""Direction of rotation seen from above; 1 is anticlockwise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ def tube(
     angle = np.linspace(0, 2 * math.pi, sides, endpoint=False)[:, None]
     circle = np.cos(angle) * side + np.sin(angle) * up
     ring_a, ring_b = a + circle * radius_start_m, b + circle * radius_end_m
-    # The caps have separate vertices so that the edge is shaded sharply.
+    # The caps have separate vertices, so that the edge is shaded sharply.
     vertices = np.concatenate([ring_a, ring_b, [a], ring_a, [b], ring_b]).astype(np.float32)
     faces: list[tuple[int, int, int]] = []
     cap_a, cap_b = 2 * sides, 3 * sides + 1

@@ -1,10 +1,10 @@
 """Moves the nodes of one browser's scene without viser's handles, which are slow.
 
-A handle compares with NumPy, casts by type hints and serializes each message by its annotations: this was
-most of the server's cost of an open 3D view. So the values that change at each step are put directly into
-viser's queue for the browser: in the order of all other messages, with viser's own keys, so that a newer
-value replaces one that has not been sent. The tests compare these messages with those of viser's handles
-(hence the pinned minor version).
+A handle of viser compares values with NumPy, casts them by type hints, and serializes each message by its
+annotations. This caused most of the server's cost of an open 3D view. Therefore the values that change at
+each step are put directly into viser's queue for the browser. They keep the order of messages and use viser's
+own keys, so that a newer value replaces one that has not been sent. Tests compare these messages with those
+of viser's handles, for the pinned minor version.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from missions.frames import Quaternion, Vector3
 MOVED_M = 2e-4
 """A smaller move is not sent, because it is not visible [m]."""
 TURNED = 2e-5
-"""The same for the components of a quaternion."""
+"""A smaller change of a quaternion's components is not sent."""
 SCALED = 5e-3
-"""The same for a scale; a line of one metre is scaled to its length [m]."""
+"""A smaller change of a scale is not sent; lines of one metre are scaled to their length [m]."""
 
 
 class NodeChange(Message):
@@ -46,8 +46,8 @@ class NodeChange(Message):
         return self._key
 
     def entity_state_key(self) -> None:
-        """None: viser does not have to find these messages by node. Messages that wait when a node is
-        removed are sent before the removal.
+        """Always None, because viser does not have to find these messages by node. Messages that wait when a
+        node is removed are sent before the removal.
         """
 
     def as_serializable_dict(self, binary_buffers: list[memoryview] | None = None) -> dict[str, Any]:
@@ -59,7 +59,7 @@ class NodeChange(Message):
 
 
 class MovingNode:
-    """Pose and properties of a moving node. They are sent without its handle, which must not set them as
+    """Sends pose and properties of a moving node without viser's handle. The handle must not set them as
     well.
 
     Args:
@@ -84,19 +84,19 @@ class MovingNode:
         self._scale: tuple[float, ...] = ()
 
     def place(self, position_m: Vector3) -> None:
-        """Moves it, in its parent's frame."""
+        """Moves the node, in its parent's frame."""
         if _differs(position_m, self._position_m, MOVED_M):
             self._position_m = position_m
             self._send("SetPositionMessage", "position", position_m)
 
     def turn(self, q: Quaternion) -> None:
-        """Turns it, in its parent's frame."""
+        """Turns the node, in its parent's frame."""
         if _differs(q, self._q, TURNED):
             self._q = q
             self._send("SetOrientationMessage", "wxyz", q)
 
     def scale(self, x: float, y: float, z: float) -> None:
-        """Scales it along its axes."""
+        """Scales the node along its axes."""
         scale = (x, y, z)
         if not self._scale or _differs(scale, self._scale, SCALED):
             self._scale = scale

@@ -1,7 +1,7 @@
 """viser's browser program, adapted to this page: no panel, no branding, this page's ground and labels.
 
-The program is one file with everything inside; it is served from the installed package, after a few lines of
-this server. Its content policy lets it reach this server and nothing else.
+The program is a single file in the installed package; this server inserts a few lines and serves it. Its
+content security policy allows connections to this server only.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ _HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """The document, ready to be sent."""
+    """The document and its compressed form, ready to be sent."""
 
     plain: bytes
     zipped: bytes
@@ -193,7 +193,7 @@ class Page:
 
 @functools.cache
 def page() -> Page:
-    """Made at the first request and kept."""
+    """The page; it is built at the first request and kept."""
     build = Path(viser.__file__).parent / "client" / "build" / "index.html"
     html = build.read_text(encoding="utf-8")
     style = _STYLE + "".join(_theme_style(p) for p in PALETTES.values())
@@ -207,7 +207,7 @@ def page() -> Page:
 
 
 def content_policy(host: str, *, secure: bool) -> str:
-    """Allows content of the document itself and the stream from this server, and nothing else."""
+    """Content security policy: allows only the document's own content and the stream from this server."""
     # Named in addition to 'self', because not every browser applies 'self' to WebSockets.
     stream = f"{'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
     return (

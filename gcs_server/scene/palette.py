@@ -1,7 +1,7 @@
 """The colours of the 3D view, for both themes.
 
-The values are those of the page's tokens; each colour has one meaning: cyan and the other identity colours
-for vehicles, violet for targets, grey for everything else.
+The values are those of the page's tokens; cyan and the other identity colours are for vehicles, violet is for
+targets, and grey is for everything else.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ def rgb(colour: str) -> Rgb:
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """One theme."""
+    """The colours of one theme."""
 
     theme: Theme
     identities: tuple[str, ...]
-    """Colours of the first vehicle, the second, …; after the last one they repeat."""
+    """Colours of the vehicles in their order; they repeat after the last one."""
     target: str
     text: str
     text_2: str
@@ -91,7 +91,7 @@ PALETTES: dict[Theme, Palette] = {
 
 
 def lit(colour: str, palette: Palette) -> Rgb:
-    """The colour to send so that viser's filmic tone curve displays the given one.
+    """The colour to send, so that viser's filmic tone curve displays the given colour.
 
     The curve desaturates bright colours, so most of the grey is removed beforehand. It hardly changes dark
     colours.

@@ -1,9 +1,9 @@
 """One common ENU frame for vehicles with different local origins.
 
-The world's origin is the first home (or, before one is known, the first global position): the zero of the
-grid, and the height of the ground. A vehicle's local origin is computed from its home, which the vehicle
-reports in both frames, else from one pair of global and local position; a vehicle without any geographic
-position shares the world's origin.
+The world's origin is the first known home, or else the first global position. It is the zero of the grid and
+the height of the ground. A vehicle's local origin is computed from its home, which is reported in both
+frames, or else from one pair of global and local position. A vehicle without a global position uses the
+world's origin.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from missions.frames import Vector3
 STANDING_HEIGHT_M = 0.225
 """Height of the drawn body above its skids."""
 LANDED_WITHIN_M = 3.0
-"""A landed vehicle is drawn on the ground if its estimate is this near, because estimates drift by a metre in
-a flight. With a larger difference it has landed on a hill or a roof."""
+"""A landed vehicle is drawn on the ground if its estimated height is below this [m], because estimates drift
+by a metre in a flight. If it is higher, the vehicle has landed on a hill or a roof."""
 RELATCH_M = 5.0
-"""If global and local position differ by more, the local origin has moved (an estimator reset)."""
+"""Difference between global and local position above which the local origin has moved, by an estimator reset
+[m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +35,12 @@ class VehiclePlace:
     local_origin_enu_m: Vector3 | None
     """Origin of the vehicle's local frame; None if it has none (targets cannot be placed)."""
     ground_z_m: float
-    """Height of its home, the reference of its altitude."""
+    """Height of the vehicle's home, the reference of its altitude."""
     home_enu_m: Vector3 | None
     height_m: float
-    """Estimated height above its home; on the ground it may differ from zero."""
+    """Estimated height above the vehicle's home; it may differ from zero on the ground."""
     known: bool
-    """False: no position is known; it is drawn at the origin to show its attitude."""
+    """Whether a position is known; otherwise the vehicle is drawn at the origin to show its attitude."""
 
 
 class Placement:
@@ -50,16 +51,16 @@ class Placement:
         self._local_origins_enu_m: dict[str, Vector3] = {}
 
     def forget(self, vehicle_id: str) -> None:
-        """A vehicle was removed; with the last one the world's origin is dropped."""
+        """Removes a vehicle; the world's origin is dropped with the last one."""
         self._local_origins_enu_m.pop(vehicle_id, None)
 
     def reset(self) -> None:
-        """No vehicle is left: the next one sets the origin."""
+        """Drops the world's origin, because no vehicle is left."""
         self._world_origin_deg_m = None
         self._local_origins_enu_m.clear()
 
     def place(self, vehicle: SceneVehicle) -> VehiclePlace:
-        """The position at which to draw the vehicle now."""
+        """The position at which the vehicle is drawn."""
         home = value_of(vehicle, "home", Home)
         global_position = value_of(vehicle, "global_position", GlobalPosition)
         local = value_of(vehicle, "local_position", LocalPosition)
@@ -77,7 +78,8 @@ class Placement:
             position = _add(origin, local_enu_m)
         else:
             position = global_enu_m
-        # Without a home, the origin of the local frame is where the vehicle was switched on: its ground.
+        # Without a home, the origin of the local frame is the position at which the vehicle was switched on,
+        # on the ground.
         ground = home_enu_m or origin or (0.0, 0.0, 0.0)
         height_m = position[2] - ground[2] if position is not None else 0.0
         status = value_of(vehicle, "status", Status)
@@ -99,7 +101,7 @@ class Placement:
         """Earlier positions in the current frame; oldest first.
 
         Args:
-            place: its current position.
+            place: the vehicle's current position.
         """
         origin = place.local_origin_enu_m
         topic = "local_position" if origin is not None else "global_position"
@@ -144,8 +146,8 @@ class Placement:
         by_home = _home_origin(home, home_enu_m)
         latched = self._local_origins_enu_m.get(vehicle_id)
         for origin in (by_home, latched):
-            # Both frames of the home are given at one moment, so height above home comes out as the
-            # vehicle's own; after a reset of the estimator an old home would give another height.
+            # The home contains both frames for the same time, so that the height above home equals that of
+            # the vehicle. An old home would give a different height after an estimator reset.
             if origin is not None and (
                 global_enu_m is None or math.dist(_add(origin, local_enu_m), global_enu_m) < RELATCH_M
             ):

@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class SceneIdentity(Protocol):
-    """The identity fields that must be shown wherever the vehicle is drawn."""
+    """The identity fields that are shown with each vehicle."""
 
     @property
     def simulated(self) -> bool | None: ...
@@ -22,7 +22,7 @@ class SceneIdentity(Protocol):
 
 
 class SceneVehicle(Protocol):
-    """A vehicle as far as it can be drawn; `gcs_server.vehicle.vehicle.Vehicle` is one."""
+    """The part of a vehicle that the scene uses; implemented by `gcs_server.vehicle.vehicle.Vehicle`."""
 
     id: str
     clock: Clock
@@ -35,14 +35,14 @@ class SceneVehicle(Protocol):
 
 
 class SceneFleet(Protocol):
-    """All vehicles, in the order that gives them their identity colours."""
+    """All vehicles; their order determines the identity colours."""
 
     def all(self) -> Sequence[SceneVehicle]: ...
     def get(self, vehicle_id: str) -> SceneVehicle: ...
 
 
 class OffboardTarget(NamedTuple):
-    """The setpoint that this server streams to a vehicle now, in the vehicle's local NED frame."""
+    """The setpoint that this server is streaming to a vehicle, in the vehicle's local NED frame."""
 
     position_ned_m: Vector3 | None = None
     velocity_ned_m_s: Vector3 | None = None

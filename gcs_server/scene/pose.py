@@ -1,4 +1,4 @@
-"""Converts a vehicle's topics to its drawn pose: pure, one frozen value per update."""
+"""Converts a vehicle's topics to the pose that is drawn, one frozen value per update. No I/O."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, 
 PWM_STOPPED_US = 1000
 PWM_FULL_US = 2000
 TARGET_FRESH_S = 1.5
-"""PX4 sends POSITION_TARGET_LOCAL_NED at 10 Hz while something is followed."""
+"""Age up to which a reported target is drawn [s]; PX4 sends POSITION_TARGET_LOCAL_NED at 10 Hz while it
+follows a target."""
 VELOCITY_ARROW_S = 1.0
-"""A velocity setpoint is drawn as the position that it reaches in this time."""
+"""A velocity setpoint is drawn as the position that the vehicle reaches in this time [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class VehiclePose:
     lost: bool
     label: str
     note: str
-    """Note after the label: simulated, replayed, lost, no position; else empty."""
+    """Note after the label: simulated, replayed, lost, no position; otherwise empty."""
     returns_enu_m: tuple[Vector3, ...] = ()
     """Points measured by its distance sensors."""
 
@@ -149,7 +150,8 @@ def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
         (lost, "lost"),
         (not place.known, "no position"),
         (vehicle.identity.simulated is True, "simulated"),
-        # A vehicle that has not reported it may be real: the label must not call it simulated or real.
+        # A vehicle that has not reported whether it is simulated may be real, so the label must not say
+        # either.
         (vehicle.identity.simulated is None, "simulated?"),
         (vehicle.identity.replayed, "replayed"),
     )

@@ -1,9 +1,9 @@
-"""The proxy to the 3D view on the server's port; there is no other access.
+"""The proxy to the 3D view on the server's port, which is the only access to it.
 
-`GET /scene/` is the program, `WS /scene/` its stream. `POST /scene/view/{token}` sets what one view shows,
-`POST /scene/view/{token}/click` reports a click in it. Through the stream a browser may send the pose of its
-camera, and drags of its preview's two handles (`gizmo.py`; not passed to viser). Everything else that viser
-would execute (above all the request for a public tunnel) is dropped.
+`GET /scene/` returns the program, `WS /scene/` is its stream. `POST /scene/view/{token}` sets the content of
+one view, `POST /scene/view/{token}/click` reports a click in it. Over the stream a browser may send the pose
+of its camera, and drags of the preview's two handles (`gizmo.py`), which are not passed to viser. All other
+messages are dropped, above all requests for a public tunnel.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from gcs_server.scene.views import View
 log = logging.getLogger(__name__)
 
 MAX_FROM_BROWSER = 4096
-"""A camera message has some 300 bytes."""
+"""Maximum size of a browser's message [bytes]; a camera message has about 300."""
 MAX_TO_BROWSER = 64 * 1024 * 1024
 TOKEN = re.compile(r"[A-Za-z0-9_-]{1,64}")
 QUERY_KEYS = ("view", "theme", "mode", "vehicle")
 
 
 class ViewRequest(BaseModel):
-    """What one view of a page shows; omitted fields stay unchanged."""
+    """The content of one view of a page; omitted fields stay unchanged."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -55,11 +55,11 @@ class ViewRequest(BaseModel):
     theme: Literal["dark", "light"] | None = None
     preview: PreviewRequest | None = Field(
         default=None,
-        description="Preview of a setpoint that is not sent; null removes it, as does another vehicle.",
+        description="Preview of a setpoint that is not sent; null or a change of the vehicle removes it.",
     )
     dry_run: DryRunRequest | None = Field(
         default=None,
-        description="Dry run to draw: its path, corridor and vehicle at one time; null removes it.",
+        description="Dry run to draw, with path, corridor and the vehicle at one time; null removes it.",
     )
 
 
@@ -95,12 +95,12 @@ class Bridges:
         self._sending_since_s: dict[str, float] = {}
 
     def new(self) -> str:
-        """The name of a new bridge."""
+        """Creates the name of a new bridge."""
         self._count += 1
         return str(self._count)
 
     def stalled(self, bridge: str) -> bool:
-        """Whether the sending of one message to the browser has taken longer than `STALLED_AFTER_S`."""
+        """Whether sending one message to the browser has taken longer than `STALLED_AFTER_S`."""
         since_s = self._sending_since_s.get(bridge)
         return since_s is not None and self._clock.monotonic_s() - since_s > STALLED_AFTER_S
 
@@ -115,7 +115,8 @@ class Bridges:
 
 
 def parse_message(data: bytes) -> bytes | Drag | None:
-    """Reads a browser's message: a camera message for viser (encoded again), or a drag; None: any other."""
+    """Parses a browser's message: a camera message for viser (encoded again) or a drag; None for any other
+    message."""
     if len(data) > MAX_FROM_BROWSER:
         return None
     try:
@@ -126,7 +127,8 @@ def parse_message(data: bytes) -> bytes | Drag | None:
 
 
 def _camera(message: CameraMessage) -> bytes | None:
-    """A camera that is not finite, or has no direction, would later make viser raise an exception."""
+    """Parses a camera message. A camera that is not finite or has no direction would make viser raise an
+    exception later."""
     values = (*message.wxyz, *message.position, *message.look_at, *message.up_direction)
     if not all(map(math.isfinite, (*values, message.fov, message.near, message.far))):
         return None
@@ -145,9 +147,9 @@ def scene_router(
     """The routes below `/scene`.
 
     Args:
-        set_view: stores what a token's view shows; raises UnknownVehicle.
-        drag: called when a handle was dragged, with its bridge.
-        bridges: called with the state of sending.
+        set_view: stores the content of the view with a token; raises UnknownVehicle.
+        drag: called with the bridge when a handle was dragged.
+        bridges: the state of sending to each browser.
         click: sends the clicked ground position to the page with the view's token; None: not on the ground.
     """
     router = APIRouter(prefix="/scene", include_in_schema=False)
@@ -243,7 +245,7 @@ async def _to_browser(
     sending: Callable[[], AbstractContextManager[None]],
 ) -> None:
     try:
-        # One message at a time: if the browser is slow, viser waits too and keeps only the newest message.
+        # One message at a time, so that viser waits for a slow browser and keeps only the newest message.
         async for data in upstream:
             if isinstance(data, bytes):
                 with sending():

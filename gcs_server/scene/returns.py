@@ -12,7 +12,7 @@ from missions.avoidance.scans import LEVEL_MAX_SINE, fresh
 from missions.frames import Quaternion, Vector3
 
 SHOWN_S = 2.5
-"""How long a measured point is drawn [s]; by default PX4 sends DISTANCE_SENSOR every two seconds."""
+"""Time for which a measured point is drawn [s]; by default PX4 sends DISTANCE_SENSOR every two seconds."""
 HALF_HEIGHT_M = 0.18
 """Half the height of the stroke that marks a point [m]."""
 
@@ -20,7 +20,7 @@ HALF_HEIGHT_M = 0.18
 def returns_of(
     vehicle: SceneVehicle, q_ned_frd: Quaternion, position_enu_m: Vector3, now_monotonic_s: float
 ) -> tuple[Vector3, ...]:
-    """Measured points, without those of sensors that point down to the ground."""
+    """The measured points, except those of sensors that point down."""
     samples = (vehicle.topic("distance_sensors"), vehicle.topic("obstacle_distance"))
     if samples == (None, None):
         return ()
@@ -35,7 +35,7 @@ def returns_of(
 
 
 def strokes(places_enu_m: tuple[Vector3, ...]) -> Points:
-    """An upright stroke at each point, equally visible from all sides, (N, 2, 3)."""
+    """An upright line at each point, (N, 2, 3), which is visible from all sides."""
     at = np.asarray(places_enu_m, np.float32).reshape(-1, 1, 3)
     half = np.asarray([[0.0, 0.0, -HALF_HEIGHT_M], [0.0, 0.0, HALF_HEIGHT_M]], np.float32)
     return at + half

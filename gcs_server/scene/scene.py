@@ -1,7 +1,7 @@
 """The 3D view of the fleet: reads the topics 30 times a second, only while a view is open.
 
-It reads and never commands. A vehicle that cannot be drawn is left out. Any other error ends `run()`, which
-the supervisor reports and restarts; no other part of the server waits for it.
+The scene reads data and never sends commands. A vehicle that cannot be drawn is left out. Any other error
+ends `run()`, and the supervisor reports and restarts it. No other part of the server waits for the scene.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Scene:
     """The 3D view.
 
     Args:
-        fleet: the vehicles to draw; read only.
-        clock: measures the steps.
+        fleet: the vehicles to draw; the scene does not change them.
+        clock: clock for the steps.
         offboard: target of this server's stream; None: draw the target that the vehicle reports.
         on_click: called with the clicked ground position and the view.
         on_gizmo: called with the position to which a view's preview was dragged.
@@ -80,7 +80,7 @@ class Scene:
         return len(self._stages)
 
     def faults(self) -> list[str]:
-        """Texts about everything that cannot be drawn now."""
+        """Messages about data that cannot be drawn now."""
         return self._tracks.isolation.faults
 
     async def start(self) -> None:
@@ -90,7 +90,7 @@ class Scene:
             self._started = True
 
     async def run(self) -> None:
-        """Draws until cancelled; to be supervised."""
+        """Draws until cancelled; run by the supervisor."""
         await self.start()
         # After a failure every browser's scene is rebuilt, so that no partial scene remains.
         for _, stage in self._stages.values():
@@ -106,7 +106,7 @@ class Scene:
             await self._clock.sleep(max(0.002, period_s - spent_s))
 
     async def stop(self) -> None:
-        """Ends viser and its threads."""
+        """Stops viser and its threads."""
         self._stages.clear()
         self._started = False
         await self._host.stop()
@@ -170,7 +170,7 @@ class Scene:
         return DryRunMoment(requested.id, paths, requested.t_s, requested.follow) if paths else None
 
     def _drag(self, bridge: str, drag: Drag) -> None:
-        """A handle was dragged in the browser of this bridge: only its own view's preview follows."""
+        """Handles a drag in the browser of this bridge, which moves only the preview of its own view."""
         for client_id, (token, stage) in self._stages.items():
             if self._host.query_of(client_id).get(BRIDGE_KEY) == bridge:
                 self._drag_in(token, stage, drag)
@@ -213,7 +213,7 @@ class Scene:
         query = self._host.query_of(client_id)
         token = query.get("view", "")
         if not TOKEN.fullmatch(token):
-            token = f".{client_id}"  # no page can use it
+            token = f".{client_id}"  # no page can use this token
         if token not in self._views:
             self._keep(token, _view_from_query(query))
         return token

@@ -1,4 +1,4 @@
-"""All shapes of the scene, computed once for the life of the server."""
+"""All shapes of the scene, computed once while the server runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_server.scene.model import Mesh, Points
 
 @dataclass(frozen=True, slots=True)
 class Shapes:
-    """Ready to be sent."""
+    """The shapes, ready to be sent."""
 
     shell: Mesh = field(default_factory=model.shell)
     dark_parts: Mesh = field(default_factory=model.dark_parts)
@@ -33,7 +33,7 @@ class Shapes:
 
 @functools.cache
 def shapes() -> Shapes:
-    """The one set."""
+    """The shapes, which all views share."""
     return Shapes()
 
 

@@ -11,11 +11,12 @@ from missions.frames import Quaternion, Vector3, normalized, yaw_from_q
 
 LAG_S = 0.07
 HEADING_LAG_S = 0.3
-"""Lag of the chase camera's heading [s]: yaw estimates are noisy, and the whole picture would shake."""
+"""Lag of the chase camera's heading [s], because yaw estimates are noisy and the picture would shake."""
 SNAP_M = 15.0
-"""A larger change in one step is a jump, and is shown without smoothing."""
+"""A larger change in one step is a jump and is shown without smoothing [m]."""
 SPIN_HZ = 2.6
-"""Drawn rotation rate of a rotor at full effort; at its real hundred turns a second it would look still."""
+"""Drawn rotation rate of a rotor at full effort [Hz]; at the real rate of about 100 Hz it would seem to stand
+still."""
 SETTLED = 1e-4
 
 
@@ -62,7 +63,7 @@ class Smoother:
 
 
 def _visible_effort(effort: float) -> float:
-    # Idling rotors turn visibly. The square root spreads low throttle values, where hover is.
+    # Idling rotors turn visibly. The square root spreads the low throttle values of hovering.
     return math.sqrt(effort) if effort > 0.0 else 0.0
 
 

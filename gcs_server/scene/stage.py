@@ -1,4 +1,4 @@
-"""One browser's scene: viser nodes are created once, then only changes are sent.
+"""The scene of one browser: viser nodes are created once, afterwards only changes are sent.
 
 Each browser has its own scene, because each has its own theme and camera. Nodes below
 `/world` are in the world's ENU; `/world` itself is moved by the view (`views.py`).
@@ -31,12 +31,12 @@ from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, framed, in_wo
 from missions.frames import Vector3, yaw_from_q
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
-"""Cell sizes; sections are ten of them."""
+"""Sizes of the grid's cells [m]; a section has ten cells."""
 FINE_BELOW = 45.0
-"""If the camera is higher than this many cells, the next coarser grid is drawn."""
+"""Height of the camera in cells above which the next coarser grid is drawn."""
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 COMPASS_AT_M = 8_000.0
-"""Distance of the compass letters: so far that they appear at the horizon."""
+"""Distance of the compass letters, so that they appear at the horizon [m]."""
 CAMERA_STRAYED_M = 0.02
 FAR_M = 20_000.0
 
@@ -45,10 +45,10 @@ class Stage:
     """The scene of one connected browser.
 
     Args:
-        client: viser's handle of it.
+        client: viser's handle of the browser.
         view: the requested view.
-        isolation: keeps a fault in drawing one vehicle from the others.
-        before: the browser's previous stage (in another theme), whose camera pose is kept.
+        isolation: runs the drawing of each vehicle separately, so that a fault affects only one.
+        before: the browser's previous scene (in another theme); its camera pose is kept.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Stage:
         """Sends changes.
 
         Args:
-            fleet: by id, in the order that gives the colours.
+            fleet: vehicles by id; their order determines the colours.
             dry_run_start_m: start of the dry run that the view shows, in the world's ENU frame.
         """
         followed_id = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
@@ -153,9 +153,9 @@ class Stage:
         ]
 
     def _add_vehicle(self, fleet: Mapping[str, Track], followed_id: str | None) -> None:
-        """Creates the nodes of one vehicle that has none; the vehicle that the view follows is first. This
-        took 24 ms for one vehicle on a slow machine. For a whole fleet at once it would stall the event loop
-        for seconds, and a stalled loop ends all setpoint streams.
+        """Creates the nodes of one vehicle that has none, first those of the followed vehicle. This took 24
+        ms for one vehicle on a slow machine. For a whole fleet at once it would stall the event loop for
+        seconds, which would end all setpoint streams.
         """
         waiting = [v for v in fleet if v not in self._vehicles and fleet[v].smoother.pose is not None]
         if waiting:
@@ -165,7 +165,7 @@ class Stage:
             )
 
     def hold(self, *, turns: bool) -> None:
-        """This browser drags one of the preview's handles."""
+        """Records that one of the preview's handles is being dragged in this browser."""
         if self._preview is not None:
             self._preview.held(turns)
 
@@ -178,7 +178,7 @@ class Stage:
             return
         if self._preview is None:
             self._preview = PreviewNode(self._client, self._palette, self._shapes)
-        world_is_fixed = view.mode == "free"  # the other modes move the world during a drag
+        world_is_fixed = view.mode == "free"  # in the other modes the world moves during a drag
         at = enu_from_ned(view.preview.position_ned_m)
         if not world_is_fixed:
             self._framed = -1
@@ -190,10 +190,10 @@ class Stage:
         )
 
     def _show_dry_run(self, view: View, start_m: Vector3 | None) -> VehiclePose | None:
-        """Draws paths and vehicles of the dry run, while the page shows one.
+        """Draws paths and vehicles of the dry run if the page shows one.
 
         Returns:
-            The first vehicle, where the camera is to follow it instead of the real one.
+            The pose of the first vehicle if the camera follows it instead of the real one.
         """
         shown = view.dry_run
         if shown is None or start_m is None:
@@ -218,9 +218,7 @@ class Stage:
         self._dry_run.clear()
 
     def _frame(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
-        """Moves the camera so that handles that a page has moved are visible, from the current direction of
-        view.
-        """
+        """Moves the camera so that handles moved by a page are visible; keeps the direction of view."""
         camera = self._client.camera
         position, look_at = framed(_triple(camera.position), _triple(camera.look_at), handles_m, vehicle_m)
         if position != _triple(camera.position):
@@ -302,7 +300,8 @@ class Stage:
         )
 
     def _show_marks(self, mode: Mode) -> None:
-        """Shows figures on the ground only from above; from low behind a vehicle they cannot be read."""
+        """Shows the numbers on the ground only from above, because they cannot be read from low behind a
+        vehicle."""
         readable = mode in ("free", "top")
         if self._marks.visible != readable:
             self._marks.visible = readable

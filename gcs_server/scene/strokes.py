@@ -1,4 +1,4 @@
-"""Text and signs on the ground as lines, so that no font file is needed for ten figures."""
+"""Text and signs on the ground as lines, so that no font file is needed for ten digits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from gcs_server.scene.model import Points, ring_segments
 from missions.frames import Vector3
 
-# Each glyph is polylines in a box of width 0.6 and height 1.
+# Each glyph consists of polylines in a box of width 0.6 and height 1.
 _GLYPHS: dict[str, str] = {
     "0": ".15,0 .45,0 .6,.2 .6,.8 .45,1 .15,1 0,.8 0,.2 .15,0",
     "1": ".1,.75 .35,1 .35,0",
@@ -63,7 +63,7 @@ def scale_marks(step_m: float) -> Points:
 
 
 def home_sign() -> Points:
-    """A house in a ring, 1.2 m wide."""
+    """The sign of the home position: a house in a ring, 1.2 m wide."""
     outline = (
         (-0.26, -0.24),
         (-0.26, 0.05),

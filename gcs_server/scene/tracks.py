@@ -1,6 +1,6 @@
 """State of each vehicle between two updates, kept while a view is open.
 
-Without an open view nothing is done. When a view opens, trails are built from the vehicles' history: one
+Nothing is computed while no view is open. When a view opens, trails are built from the vehicles' history: one
 vehicle per update, so that a view of many vehicles does not stall the event loop.
 """
 
@@ -25,14 +25,14 @@ from missions.frames import Vector3
 log = logging.getLogger(__name__)
 
 REMEMBERED_S = 290.0
-"""Length of a trail built from the history, which keeps five minutes."""
+"""Length of a trail built from the history [s]; the history contains five minutes."""
 PAUSE_S = 1.0
-"""Without an update for this long, the trail has a gap."""
+"""Time without an update after which the trail has a gap [s]."""
 MAX_ALL_UPDATED = 3
-"""Up to this many vehicles are all updated each time."""
+"""Up to this number, all vehicles are updated each time."""
 UPDATE_DIVISOR = 3
-"""With more vehicles, those that no view follows are updated only one time in this many, because drawing them
-costs the most."""
+"""With more vehicles, each vehicle that no view follows is updated only at every n-th update, because drawing
+is expensive."""
 
 
 @dataclass(slots=True)
@@ -43,7 +43,8 @@ class Track:
     updated_s: float
     """Time of the last update, on the clock of its samples."""
     incomplete_since_s: float | None
-    """Time (same clock) from which its trail must still be built from the history; None: it is complete."""
+    """Time on the same clock from which the trail must still be built from the history; None: the trail is
+    complete."""
     place: VehiclePlace | None = None
     """Position at the last update; None if it was not known."""
     since_update_s: float = 0.0
@@ -58,7 +59,7 @@ class Tracks:
     """Tracks of all vehicles, in the order of the fleet.
 
     Args:
-        clock: limits the log.
+        clock: clock for the limit of log lines.
         offboard: target of this server's stream; None: draw the target that the vehicle reports.
     """
 
@@ -71,12 +72,12 @@ class Tracks:
         self._turn = 0
 
     def update(self, now_s: float, dt_s: float, wanted: Set[str] = frozenset()) -> dict[str, Track]:
-        """Reads the newest samples; by id, in the order that gives the identity colours.
+        """Reads the newest samples. Returns the tracks by vehicle id, in the order of the identity colours.
 
         Leaves out a vehicle that cannot be placed.
 
         Args:
-            wanted: vehicles that views follow: always updated, their trails are built first.
+            wanted: vehicles that views follow; they are always updated, and their trails are built first.
         """
         vehicles = self._fleet.all()
         self._forget_gone(vehicles)
@@ -117,7 +118,7 @@ class Tracks:
         return place
 
     def shown(self, vehicle_id: str | None) -> tuple[str, Track] | None:
-        """The vehicle that a view shows; for None, and for a removed vehicle, the first vehicle."""
+        """The vehicle that a view shows; for None or a removed vehicle, the first vehicle."""
         vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
         return None if vehicle_id is None else (vehicle_id, self._tracks[vehicle_id])
 
@@ -157,7 +158,7 @@ class Tracks:
     def _forget_gone(self, vehicles: Sequence[SceneVehicle]) -> None:
         present = {vehicle.id: vehicle for vehicle in vehicles}
         for vehicle_id, track in list(self._tracks.items()):
-            # Another vehicle may have got the same id while no view was open.
+            # Another vehicle may have received the same id while no view was open.
             if (there := track.vehicle()) is None or present.get(vehicle_id) is not there:
                 del self._tracks[vehicle_id]
                 self._placement.forget(vehicle_id)

@@ -1,4 +1,5 @@
-"""The trail of a vehicle, thinned and bounded: a day of hovering costs no more than a minute."""
+"""The trail of a vehicle. It is thinned and bounded, so that a day of hovering costs no more than a
+minute."""
 
 from __future__ import annotations
 
@@ -9,10 +10,11 @@ from missions.frames import Vector3
 
 SPACING_M = 0.5
 NEIGHBOURS = 24
-"""New points must be apart from this many newest points, so that a drifting hover gives few lines."""
+"""Number of newest points from which a new point must be apart, so that a drifting hover produces few
+lines."""
 MAX_POINTS = 512
 JUMP_M = 50.0
-"""A larger step between two updates is not flown: the estimator was reset, or the log was rewound."""
+"""A larger step between two updates is not a flight: the estimator was reset, or the log was rewound [m]."""
 
 
 class Trail:

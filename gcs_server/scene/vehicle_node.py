@@ -25,9 +25,9 @@ TRAIL_EVERY_S = 1.0 / 15.0
 LABEL_ABOVE_M = 0.36
 LABEL_BELOW_M = 0.12
 GROUND_GAP_M = 0.012
-"""Marks on the ground are drawn this much above it, because otherwise they would flicker."""
+"""Marks on the ground are drawn this much above it to avoid flicker [m]."""
 AWAY_M = 0.35
-"""If the target is nearer than this, no line is drawn between target and vehicle."""
+"""Distance to the target below which no line is drawn to it [m]."""
 
 
 class VehicleNode:
@@ -87,7 +87,7 @@ class VehicleNode:
         if pose is None:
             return
         last = self._drawn
-        if pose is last and hidden == self._hidden:  # it was not this vehicle's turn
+        if pose is last and hidden == self._hidden:  # this vehicle was not updated in this step
             return
         if hidden != self._hidden:
             self._hidden = hidden
@@ -140,7 +140,7 @@ class VehicleNode:
             self._frustum.scale = depth_m
 
     def _show_lost(self, lost: bool) -> None:
-        """Draws a lost vehicle hollow and grey, so that it does not look connected."""
+        """Draws a lost vehicle as grey wireframe, so that it does not look connected."""
         p = self._palette
         grey = p.lost
         self._shell.color, self._shell.opacity = (grey, 0.22) if lost else (p.body, None)
@@ -203,7 +203,7 @@ class VehicleNode:
             self._tail.change("points", self._tail_to(trail.recent, head))
 
     def _tail_to(self, recent: list[Vector3], head: Vector3) -> Points:
-        """Draws the newest points and the line to the vehicle; at most calls only this line changes."""
+        """Draws the newest points and the line to the vehicle; most calls change only this line."""
         if self._tail_lines is None or len(self._tail_lines) != len(recent) or self._tail_from != recent[-1]:
             self._tail_lines, self._tail_from = _chain([*recent, head]), recent[-1]
         lines = self._tail_lines.copy()
@@ -310,7 +310,7 @@ class VehicleNode:
 
 
 def frustum_depth_m(pose: VehiclePose, q_body_camera: Quaternion) -> float:
-    """Depth of the frustum: down to the ground if that is near [m]."""
+    """Depth of the frustum [m]; it ends at the ground if that is near."""
     w, x, y, z = multiply(pose.q_enu_flu, q_body_camera)
     forward_up = 2.0 * (x * z - w * y)
     height_m = pose.position_enu_m[2] - pose.ground_z_m

@@ -1,6 +1,5 @@
-"""The four camera modes as poses of the world, so that the user keeps control of the browser's camera.
-
-Chase and top do not move the camera: they move the world under it, such that the vehicle stays at the
+"""The four camera modes as poses of the world, so that the user keeps control of the browser's camera. The
+modes chase and top do not move the camera; they move the world under it, so that the vehicle stays in the
 middle. Dragging and zooming then happen only in the browser, without latency or conflict.
 """
 
@@ -19,35 +18,38 @@ from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, 
 Mode = Literal["chase", "free", "gimbal", "top"]
 
 HANDLES_FROM_M = 6.0
-"""Distance from which handles are shown; they have the same size on the screen at any distance."""
+"""Distance of the camera for dragging handles [m]; handles have the same size on the screen at any
+distance."""
 MIN_HANDLES_M = 4.5
-"""A camera nearer than this moves back, because a chase camera is always near."""
+"""A camera nearer than this is moved back, because a chase camera is always near [m]."""
 HANDLES_WITHIN_RAD = 0.1
-"""A handle farther from the middle than this may be hidden by a panel of the page, or outside the picture."""
+"""Angle from the middle of the picture beyond which a handle may be hidden by a panel, or outside the
+picture."""
 HANDLES_FROM_ABOVE_RAD = 0.55
-"""Elevation of the camera for handles; lower down, the handle along the ground looks like a line."""
+"""Elevation of the camera for handles; from lower elevations, the handle along the ground looks like a
+line."""
 MIN_ELEVATION_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """A setpoint that a page shows before it is sent, in the vehicle's local NED."""
+    """A setpoint that a page shows before it is sent, in the vehicle's local NED frame."""
 
     position_ned_m: Vector3
     yaw_ned_rad: float | None
     handles: bool
-    """Whether it can be dragged."""
+    """Whether the preview can be dragged."""
     serial: int
     """Incremented when the page moves the preview; not changed by a drag in the browser."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What one browser shows."""
+    """The content of the view in one browser."""
 
     mode: Mode = "chase"
     vehicle: str | None = None
-    """None: the first one."""
+    """Id of the vehicle; None: the first one."""
     theme: Theme = "dark"
     preview: Preview | None = None
     dry_run: DryRunMoment | None = None
@@ -76,7 +78,7 @@ CAMERAS: dict[Mode, Camera] = {
     "gimbal": Camera((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.62),
     "top": Camera((0.0, -0.01, 22.0), (0.0, 0.0, 0.0), 0.70),
 }
-"""Initial camera of each mode; the user may move it, except in `gimbal`."""
+"""Initial camera of each mode; the user may move the camera, except in `gimbal`."""
 
 
 def world_pose(mode: Mode, pose: VehiclePose | None, heading_enu_rad: float) -> WorldPose:
@@ -109,7 +111,8 @@ def in_world(world: WorldPose, point_m: Vector3) -> Vector3:
 def framed(
     eye_m: Vector3, look_at_m: Vector3, handles_m: Vector3, vehicle_m: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """A camera pose from which handles can be dragged: the current one if possible, else towards them.
+    """A camera pose from which handles can be dragged: the current pose if possible, or else one that looks
+    at them.
 
     Args:
         eye_m, look_at_m, handles_m, vehicle_m: all in the world's ENU.
@@ -129,7 +132,8 @@ def framed(
 
 
 def _in_hand(ahead: Vector3, to_handles: Vector3) -> bool:
-    """Whether handles can be dragged well: near the middle, seen from above, not too near."""
+    """Whether handles can be dragged well: near the middle of the picture, seen from above, and not too
+    near."""
     away_m = math.hypot(*to_handles)
     if away_m < MIN_HANDLES_M or -to_handles[2] < math.sin(MIN_ELEVATION_RAD) * away_m:
         return False

@@ -1,4 +1,5 @@
-"""Caches data that vehicles would send again. Its size is bounded, and its failures are never errors."""
+"""Caches data that vehicles would send again. The cache has a maximum size, and its failures are never
+errors."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ class Cache:
     """Small files by name in one folder; the oldest is removed first.
 
     Args:
-        folder: created when first written to.
+        folder: folder of the files; created at the first write.
     """
 
     def __init__(self, folder: Path) -> None:

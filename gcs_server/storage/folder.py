@@ -9,7 +9,7 @@ from pathlib import Path
 from gcs_server.errors import GcsError
 
 MAX_FILE_NAME_BYTES = 255
-"""Longest file name of file systems (Linux: NAME_MAX); for longer ones the system reports an error instead of
+"""Maximum length of a file name (Linux: NAME_MAX). For a longer name the system reports an error instead of
 "not found"."""
 
 
@@ -20,7 +20,7 @@ class StorageError(GcsError):
 
 
 def default_folder(environment: dict[str, str] | None = None) -> Path:
-    """`$XDG_DATA_HOME/gcs`, else `~/.local/share/gcs`."""
+    """The default data folder: `$XDG_DATA_HOME/gcs`, or else `~/.local/share/gcs`."""
     env = dict(os.environ) if environment is None else environment
     base = env.get("XDG_DATA_HOME")
     return (Path(base) if base else Path.home() / ".local" / "share") / "gcs"

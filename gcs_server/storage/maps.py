@@ -63,7 +63,7 @@ def read_map(path: Path) -> MapInfo:
     """Reads the metadata of a map file.
 
     Raises:
-        MapError: it is not a valid map file; the message says why.
+        MapError: the file is not a valid map; the message contains the reason.
     """
     try:
         return _pmtiles(path) if path.suffix == ".pmtiles" else _mbtiles(path)
@@ -100,7 +100,7 @@ def _mbtiles(path: Path) -> MapInfo:
         attribution = {str(k): str(v) for k, v in base.execute("SELECT name, value FROM metadata")}
         first, last = base.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
     if first is None:
-        raise ValueError("it holds no tiles")
+        raise ValueError("it has no tiles")
     kind = attribution.get("format", "png").lower()
     vector = kind == "pbf"
     if not vector and kind not in IMAGE_TYPES:

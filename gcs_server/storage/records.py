@@ -13,21 +13,21 @@ from pathlib import Path
 
 MAX_RECORDS = 2000
 MAX_BYTES = 64_000
-"""Most bytes of one record; a longer file is not read."""
+"""Maximum size of one record [bytes]; a larger file is not read."""
 _SUFFIX = ".json"
 _name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 
 
 class Unreadable(str):
-    """A record that cannot be read; the text says why."""
+    """A record that cannot be read; the text is the reason."""
 
 
 class Records:
-    """One file per record. A thread writes them one after the other: the caller gets a future and does not
+    """Records, one file each. A thread writes them one after the other; the caller gets a future and does not
     wait for the disk.
 
     Args:
-        folder: created when first written to.
+        folder: folder of the files; created at the first write.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -38,7 +38,7 @@ class Records:
         """All records by name; blocks.
 
         Raises:
-            OSError: the folder cannot be read, or holds more than `MAX_RECORDS`.
+            OSError: the folder cannot be read, or contains more than `MAX_RECORDS` files.
         """
         found: dict[str, dict[str, object] | Unreadable] = {}
         try:
@@ -60,8 +60,8 @@ class Records:
         return found
 
     def write(self, name: str, record: Mapping[str, object] | None) -> Future[None]:
-        """Replaces a record, or removes it (None); the future is done when it is on disk. It raises OSError
-        if writing failed; then the record is unchanged.
+        """Replaces a record, or removes it (None). The future is done once the record is on disk, or raises
+        OSError if writing failed; the record is then unchanged.
         """
         path = self.folder / f"{_checked(name)}{_SUFFIX}"
         if record is None:
@@ -101,7 +101,9 @@ class Records:
 
 
 def _read(path: Path) -> dict[str, object]:
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a named pipe must not block the start
+    descriptor = os.open(
+        path, os.O_RDONLY | os.O_NONBLOCK
+    )  # non-blocking, because a named pipe must not block the start
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise ValueError("it is not a file")

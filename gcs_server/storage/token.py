@@ -1,4 +1,4 @@
-"""The access token for other machines. It is stored, so that sign-ins survive a restart."""
+"""The access token for other machines. The token is stored, so that sign-ins survive a restart."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from gcs_server.storage.folder import StorageError
 
 FORM = re.compile(r"[A-Za-z0-9._~-]{16,256}")
-"""Characters that fit into a URL and a header unescaped; shorter tokens could be guessed."""
+"""Characters that need no escaping in URLs and headers; the length prevents guessing."""
 FORM_RULE = "16 to 256 letters, digits or . _ ~ -"
 _MAX_FILE_LENGTH = 4096
 
@@ -42,7 +42,8 @@ def kept_token(file: Path) -> str:
 def _make(file: Path) -> str:
     token = secrets.token_urlsafe(32)
     try:
-        # Written to a temporary file and moved, so that it never exists incomplete or with other permissions.
+        # Written to a temporary file and then moved, so that the file is never incomplete or readable by
+        # others.
         draft = file.with_name(f".{file.name}.{os.getpid()}")
         descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:

@@ -1,6 +1,6 @@
 """The offboard setpoint streams. The order of the packages is an import contract. A setpoint passes through:
-`missions/setpoints.py` (kinds) → `validation` → `frames` → `limits` → `schedule` → `transport`. `values` has
-the types that the packages exchange, `separation` keeps the vehicles of a group apart, `groups` starts and
-stops them together, `process` runs the schedule in a process of its own, `offboard` is the event loop's
-interface to each vehicle's stream.
+`missions/setpoints.py` (kinds) → `validation` → `frames` → `limits` → `schedule` → `transport`. `values`
+contains the types that the packages exchange. `separation` keeps the vehicles of a group apart, and `groups`
+starts and stops them together. `process` runs the schedule in a separate process. `offboard` is the event
+loop's interface to each vehicle's stream.
 """

@@ -1,5 +1,5 @@
-"""Converts an ordered setpoint into one that a message can carry: keeps the heading, rotates offsets, finds
-the leader.
+"""Converts a requested setpoint to a kind that a message can carry: adds the heading to keep, rotates
+offsets, and adds the position of a followed vehicle.
 """
 
 from __future__ import annotations
@@ -31,17 +31,18 @@ RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
 
 
 class ResolvedSetpoint:
-    """The setpoint of one order; computes what to send at any time until the next order.
+    """The setpoint of one order (a setpoint with its validity); computes the setpoint to send at any time
+    until the next order.
 
     Args:
-        setpoint: as ordered.
-        now_s: when the order was accepted.
-        snapshot: the vehicle at that time.
+        setpoint: the requested setpoint.
+        now_s: time at which the order was accepted.
+        snapshot: state of the vehicle at that time.
         yaw_kept_rad: the heading to keep if the setpoint has none.
 
     Raises:
-        ValueError: the vehicle or the link cannot fly it. The client already got this error when it sent
-            the order.
+        ValueError: the setpoint cannot be flown by the vehicle or sent over the link. The client already got
+            this error when it sent the order.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class ResolvedSetpoint:
         self._curve: PathCurve | None = None
         self._follow: Follow | None = None
         self.player: Player | None = None
-        """Samples the path of an offboard mission; None for other setpoints."""
+        """The player of an offboard mission's path; None for other setpoints."""
         self._fixed: DirectSetpoint | None = None
         if isinstance(setpoint, Script):
             self.player = Player(setpoint, now_s)
@@ -78,7 +79,7 @@ class ResolvedSetpoint:
         return self._fixed is None
 
     def restart_path(self, now_s: float) -> None:
-        """Starts the path now; before, only its first point was sent."""
+        """Starts the path now. Before this call, only its first point was sent."""
         self._began_s = now_s
         if self.player is not None:
             self.player.restart_time(now_s)
@@ -87,9 +88,9 @@ class ResolvedSetpoint:
         """The setpoint to send; None if the followed vehicle sends no position.
 
         Args:
-            now_s: the moment.
+            now_s: monotonic time.
             snapshot: the newest snapshot of the vehicle.
-            waiting: Offboard has not been confirmed yet; paths wait at their first point.
+            waiting: whether Offboard is not confirmed yet, so that paths wait at their first point.
         """
         if self.player is not None:
             position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
@@ -101,7 +102,7 @@ class ResolvedSetpoint:
         return self._fixed
 
     def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
-        """The setpoint to send at a future time, as far as it is known now. Has no side effect."""
+        """The setpoint to send at a future time, as known now. Has no side effects."""
         if self.player is not None:
             return self.player.ahead(at_s - now_s)
         if self._curve is not None:

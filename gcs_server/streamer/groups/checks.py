@@ -17,8 +17,8 @@ from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint
 
 MIN_LEAD_S, MAX_LEAD_S = 3.0, 300.0
-"""A requested start must be at least this far ahead, because pre-streaming and the switch to Offboard come
-first.
+"""Minimum time from the request to the requested start [s], because pre-streaming and the switch to Offboard
+come first.
 """
 SEPARATION_REMEDY = (
     "Move their targets farther apart, fly them one after the other, or lower minimum_separation_m."
@@ -33,7 +33,7 @@ class GroupOrder:
     """By vehicle id."""
     minimum_separation_m: float
     valid_for_s: float
-    """Counts from the end of the longest path, for all vehicles."""
+    """Validity of the setpoints of all vehicles, counted from the end of the longest path [s]."""
     on_expiry: OnExpiry
     client: str
     rate_hz: float = 50.0
@@ -54,8 +54,8 @@ class GroupChecks:
         self._clock = clock
         self._streams = streams
         self._piece = asyncio.Lock()
-        """Locked while one piece of a plan is computed, so that concurrent plans compute one piece per turn
-        of the event loop.
+        """Locked while one piece of a plan is computed, so that concurrent plans together compute only one
+        piece per turn of the event loop.
         """
 
     def check_instant(self, order: GroupOrder, earliest_s: float) -> None:
@@ -106,7 +106,8 @@ class GroupChecks:
             raise NotTogether(message, vehicles=(vehicle_id,), remedy=error.remedy) from error
 
     def check_setpoints(self, members: Mapping[str, Member], orders: Mapping[str, Order]) -> None:
-        """Raises as `check_setpoint` does, or the error that refuses any command to a vehicle."""
+        """Raises the errors of `check_setpoint`, or the error with which every command to a vehicle is
+        refused."""
         for index, (vehicle_id, order) in enumerate(orders.items()):
             members[vehicle_id].vehicle.require_commandable()
             self.check_setpoint(members[vehicle_id], index, order, "setpoints")
@@ -121,18 +122,19 @@ class GroupChecks:
     ) -> None:
         """Predicts the flights from positions and setpoints, and checks that all vehicles stay apart.
 
-        The event loop does other work meanwhile, and the vehicles fly on: repeat the earlier checks
-        afterwards, and call `check_apart_now`.
+        Meanwhile the event loop does other work and the vehicles continue to fly. Therefore repeat the
+        earlier checks afterwards, and call `check_apart_now`.
 
         Args:
             minimum_m: the minimum separation.
             members: all members of the group.
-            orders: the new orders; the other members fly on.
-            held: members that no longer follow the group, and may be anywhere.
+            orders: the new orders; the other members keep their setpoints.
+            held: members that no longer follow the group and may be anywhere.
             duration_s: time until all expire, if not given by their own validity.
 
         Raises:
-            NotTogether: names the two vehicles, or the vehicle without a known position.
+            NotTogether: two vehicles would come too close, or a position is unknown; the error names the
+                vehicles.
         """
         now_s = self._clock.monotonic_s()
         planned = self._planned(now_s, members, orders, held, duration_s)
@@ -151,10 +153,10 @@ class GroupChecks:
             minimum_m: the minimum separation.
             members: all members of the group.
             orders: the new orders.
-            held: members that no longer follow the group, and may be anywhere.
+            held: members that no longer follow the group and may be anywhere.
 
         Raises:
-            NotTogether: as `check_apart`.
+            NotTogether: as for `check_apart`.
         """
         now_s = self._clock.monotonic_s()
         _refuse(too_near_now(self._planned(now_s, members, orders, held), now_s, minimum_m), minimum_m)
@@ -196,14 +198,14 @@ class GroupChecks:
                 state = self._streams.state(vehicle_id)
                 order, elapsed_s = state.order, state.age_s or 0.0
                 if order is not None and state.phase == "streaming":
-                    ordered = order.setpoint  # an offset was resolved when its order was accepted
+                    ordered = order.setpoint  # offsets were resolved when the order was accepted
                     setpoint = state.sent if isinstance(ordered, PositionBody | Script) else ordered
             expires_s = duration_s if duration_s is not None or order is None else order.duration_s
             planned.append(Planned(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return planned
 
     def orders(self, order: GroupOrder, setpoints: Mapping[str, Setpoint]) -> dict[str, Order]:
-        """The orders of all members, valid until the same instant."""
+        """The orders of all members, which expire at the same time."""
         longest_s = max((_duration_s(s) for s in order.setpoints.values()), default=0.0)
         if longest_s > MAX_PLAN_S:
             raise InvalidRequest(

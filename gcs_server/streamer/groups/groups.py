@@ -3,8 +3,8 @@
     starting ── all confirmed ──► waiting ── the instant ──► flying ──► holding ──► ended
         └────────── one refuses: all into Hold ───────────────────────────────────────┘
 
-Each member's own stream (`offboard/control.py`) sends its position until the scheduler gives all their first
-setpoints in one step. From then on the guard (`separation/guard.py`) keeps them apart.
+Each member's own stream (`offboard/control.py`) sends the member's position until the scheduler sets the
+first setpoints of all members in one step. From then on the guard (`separation/guard.py`) keeps them apart.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from missions.setpoints import Position, Setpoint
 LEAD_S = 0.5
 """Time from the last confirmation to the common start, if the request gives no start."""
 MAX_WAIT_S = 600.0
-"""How long a member holds its position for the others before the start, at most."""
+"""Maximum time for which a member holds its position for the others before the start [s]."""
 FINDINGS_KEPT, GROUPS_KEPT = 50, 20
 HOLD_TIMEOUT_S = 10.0
 
@@ -55,13 +55,12 @@ class Groups:
     # --- commands ---------------------------------------------------------------------------------
 
     async def start(self, order: GroupOrder) -> GroupStatus:
-        """Brings all members into Offboard at their positions and starts them at the same instant.
-
-        Returns once all have confirmed and the start time is set, which may be before the start.
+        """Brings all members into Offboard at their positions and starts them at the same time. Returns once
+        all have confirmed and the start time is set, possibly before the start.
 
         Raises:
-            NotTogether: one vehicle cannot join, or two would come too near. No vehicle has moved; all are in
-                Hold.
+            NotTogether: one vehicle cannot join, or two would come too close. No vehicle has moved, and all
+                are in Hold.
             InvalidRequest: a setpoint or the start time is not possible.
         """
         self._checks.check_instant(order, MIN_LEAD_S)
@@ -104,14 +103,14 @@ class Groups:
         client: str,
         client_key: str = "",
     ) -> GroupStatus:
-        """New setpoints for some or all members, sent at the same instant; the others' setpoints are renewed.
+        """Sends new setpoints to some or all members at the same time, and renews all others.
 
         Raises:
             Refused: the group is no longer flying, or a member is held.
-            NotTogether: two would come too near; all continue with their previous setpoints.
+            NotTogether: two would come too close; all continue with their previous setpoints.
         """
         group = self._get(group_id)
-        async with group.changing:  # each change is checked against the result of the change before
+        async with group.changing:  # each change is checked against the result of the previous change
             template = replace(
                 group.order,
                 valid_for_s=valid_for_s,
@@ -132,7 +131,7 @@ class Groups:
         self._checks.check_setpoints(group.members, orders)
         left_s = self._checks.left_s(group.setpoints, changed)
         await self._checks.check_apart(minimum_m, group.members, orders, held, left_s + valid_for_s)
-        # the vehicles have flown on meanwhile
+        # the vehicles have moved meanwhile
         held = group.require_changeable(changed, self._guard(group)).held
         self._checks.check_setpoints(group.members, orders)
         self._checks.check_apart_now(minimum_m, group.members, orders, held)
@@ -149,11 +148,10 @@ class Groups:
         return self._status(group)
 
     async def hold(self, group_id: str, client: str) -> GroupStatus:
-        """Puts all members that still follow the group into Hold at once; members that left it are not
-        affected.
+        """Puts all members that still follow the group into Hold; members that have left are not affected.
 
         Raises:
-            NoReply: a member did not confirm (the error names it); its stream keeps requesting Hold.
+            NoReply: a member did not confirm; the error names it, and its stream keeps requesting Hold.
         """
         group = self._get(group_id)
         if group.state == "ended":
@@ -181,11 +179,11 @@ class Groups:
         return tuple(self._get(group_id).members)
 
     def all(self) -> list[GroupStatus]:
-        """All groups, and the last ones that ended; oldest first."""
+        """All groups, including those that ended recently; oldest first."""
         return [self._status(group) for group in self._groups.values()]
 
     def look(self) -> None:
-        """Called with each beat: publishes the guards' findings, and ends groups that no vehicle follows."""
+        """Called periodically: publishes the guards' findings, and ends groups that no vehicle follows."""
         self.collect()
         for group in self._groups.values():
             guard = self._guard(group)
@@ -204,7 +202,7 @@ class Groups:
                 group.state = "flying"
 
     def disable_guard(self) -> None:
-        """The server shuts down and stops all streams: the end of a stream is not a finding any more."""
+        """Called at shutdown before all streams are stopped, so that their ends are not findings."""
         for group in self._groups.values():
             if group.guard is not None and group.state != "ended":
                 group.ending = "The server was shut down."
@@ -213,7 +211,7 @@ class Groups:
     # --- starting ---------------------------------------------------------------------------------
 
     def _joinable(self, order: GroupOrder) -> dict[str, Member]:
-        """Returns all members; raises the reason why one cannot join now."""
+        """Returns all members; raises an error if one cannot join now."""
         members = {vehicle_id: self._find(vehicle_id) for vehicle_id in order.setpoints}
         for index, (vehicle_id, member) in enumerate(members.items()):
             other = self._group_of(vehicle_id)
@@ -227,7 +225,7 @@ class Groups:
         return members
 
     async def _gather(self, group: Group) -> dict[str, Order]:
-        """All members stream their positions and fly Offboard; if one fails, all hold."""
+        """Streams the positions of all members and switches them to Offboard; if one fails, all hold."""
         order = group.order
         waits: dict[str, Order] = {}
         failed: dict[str, GcsError] = {}
@@ -251,7 +249,7 @@ class Groups:
             try:
                 await member.start(waits[vehicle_id], group.order.rate_hz)
             except GcsError as error:
-                group.numbers.pop(vehicle_id)  # it has ended its own stream, or is still undoing the start
+                group.numbers.pop(vehicle_id)  # the stream has ended, or is still undoing the start
                 first = not failed
                 if first or not isinstance(error, Refused):  # stopped because the first one failed
                     failed[vehicle_id] = error
@@ -302,7 +300,7 @@ class Groups:
         self._end(group, why)
 
     async def _hold(self, group: Group, members: Iterable[str]) -> dict[str, GcsError]:
-        """Stops all members whose stream belongs to the group, at once. Returns the errors by vehicle."""
+        """Stops all members whose stream belongs to the group; returns the errors by vehicle."""
         failed: dict[str, GcsError] = {}
 
         async def stop(vehicle_id: str) -> None:
@@ -370,7 +368,7 @@ class Groups:
     # --- inside -----------------------------------------------------------------------------------
 
     def _guard(self, group: Group) -> GuardState | None:
-        """Newest state of the guard, or its last if the group has ended. None before all have confirmed."""
+        """Newest state of the guard, also after the group's end; None before all members have confirmed."""
         if group.guard is not None and group.state != "ended":
             group.guard = self._streams.guard(group.id) or group.guard
         return group.guard

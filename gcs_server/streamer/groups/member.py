@@ -1,4 +1,4 @@
-"""A vehicle's setpoint stream as its group uses it; `offboard/control.py` is one."""
+"""The interface to a vehicle's setpoint stream that groups use; implemented by `offboard/control.py`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Member(Protocol):
         ...
 
     def snapshot(self, order: Order | None = None) -> Snapshot:
-        """Snapshot of the vehicle for its stream (for an order that is about to be taken)."""
+        """Snapshot of the vehicle for its stream, or for an order that is not accepted yet."""
         ...
 
     async def start(self, order: Order, rate_hz: float) -> object:

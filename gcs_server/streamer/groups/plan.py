@@ -1,12 +1,12 @@
-"""Predicts from their setpoints where a group's vehicles will be, and whether they stay apart. Pure.
+"""Predicts the positions of a group's vehicles from their setpoints, and whether they stay apart. No I/O.
 
-A path is followed exactly. A position is approached as PX4's position controller does it (the farther, the
-faster, within the limits of speed and acceleration). A velocity moves the vehicle until it expires.
-Acceleration, attitude and rate setpoints have no position: such a vehicle is assumed to stay, and only the
-guard protects it in flight. Wind and pilot actions are not predicted.
+A path is followed exactly. A position is approached like PX4's position controller does: the speed is
+proportional to the distance, within the limits of speed and acceleration. A velocity moves the vehicle until
+it expires. Acceleration, attitude and rate setpoints have no position: such a vehicle is assumed to stay at
+its position, and only the guard protects it in flight. Wind and pilot actions are not predicted.
 
-Ten long paths take a second to compute. So the search is a generator: it yields after each small piece, and
-the caller can let the event loop do other work.
+Ten long paths take a second to compute. Therefore the search is a generator that yields after each small
+piece, so that the event loop can do other work.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ from missions.setpoints import (
 
 STEP_S = 0.25
 STEPS_PER_TURN = 100
-"""Steps of predicted tracks between two yields: about 4 ms."""
+"""Number of steps of predicted tracks between two yields, about 4 ms."""
 SAMPLES_PER_TURN = 12_000
-"""Samples of the braking distance between two yields."""
+"""Number of samples of the braking distance between two yields."""
 MAX_PLAN_S = 600.0
 VELOCITY_AHEAD_S = 120.0
-"""How far ahead a velocity setpoint is predicted, at most."""
+"""Maximum time for which a velocity setpoint is predicted [s]."""
 SPEED_M_S, CLIMB_M_S = 12.0, 3.0
-"""Used if the vehicle's own limits are not known."""
+"""Values for unknown limits of the vehicle."""
 ACCELERATION_M_S2 = 3.0
 """Acceleration towards a position or velocity (default of MPC_ACC_HOR)."""
 STANDING_M_S = 0.05
@@ -61,17 +61,17 @@ class Planned:
 
     vehicle: str
     setpoint: Setpoint | None
-    """None: it stays at its position."""
+    """The setpoint; None: the vehicle stays at its position."""
     snapshot: Snapshot
     duration_s: float
     """Time until its setpoint expires."""
     elapsed_s: float = 0.0
-    """How long it has already flown this setpoint: a path continues from there."""
+    """Time for which the setpoint has already been flown; a path continues from there [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """Two vehicles that come too near, in the local frame of the first."""
+    """Two vehicles that come too close, in the local frame of the first."""
 
     vehicles: tuple[str, str]
     after_s: float
@@ -79,9 +79,9 @@ class Conflict:
     place_ned_m: Vector3
     """Position of the first vehicle at that time."""
     while_stopping: bool
-    """They would pass farther apart than the minimum, but could not be stopped in time."""
+    """Whether the vehicles would pass farther apart than the minimum, but could not be stopped in time."""
     margin_m: float = 0.0
-    """Added to the minimum for the uncertainty of both positions."""
+    """Margin added to the minimum, for the uncertainty of both positions [m]."""
 
     def text(self, minimum_m: float) -> str:
         """The conflict as a sentence."""
@@ -109,7 +109,7 @@ class Conflict:
 def first_conflict(
     members: Sequence[Planned], now_s: float, minimum_m: float
 ) -> Generator[None, None, Conflict | None]:
-    """Finds the first two vehicles that would come nearer than the minimum; returns None if all stay apart.
+    """Finds the first two vehicles that would come closer than the minimum; returns None if all stay apart.
 
     Yields after each piece of work of a few milliseconds, counted in steps.
 
@@ -146,8 +146,8 @@ def first_conflict(
 
 
 def too_near_now(members: Sequence[Planned], now_s: float, minimum_m: float) -> Conflict | None:
-    """The first two vehicles that are too near now, or too fast to be stopped at the minimum separation.
-    Cheap.
+    """The first two vehicles that are too close now, or too fast to be stopped at the minimum separation.
+    Fast to compute.
 
     Args:
         members: each with a position and an origin in its snapshot.
@@ -201,7 +201,7 @@ def _between(
     closest = distances.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
     reach_m = stopping_m(speed_a, one.brakes_m_s2) + stopping_m(speed_b, other.brakes_m_s2)
-    # at all other steps they are too far apart to come that near
+    # at all other steps they are too far apart
     candidates = np.nonzero(distances - reach_m < minimum_m)[0]
     longest_s = max(float(np.max(speed_a)) / one.brakes_m_s2, float(np.max(speed_b)) / other.brakes_m_s2)
     at_once = max(1, SAMPLES_PER_TURN // samples(longest_s))
@@ -294,8 +294,8 @@ class _PredictedTrack:
         self.moves = math.hypot(*self._velocity) > STANDING_M_S and t_s < MAX_PLAN_S
 
     def take_track(self) -> tuple[Vectors, Vectors]:
-        """All stored positions and velocities, which are then dropped: freeing all tracks at once takes
-        long."""
+        """Returns all stored positions and velocities and drops them, because freeing all tracks at once
+        takes long."""
         track = np.array(self.positions), np.array(self.velocities)
         self.positions, self.velocities = [], []
         return track

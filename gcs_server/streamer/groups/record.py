@@ -1,4 +1,4 @@
-"""What the server stores of one group of vehicles, and its status for the API."""
+"""The server's data of one group of vehicles, and the group's status for the API."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Group:
     created_unix_s: float
     state: str = "starting"
     guard: GuardState | None = None
-    """Its state as last read; None before all have confirmed."""
+    """State of the guard as last read; None before all members have confirmed."""
     start_unix_s: float | None = None
     findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
     numbers: dict[str, int] = field(default_factory=dict[str, int])
-    """Numbers of this group's streams: a member that left may later have a stream of its own."""
+    """Numbers of this group's streams, because a member that left may later have a stream of its own."""
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while new setpoints are checked and applied."""
     ending: str | None = None

@@ -1,4 +1,4 @@
-"""Status of a group, as the API and the events show it."""
+"""Status of a group in the API and in events."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ class GroupMember:
     ordered_type: str
     """Type of its setpoint in the group."""
     stream: str
-    """As `state` in its topic `offboard`; before the start its current position is streamed."""
+    """State of the stream, as in the topic `offboard`. Before the start, the vehicle's current position is
+    streamed."""
     mode: str
     """The vehicle's flight mode."""
     held: bool
-    """It was stopped or has left: it no longer follows the group."""
+    """Whether the vehicle was stopped or has left, so that it no longer follows the group."""
 
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """The two members that are nearest to each other now."""
+    """The two members that are closest to each other."""
 
     vehicles: tuple[str, str]
     """Ids of the vehicles."""
@@ -33,7 +34,7 @@ class Nearest:
 
 @dataclass(frozen=True, slots=True)
 class GroupFinding:
-    """A problem in a group, and which vehicles were stopped because of it."""
+    """A problem in a group, and the vehicles that were stopped because of it."""
 
     unix_s: float
     """Time of the finding [s since 1970 UTC]."""
@@ -44,14 +45,14 @@ class GroupFinding:
     held: tuple[str, ...]
     """Vehicles that were stopped because of it."""
     text: str
-    """For people."""
+    """Message for the operator."""
     distance_m: float | None
     """With code separation: distance between the two at that time [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroupStatus:
-    """What the calls below `/groups` answer, and what each `group` event carries."""
+    """Status of a group: the answer of the routes below `/groups`, and the content of each `group` event."""
 
     id: str
     """Id of the group in the API."""
@@ -60,15 +61,14 @@ class GroupStatus:
     client: str
     """Client that sent the setpoints."""
     client_key: str
-    """Distinguishes clients of the same name."""
+    """Distinguishes clients with the same name."""
     minimum_separation_m: float
     """Minimum true distance between members, braking distance included; see `margin_m` [m]."""
     margin_m: float | None
-    """Largest margin that the guard adds now for the accuracy and age of the positions and for wind: it stops
-    two vehicles whose positions would come nearer than minimum plus margin. Null before the first check
-    [m]."""
+    """Largest current margin of the guard, for the accuracy and age of the positions and for wind [m]. The
+    guard stops two vehicles that would come closer than minimum plus margin. Null before the first check."""
     others_go_on: bool
-    """Whether members that a problem does not concern fly on; otherwise all hold."""
+    """Whether members without a problem continue if one has a problem; otherwise all hold."""
     created_unix_s: float
     """Time of the request [s since 1970 UTC]."""
     start_unix_s: float | None
@@ -78,8 +78,8 @@ class GroupStatus:
     members: tuple[GroupMember, ...]
     """Members, in the order of the request."""
     nearest: Nearest | None
-    """Null before the first check, and if fewer than two positions are known."""
+    """The closest members; null before the first check, and if fewer than two positions are known."""
     findings: tuple[GroupFinding, ...]
     """Problems, oldest first."""
     ended: str | None
-    """Why the group ended; null while it exists."""
+    """Reason for the group's end; null while it exists."""

@@ -1,13 +1,13 @@
 """Stops a vehicle before an obstacle that its own sensors measure ahead of it.
 
-The brake acts on motion over the ground, and on a climb towards what a sensor that looks up measures. It
-never acts on a descent, so that a sensor that points down does not stop a landing. It uses the measurements
-of the last two seconds, and only in directions that a sensor covers. If an obstacle is nearer than the
-margin, the vehicle is moved back, because the integrator of PX4's controller still moves it forward.
+The brake acts on horizontal motion, and on a climb towards an obstacle that an upward sensor measures. It
+never acts on a descent, so that a downward sensor does not stop a landing. It uses the measurements of the
+last two seconds, and acts only in directions that a sensor covers. If an obstacle is nearer than the margin,
+the vehicle is moved back, because the integrator of PX4's controller still moves it forward.
 
-A lidar that is fixed to the body points at the foot of a wall, or at the ground, while the vehicle pitches
-forward. So each point that a level sensor measures counts, however far below the vehicle: low over the ground
-the vehicle flies more slowly, and does not hit the wall.
+While the vehicle pitches forward, a lidar that is fixed to the body points at the foot of a wall or at the
+ground. Therefore every point of a level sensor counts, no matter how far below the vehicle. Low over the
+ground the vehicle flies more slowly as a result, but it does not hit the wall.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ from missions.frames import Vector3
 SCAN_VALID_S = 2.0
 """Older measurements are dropped; by default PX4 sends DISTANCE_SENSOR every two seconds."""
 SAME_HEIGHT_M = 1.0
-"""A measurement taken from an altitude farther above or below the vehicle than this is dropped."""
+"""A measurement is dropped if the vehicle's altitude has changed by more than this since then [m]."""
 MAX_SCANS = 100
 WIDTH_M, NARROWEST_M = 0.8, 0.35
-"""An obstacle nearer than this to the line of flight is in the way; less if one is already nearer."""
+"""Distance from the line of flight within which an obstacle blocks it [m]; smaller if an obstacle is already
+nearer."""
 BACK_M_S = 0.5
 """Largest speed at which the vehicle is moved back."""
 GUARD_MARGIN_M = 0.3
 SLOW_M_S = 0.5
-"""Below this speed the brake does not take over a vehicle that is flown by attitude or rates."""
+"""Speed below which the brake does not take over a vehicle flown by attitude or rates [m/s]."""
 
 Points = NDArray[np.float64]
 """(N, 2), north and east [m]."""
@@ -109,7 +110,7 @@ class ObstacleBrake:
     """The brake at one moment.
 
     Args:
-        around: None if nothing is measured or the brake is off.
+        around: the measured surroundings; None if nothing is measured or the brake is off.
         notes: receives a text for each reduction.
     """
 
@@ -138,7 +139,7 @@ class ObstacleBrake:
     def limit_position_ne(
         self, target: NorthEast, speed: NorthEast | None, position: Vector3 | None, gain: float
     ) -> tuple[NorthEast, NorthEast | None]:
-        """Moves the target in front of the obstacle, so near to the vehicle that PX4 approaches it at a
+        """Moves the target in front of the obstacle, and so close to the vehicle that PX4 approaches it at a
         speed from which it can stop.
         """
         if not self._scans or position is None:
@@ -186,7 +187,7 @@ class ObstacleBrake:
         return highest
 
     def must_stop(self) -> str | None:
-        """Why a flight without position control must be taken over; None: it may continue."""
+        """Reason to take over a flight without position control; None: it may continue."""
         if not self._scans:
             return None
         n, e, _ = self._velocity

@@ -1,9 +1,9 @@
 """Keeps a sent setpoint finite, within the vehicle's and the operator's limits, and inside the fence.
 
-Pure: `apply_limits` takes the requested setpoint and returns the one that may be sent, with notes on each
-reduction. A speed from which the vehicle could not stop before the edge is reduced to one from which it can.
-Kinds that control no position or velocity (acceleration, attitude, rates) cannot be reduced in that way:
-there `stop` says why the stream must take over.
+`apply_limits` does no I/O: it converts the requested setpoint to one that may be sent, with a note on each
+reduction. A speed from which the vehicle could not stop before the edge is reduced. Kinds that control no
+position or velocity (acceleration, attitude, rates) cannot be reduced in this way; for them `stop` is the
+reason why the stream must take over.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class LimitResult:
     setpoint: DirectSetpoint | None
     """None if no part of the request may be sent."""
     notes: tuple[str, ...] = ()
-    """A text for each reduction."""
+    """One text for each reduction."""
     stop: str | None = None
-    """Why the order must not be followed any further; None if it may."""
+    """Why the setpoint must no longer be flown; None if it may be flown."""
     braked: bool = False
     """Whether the obstacle brake reduced the setpoint."""
 
@@ -58,14 +58,14 @@ def apply_limits(
     dt_s: float = 0.0,
     around: Surroundings | None = None,
 ) -> LimitResult:
-    """The part of `wanted` that may be sent.
+    """Applies all limits to a setpoint.
 
     Args:
-        wanted: the ordered setpoint, resolved for this moment.
-        bounds: in the vehicle's local frame.
-        here: the vehicle; None if its position is not known.
-        before: the setpoint sent last, for slewing; None: no slewing.
-        dt_s: time since then.
+        requested: the requested setpoint, resolved for this time.
+        bounds: the limits, in the vehicle's local frame.
+        here: motion of the vehicle; None if its position is unknown.
+        before: the last sent setpoint, for the slew rates; None: no slew limit.
+        dt_s: time since the last sent setpoint.
         around: measured surroundings; None: nothing is measured, or the brake is off.
     """
     if not is_finite(requested):
@@ -146,7 +146,7 @@ class _Limiter:
     # --- the kinds ----------------------------------------------------------------------------------
 
     def _global(self, s: PositionGlobal) -> DirectSetpoint:
-        """Sent unchanged unless a limit changes it; then sent as a local position."""
+        """Limits a global position; it is sent unchanged, or as a local position if a limit changes it."""
         s = self._yaw_rate(s)
         origin = self._bounds.origin
         if origin is None or s.alt_amsl_m is None:
@@ -250,8 +250,8 @@ class _Limiter:
     def _approach(
         self, position_ne: NorthEast, speed: NorthEast | None
     ) -> tuple[NorthEast, NorthEast | None]:
-        """Moves the target so near that the vehicle's position controller commands no more than the
-        operator's speed."""
+        """Moves the target so close that the vehicle's position controller commands at most the operator's
+        speed limit."""
         most = self._bounds.approach_m_s
         if self._here is None or not math.isfinite(most):
             return position_ne, speed

@@ -1,7 +1,6 @@
-"""The allowed region: limits positions to it, and velocities so that the vehicle stops before its edge.
-
-Setpoints without position control cannot be limited in this way: for them `require_stoppable` says when the
-flight must be taken over.
+"""Limits positions to the allowed region, and velocities so that the vehicle stops before its edge. Setpoints
+without position control cannot be limited in this way; for them `require_stoppable` decides when the stream
+must take over.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from missions.frames import Quaternion, Vector3
 
 @dataclass(frozen=True, slots=True)
 class VehicleMotion:
-    """Position, velocity and attitude of the vehicle now."""
+    """Current position, velocity and attitude of the vehicle."""
 
     position_ned_m: Vector3
     velocity_ned_m_s: Vector3
@@ -41,8 +40,8 @@ class RegionLimiter:
     """The allowed region around a vehicle at one moment.
 
     Args:
-        bounds: in the vehicle's local frame.
-        here: the vehicle; None if its position is not known.
+        bounds: the limits, in the vehicle's local frame.
+        here: motion of the vehicle; None if its position is unknown.
         notes: receives a text for each reduction.
     """
 
@@ -51,10 +50,10 @@ class RegionLimiter:
         self._here = here
         self._notes = notes
         self.stop: str | None = None
-        """Why the order must not be followed any further."""
+        """Why the setpoint must no longer be flown; None if it may be flown."""
 
     def limit_position_ne(self, target: NorthEast) -> NorthEast:
-        """Moves the target as far towards the ordered position as is allowed."""
+        """Moves the target to the last allowed position on the way to the requested one."""
         region = self._bounds.region
         if not region.is_limited_horizontally:
             return target
@@ -146,7 +145,7 @@ class RegionLimiter:
         return kept
 
     def require_stoppable(self, *, ground: bool = True, height: bool = True) -> None:
-        """Sets `stop` if the vehicle at its current velocity could only just be stopped inside."""
+        """Sets `stop` if the vehicle, at its current velocity, can only just be stopped inside."""
         region = self._bounds.region
         if not (ground and region.is_limited_horizontally) and not (height and region.is_limited_vertically):
             return
@@ -170,7 +169,7 @@ class RegionLimiter:
             self.stop = "The vehicle would leave the altitude limits"
 
     def _cannot_stop_inside(self, here: NorthEast) -> bool:
-        """Whether the vehicle at its current velocity could only just be stopped inside."""
+        """Whether the vehicle, at its current velocity, can only just be stopped inside."""
         assert self._here is not None
         n, e, _ = self._here.velocity_ned_m_s
         speed = math.hypot(n, e)
@@ -181,8 +180,8 @@ class RegionLimiter:
 
 
 def _height_speed(left_m: float, max_back_m_s: float) -> float:
-    """Largest speed towards an altitude limit from which the vehicle stops in time; negative: away from
-    it."""
+    """Largest speed towards an altitude limit from which the vehicle stops in time; negative: away from the
+    limit."""
     if left_m >= 0.0:
         return braking_speed(left_m, BRAKE_HEIGHT_M_S2, BRAKE_HEIGHT_DELAY_S)
     return max(BACK_PER_S * left_m, -MAX_BACK_M_S, -max_back_m_s)

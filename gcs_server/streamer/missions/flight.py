@@ -47,7 +47,8 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 T = TypeVar("T")
 RENEWAL_TIMEOUT_S = 3.0
-"""If the server does not update a mission for this long, the stream holds position, then PX4's Hold mode."""
+"""Time without an update of the mission after which the stream holds the position, then switches to PX4's
+Hold mode [s]."""
 HOLD_FOR_S = 5.0
 RATE_HZ = 50.0
 MAX_PICTURES_WAITING = 5
@@ -79,15 +80,15 @@ class Start:
     client: str
     low_battery_share: float
     corridor: Corridor | None = None
-    """Corridor of the dry run named at the start; None: not watched."""
+    """Corridor of the dry run given at the start; None: not monitored."""
     role: str | None = None
-    """Role of the vehicle in a mission of several vehicles; None: it flies alone."""
+    """Role of the vehicle in a mission of several vehicles; None: the mission has one vehicle."""
     dry_run: str | None = None
-    """Id of the dry run that `corridor` is of."""
+    """Id of the dry run with this `corridor`."""
 
 
 class MissionFlight:
-    """A mission from its start to its end.
+    """A mission of one vehicle, from its start to its end.
 
     Args:
         clock: the server's.
@@ -110,7 +111,7 @@ class MissionFlight:
             start.timeline, start.mission.name, start.motion, start.low_battery_share, start.corridor
         )
         self.joint: JointMission | None = None
-        """The mission of several vehicles that this flight belongs to; None before it has begun, and for a
+        """The mission of several vehicles to which this flight belongs; None before its start, and for a
         single vehicle.
         """
         self.looked_s = self._began_s
@@ -125,7 +126,7 @@ class MissionFlight:
     # --- requests of clients ------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Raises Refused if this is not possible now."""
+        """Starts the mission. Raises Refused if this is not possible now."""
         self.require_attitude()
         self.carry_out(asked(self.runner.start, self._now_s, self.reading()))
 
@@ -138,21 +139,22 @@ class MissionFlight:
             )
 
     def pause(self, by: str) -> None:
-        """Pauses it for all of its vehicles. Raises Refused if this is not possible now."""
+        """Pauses the mission of all its vehicles. Raises Refused if this is not possible now."""
         if self.joint is not None:
             self.joint.pause(by)
         else:
             self._do(asked(self.runner.pause, self._now_s, self.reading(), by))
 
     def resume(self, by: str) -> None:
-        """Resumes it for all of its vehicles. Raises Refused if this is not possible now."""
+        """Resumes the mission of all its vehicles. Raises Refused if this is not possible now."""
         if self.joint is not None:
             self.joint.resume(by)
         else:
             self._do(asked(self.runner.resume, self._now_s, self.reading(), by))
 
     def skip(self, by: str) -> None:
-        """Raises Refused if this is not possible now, or if the mission has several vehicles."""
+        """Skips the current step. Raises Refused if this is not possible now, or if the mission has several
+        vehicles."""
         if self.joint is not None:
             raise Refused(
                 "A step of a mission of several vehicles cannot be skipped: "
@@ -162,11 +164,12 @@ class MissionFlight:
         self._do(asked(self.runner.skip, self._now_s, self.reading(), by))
 
     def go_on(self, by: str) -> None:
-        """Raises Refused if the mission is not waiting for the operator."""
+        """Continues after a wait for the operator. Raises Refused if the mission is not waiting for the
+        operator."""
         self._do(asked(self.runner.go_on, by))
 
     def abort(self, by: str, then: str) -> None:
-        """Ends it for all of its vehicles. Raises Refused if the mission has ended."""
+        """Ends the mission of all its vehicles. Raises Refused if the mission has ended."""
         if self.joint is not None:
             self.joint.abort(by, then)
             return
@@ -238,7 +241,7 @@ class MissionFlight:
         self._do(requests)
 
     def isolated(self, work: Callable[[], None]) -> None:
-        """Runs work whose faults must affect only this vehicle."""
+        """Runs work so that its faults affect only this vehicle."""
         self._vehicle.isolation.run("its offboard mission", work)
 
     # --- inside -----------------------------------------------------------------------------------

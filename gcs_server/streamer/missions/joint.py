@@ -1,4 +1,5 @@
-"""One mission of several vehicles: they begin and end together, and the guard of groups keeps them apart."""
+"""One mission of several vehicles. They start and end together, and the separation guard of groups keeps them
+apart."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ class JointMission:
     """A mission of several vehicles, from its start to its end.
 
     Args:
-        name: name of its guard.
+        name: name of the mission's guard.
         flights: each vehicle's flight, by role.
         clock: the server's.
         streams: sends the setpoints, and runs the guard.
@@ -33,7 +34,7 @@ class JointMission:
 
     @property
     def over(self) -> bool:
-        """Whether no vehicle flies the mission any more."""
+        """Whether the mission has ended for all vehicles."""
         return self._runner.over
 
     def others(self, flight: MissionFlight) -> tuple[str, ...]:
@@ -64,7 +65,7 @@ class JointMission:
         """Updates the mission; called after the update of each flight."""
         if not self._watched:
             return
-        if self._streams.guard(self.name) is None:  # the streams' process was started again
+        if self._streams.guard(self.name) is None:  # the stream process was restarted
             self._watch()
         readings = self._readings()
         not_updated = [
@@ -82,8 +83,8 @@ class JointMission:
             self._streams.unwatch(self.name)
 
     def found(self, finding: Finding) -> None:
-        """The guard has stopped the vehicles that fly by setpoints: holds the others as well, and ends the
-        mission.
+        """Called when the guard has stopped the vehicles that fly by setpoints: holds the others as well, and
+        ends the mission.
         """
         self.stop(f"{finding.text.rstrip('.')}: all hold")
 
@@ -98,12 +99,12 @@ class JointMission:
         self._do(asked(self._runner.pause, self._now_s, self._readings(), by))
 
     def resume(self, by: str) -> None:
-        """Resumes all vehicles. Raises Refused if one cannot resume; then none is resumed."""
+        """Resumes all vehicles. Raises Refused if one cannot resume; no vehicle is resumed then."""
         self._do(asked(self._runner.resume, self._now_s, self._readings(), by))
 
     def abort(self, by: str, then: str) -> None:
-        """Ends the mission. Raises Refused if it has ended, or for "return": the vehicles' paths home may
-        cross.
+        """Ends the mission. Raises Refused if it has ended, or for "return", because the vehicles' paths home
+        may cross.
         """
         if then == "return":
             raise Refused(

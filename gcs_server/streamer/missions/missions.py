@@ -25,7 +25,7 @@ class OffboardMissions:
 
     Args:
         clock: the server's.
-        streamer: has the setpoint stream of each vehicle.
+        streamer: the setpoint streams of all vehicles.
         streams: the streams of all vehicles.
         supervisor: runs background tasks.
     """
@@ -67,7 +67,7 @@ class OffboardMissions:
         return flight
 
     async def ready(self) -> None:
-        """Returns once streams and guards can run. Raises Refused if they cannot."""
+        """Returns once streams and guards can run; raises Refused if they cannot."""
         await self._streams.ready()
 
     def begin_together(self, starts: Mapping[str, tuple[str, Start]], minimum_m: float) -> JointMission:
@@ -136,8 +136,10 @@ class OffboardMissions:
         return None if flight is None else flight.status()
 
     def update(self) -> None:
-        """Updates each mission. A fault of one affects only that one: its stream is no longer renewed."""
-        self._streamer.groups.collect()  # a stop by the guard is not a failure of the mission
+        """Updates each mission. A fault in one mission affects only that mission, whose stream is then no
+        longer renewed."""
+        # before the missions, so that a stop by the guard is not handled as a failure of the mission
+        self._streamer.groups.collect()
         for vehicle_id, flight in list(self._flights.items()):
             vehicle = self._streamer.offboard(vehicle_id).vehicle
             vehicle.isolation.run("the update of its offboard mission", flight.tick)
@@ -158,7 +160,7 @@ class OffboardMissions:
 
 
 def low_battery_share(vehicle: Vehicle) -> float:
-    """Share of the charge below which a mission takes its low-battery action."""
+    """Battery charge (0 to 1) below which a mission executes its low-battery action."""
     low = vehicle.params.known("BAT_LOW_THR")
     return LOW_BATTERY_SHARE if low is None else float(low.value)
 

@@ -29,7 +29,7 @@ def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
 
 
 def distance_m(vehicle: Vehicle) -> float | None:
-    """Distance of the sensor that points down; without one, the shortest distance. None: nothing in range."""
+    """Distance measured by the downward sensor, or else the shortest distance. None: nothing is in range."""
     sample = vehicle.topic("distance_sensors")
     if sample is None or not isinstance(sample.value, DistanceSensors):
         return None
@@ -54,7 +54,7 @@ def wind_speed_m_s(vehicle: Vehicle) -> float | None:
 
 
 def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
-    """The condition values that the vehicle has sent; a condition on any other value stays false."""
+    """Names of the condition values that the vehicle has sent. A condition on any other value stays false."""
     battery, gps, sensors = (vehicle.topic(name) for name in ("battery", "gps", "distance_sensors"))
     known = {
         "battery_share": battery is not None
@@ -74,7 +74,7 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
 
     Args:
         control: the vehicle's setpoint stream.
-        state: state of its stream. A stream that does not belong to the mission counts as idle.
+        state: state of the stream. A stream that does not belong to the mission counts as idle.
     """
     vehicle = control.vehicle
     estimates, status, cause = VehicleEstimates(vehicle), vehicle.status, vehicle.mode_cause
@@ -92,7 +92,7 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
         position_ned_m=None if local is None else local.position_ned_m,
         velocity_ned_m_s=None if local is None else local.velocity_ned_m_s,
         yaw_ned_rad=None if attitude is None else attitude.yaw_ned_rad,
-        # a lost connection does not mean a lost estimate
+        # a lost link does not mean that the estimates are lost
         estimates=None if attitude is None else estimates_of(estimates),
         link_active=not status.link_lost and bool(vehicle.endpoints),
         holder=None if holder is None else holder.holder_key,

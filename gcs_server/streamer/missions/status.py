@@ -25,11 +25,12 @@ class MissionName:
 
 @dataclass(frozen=True, slots=True)
 class OffboardMissionStatus:
-    """The topic `offboard_mission`, and the answer of the calls below `…/offboard_mission`."""
+    """Status of an offboard mission: the topic `offboard_mission`, and the answer of the routes below
+    `…/offboard_mission`."""
 
     state: MissionState
     """waiting: for the operator or a condition; paused: in Offboard, on its path; suspended: the mission does
-    not fly the vehicle, the operator can resume it; done, aborted, stopped: the mission has ended."""
+    not control the vehicle, and the operator can resume it; done, aborted, stopped: the mission has ended."""
     name: str
     plan_id: str | None
     """Id of the stored plan; None: the mission was sent with the start."""
@@ -37,9 +38,9 @@ class OffboardMissionStatus:
     client: str
     """Client that started the mission."""
     role: str | None
-    """Its role in a mission of several vehicles; None: it flies alone."""
+    """Role of the vehicle in a mission of several vehicles; None: the mission has one vehicle."""
     others: tuple[str, ...]
-    """Ids of the vehicles that fly it together with this one: pause, resume and abort act on all."""
+    """Ids of the other vehicles of the mission; pause, resume and abort act on all of them."""
     started_unix_s: float
     place: str | None
     """Current step: "step 3", "step 4.2"; None when the mission has ended."""
@@ -52,15 +53,15 @@ class OffboardMissionStatus:
     deviation_m: float | None
     """Distance from the streamed position."""
     outside_corridor_m: float | None
-    """Distance outside the dry run's corridor, 0 inside; None: no corridor is watched."""
+    """Distance outside the dry run's corridor, 0 inside; None: no corridor is monitored."""
     dry_run: str | None
-    """Id of the dry run whose corridor is watched."""
+    """Id of the dry run whose corridor is monitored."""
     question: str | None
     """Question to the operator; answered by `go_on`."""
     reason: str | None
     """Why the mission is suspended or has ended."""
     if_stream_stops: str | None
-    """What the vehicle will do by itself if the server or its link fails, as text."""
+    """Text about the vehicle's own action if the server or its link fails."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ class FlownMission:
     name: str
     started_unix_s: float
     samples: tuple[FlownSample, ...]
-    """Two a second; fewer for a flight longer than half an hour."""
+    """Two samples per second; fewer for a flight longer than half an hour."""
     deviation_mean_m: float | None
     """Mean distance from the streamed positions; null: no position was streamed."""
     deviation_max_m: float | None

@@ -1,4 +1,5 @@
-"""Switches obstacle avoidance of one vehicle's stream, and requests its sensors' messages often enough."""
+"""Switches obstacle avoidance of one vehicle's stream on and off, and requests a sufficient rate of its
+sensors' messages."""
 
 from __future__ import annotations
 
@@ -19,12 +20,12 @@ TOPICS = {
     "obstacle_distance": d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
 }
 RATE_HZ = 5.0
-"""By default PX4 sends these every one or two seconds: too rarely for braking."""
+"""Messages that PX4 sends only every one or two seconds by default, which is too rare for braking."""
 SLOW_S = 0.5
-"""A message received less often than this is requested again."""
+"""Rate below which a message is requested again [Hz]."""
 ASK_AGAIN_S = 2.0
 HAS_SENSOR_S = 10.0
-"""A sensor that sent within this time counts as present, however rarely it sends."""
+"""Time for which a sensor counts as present after a message [s]."""
 HEARD_WITHIN_S, CHECK_PERIOD_S = 3.0, 0.1
 
 
@@ -34,7 +35,7 @@ class AvoidanceControl:
     Args:
         clock: the server's.
         vehicle: the vehicle.
-        estimates: gives its sensors' measurements.
+        estimates: the vehicle's estimates, with the measurements of its sensors.
     """
 
     def __init__(self, clock: Clock, vehicle: Vehicle, estimates: VehicleEstimates) -> None:
@@ -43,10 +44,10 @@ class AvoidanceControl:
         self._estimates = estimates
         self._requested_s = float("-inf")
         self.way: AvoidanceWay | None = None
-        """Direction that is tried first; None: off."""
+        """What to try first (over or around); None: avoidance is off."""
         self.mission_way: AvoidanceWay | None = None
-        """Direction that is tried first in the mission's steps with avoidance; None: off. It ends with the
-        mission.
+        """What to try first in the mission's steps with avoidance; None: off. The value is reset at the end
+        of the mission.
         """
 
     async def switch_on(self, way: AvoidanceWay) -> None:
@@ -72,11 +73,11 @@ class AvoidanceControl:
         self.require_sensor()
 
     def switch_off(self) -> None:
-        """Switches avoidance off, also for the current mission; the obstacle brake stays on."""
+        """Switches avoidance off, even for the current mission; the obstacle brake stays on."""
         self.way = self.mission_way = None
 
     def require_sensor(self) -> None:
-        """Call before avoidance is relied on.
+        """Checks that avoidance is possible.
 
         Raises:
             Refused: no sensor measures obstacles.
@@ -90,7 +91,8 @@ class AvoidanceControl:
             )
 
     def request_rates(self) -> None:
-        """Called with each beat of a stream: requests a higher rate for messages received too rarely."""
+        """Called periodically while a stream runs: requests a higher rate of messages that are received too
+        rarely."""
         now_s = self._clock.monotonic_s()
         if now_s - self._requested_s < ASK_AGAIN_S or not self.has_sensor():
             return

@@ -1,4 +1,4 @@
-"""The vehicle's parameters that matter to a stream: its limits, and its action when setpoints stop."""
+"""The vehicle's parameters that a stream needs: its limits, and its action when setpoints stop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gcs_server.vehicle.numbers import number
 from gcs_server.vehicle.vehicle import Vehicle
 
 PARAMETERS_TIMEOUT_S = 3.0
-"""Parameters that have not arrived by then stay unknown."""
+"""Maximum wait for the parameters [s]; those that have not arrived by then stay unknown."""
 ASK_AGAIN_S = 10.0
 FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
 
@@ -24,7 +24,7 @@ class OffboardConfiguration:
     Args:
         clock: the server's.
         vehicle: the vehicle.
-        estimates: gives whether an RC transmitter is connected.
+        estimates: the vehicle's estimates, including whether an RC transmitter is connected.
     """
 
     def __init__(self, clock: Clock, vehicle: Vehicle, estimates: VehicleEstimates) -> None:
@@ -50,7 +50,7 @@ class OffboardConfiguration:
                 for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
                     group.create_task(read(name))
         except TimeoutError:
-            pass  # values that arrived in time are used
+            pass  # the values that arrived in time are used
         except ExceptionGroup as several:
             raise several.exceptions[0] from several
         self._read = values
@@ -58,8 +58,8 @@ class OffboardConfiguration:
         return self._failsafe_of(self.parameters())
 
     async def ensure(self) -> None:
-        """As `read`, unless the values are known or were requested recently; they stay unknown if the vehicle
-        refuses."""
+        """Reads the parameters unless they are known or were requested recently. They stay unknown if the
+        vehicle refuses."""
         now_s = self._clock.monotonic_s()
         requested_recently = self._read_s is not None and now_s - self._read_s < ASK_AGAIN_S
         if "COM_OBL_RC_ACT" not in self.parameters() and not requested_recently:
@@ -67,11 +67,11 @@ class OffboardConfiguration:
                 self._vehicle.require_commandable()
                 await self.read()
             except GcsError:
-                pass  # replayed, lost or not PX4: the status says so
+                pass  # the vehicle is replayed, lost or not PX4, as shown in its status
 
     def parameters(self) -> dict[str, float]:
-        """Newest values from the vehicle, so a changed parameter counts at once. Values that are not finite,
-        and limits below zero, count as unknown.
+        """The newest values from the vehicle, so that a changed parameter applies immediately. Values that
+        are not finite, and limits below zero, count as unknown.
         """
         values = dict(self._read)
         for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):

@@ -1,4 +1,4 @@
-"""The event loop's side of one vehicle's stream: checks, start, stop, and status."""
+"""The event loop's interface to one vehicle's stream: checks, start, stop, and status."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ from missions.setpoints import Follow
 PRE_STREAM_S = 1.2
 """PX4 needs more than a second of setpoints before it accepts Offboard."""
 PRE_STREAM_TIMEOUT_S = 6.0
-"""A computer that cannot send setpoints without a pause within this time is too busy to fly a vehicle."""
+"""Time within which setpoints must be sent without a pause; otherwise the computer is too busy to fly a
+vehicle [s]."""
 CHECK_PERIOD_S = 0.02
-"""How often the end of pre-streaming is checked."""
+"""Period at which the end of pre-streaming is checked [s]."""
 ENDS_IN = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
 """The mode that a stream requests in each of its final phases."""
 MESSAGE_OF_NO_STREAM = "There is no setpoint stream to this vehicle, so the setpoint was not sent."
@@ -49,9 +50,9 @@ class OffboardControl:
 
     Args:
         clock: the server's.
-        vehicle: whose.
+        vehicle: the vehicle.
         streams: sends the setpoints.
-        find: other vehicles by id, for following them; raises UnknownVehicle.
+        find: finds other vehicles by id, for following them; raises UnknownVehicle.
         limits: the operator's limits.
     """
 
@@ -84,10 +85,12 @@ class OffboardControl:
     # --- the stream -------------------------------------------------------------------------------
 
     async def start(self, order: Order, rate_hz: float = 50.0) -> OffboardStatus:
-        """Streams, requests Offboard, and returns once the vehicle reports it. Works from any other mode.
+        """Starts streaming, requests Offboard, and returns once the vehicle reports it. Works from any other
+        mode.
 
-        If Offboard was requested but not confirmed (no answer, another command, caller cancelled), the stream
-        continues for `UNDO_S` and puts the vehicle into Hold in case it still switches to Offboard.
+        If Offboard was requested but not confirmed (no answer, another command, or a cancelled caller), the
+        stream continues for `UNDO_S`. If the vehicle still switches to Offboard, the stream puts it into
+        Hold.
 
         Raises:
             Refused: an estimate is missing, the target is too far, or the vehicle already has a stream.
@@ -119,7 +122,9 @@ class OffboardControl:
         try:
             self._check_rate(await self._configuration.read(), rate_hz)
             await self._streamed_steadily(number)
-            self.check(order)  # seconds may have passed, and now the vehicle's limits are known
+            self.check(
+                order
+            )  # checked again, because seconds may have passed, and the vehicle's limits are now known
             vehicle.command.require_no_kill("start Offboard")
             self._requested_stream = number
             await vehicle.command.set_mode("offboard")
@@ -161,7 +166,7 @@ class OffboardControl:
 
     @staticmethod
     def _check_rate(failsafe: Failsafe, rate_hz: float) -> None:
-        """Two setpoints must fit into COM_OF_LOSS_T, so that one may be lost."""
+        """Checks that two setpoints are sent within COM_OF_LOSS_T, so that one may be lost."""
         patience_s = failsafe.loss_timeout_s
         if patience_s is not None and 2.0 / rate_hz > patience_s:
             raise Refused(
@@ -171,7 +176,7 @@ class OffboardControl:
             )
 
     async def setpoint(self, order: Order) -> OffboardStatus:
-        """Sets a new target. It is handed to the stream without waiting, and sent at once.
+        """Sets a new setpoint, which is passed to the stream without waiting and sent immediately.
 
         Raises:
             Refused: no stream runs, a group owns it, an estimate is missing, or the target is too far.
@@ -207,9 +212,8 @@ class OffboardControl:
         return self.status()
 
     async def stop(self) -> OffboardStatus:
-        """Puts the vehicle into Hold, waits for its confirmation, then stops; nothing is sent afterwards.
-
-        Does nothing without a stream. A landing that the order requested on its expiry continues.
+        """Puts the vehicle into Hold, waits for its confirmation, then stops the stream; nothing is sent
+        afterwards. Does nothing if no stream is running. A landing that was started on expiry continues.
         """
         vehicle = self.vehicle
         state = self._streams.state(vehicle.id)
@@ -226,7 +230,7 @@ class OffboardControl:
     # --- the vehicle's configuration ----------------------------------------------------------------
 
     def requested_mode(self) -> str | None:
-        """The mode that the ending stream requests now; None if it requests none."""
+        """The mode that the ending stream is requesting; None if it requests none."""
         return ENDS_IN.get(self._streams.state(self.vehicle.id).phase)
 
     async def set_failsafe(self, action: str | None, after_s: float | None) -> FailsafeView:
@@ -251,13 +255,13 @@ class OffboardControl:
         return view
 
     async def ensure_parameters(self) -> None:
-        """Requests the parts of the vehicle's configuration that are not known yet."""
+        """Requests the vehicle's limits and failsafe parameters that are not known yet."""
         await self._configuration.ensure()
 
     # --- status -------------------------------------------------------------------------------------
 
     def available(self) -> dict[str, Available]:
-        """Which setpoint types can be flown now, and why the others cannot."""
+        """The setpoint types that can be flown now, and why the others cannot."""
         return self._availability.all()
 
     def limits(self) -> OffboardLimits:
@@ -267,7 +271,7 @@ class OffboardControl:
         )
 
     def failsafe(self) -> FailsafeView | None:
-        """The vehicle's action when the stream stops; None before it is known."""
+        """The vehicle's action when the stream stops; None if unknown."""
         return self._failsafe_view(self._configuration.failsafe())
 
     @staticmethod
@@ -310,7 +314,7 @@ class OffboardControl:
         return self._snapshots.make(order or self._streams.state(self.vehicle.id).order)
 
     def snapshot_without_estimates(self) -> Snapshot:
-        """Snapshot from the heartbeat and the previous limits only, if the full one fails."""
+        """Snapshot from the heartbeat and the previous limits only, used if the full one fails."""
         return self._snapshots.without_estimates()
 
     # --- inside -------------------------------------------------------------------------------------

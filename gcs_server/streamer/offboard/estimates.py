@@ -25,7 +25,8 @@ ESTIMATE_FRESH_S = 1.0
 ACCURACY_FRESH_S = 10.0
 """PX4 sends ESTIMATOR_STATUS every one or two seconds."""
 PAIR_WITHIN_S = 0.3
-"""Local and global position received further apart than this are not paired."""
+"""Maximum difference between the reception times of a local and a global position that are used as a pair
+[s]."""
 # ESTIMATOR_STATUS_FLAGS
 ATTITUDE, VELOCITY_HORIZONTAL, VELOCITY_VERTICAL = 1, 2, 4
 POSITION_HORIZONTAL = 8 | 16
@@ -33,7 +34,7 @@ POSITION_VERTICAL = 32 | 64
 
 
 class VehicleEstimates:
-    """One vehicle's state for its stream; samples older than a second do not count."""
+    """One vehicle's state for its stream; samples older than a second are ignored."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -54,26 +55,26 @@ class VehicleEstimates:
         return value if isinstance(value, GlobalPosition) else None
 
     def home(self) -> Home | None:
-        """Home position of any age: it is sent every two seconds and rarely changes."""
+        """Home position of any age, because it is sent every two seconds and rarely changes."""
         sample = self._vehicle.topic("home")
         return sample.value if sample is not None and isinstance(sample.value, Home) else None
 
     def target_local(self) -> tuple[TargetLocal, float] | None:
-        """The echo of a position target, and its age [s]."""
+        """The position target that the vehicle reports, and its age [s]."""
         sample = self._vehicle.topic("target_local")
         if sample is None or not isinstance(sample.value, TargetLocal):
             return None
         return sample.value, self._age_s(sample.received_monotonic_s)
 
     def target_attitude(self) -> tuple[TargetAttitude, float] | None:
-        """The echo of an attitude target, and its age [s]."""
+        """The attitude target that the vehicle reports, and its age [s]."""
         sample = self._vehicle.topic("target_attitude")
         if sample is None or not isinstance(sample.value, TargetAttitude):
             return None
         return sample.value, self._age_s(sample.received_monotonic_s)
 
     def has(self, flags: int) -> bool:
-        """Whether the estimator sets one of these flags; also True if it does not send flags."""
+        """Whether the estimator sets one of these flags. True if it does not send flags."""
         sample = self._vehicle.topic("estimator")
         return sample is None or not isinstance(sample.value, Estimator) or sample.value.flags & flags != 0
 
@@ -100,7 +101,8 @@ class VehicleEstimates:
         return None if stale or not math.isfinite(worse_m) or worse_m < 0.0 else worse_m
 
     def scans(self) -> tuple[Scan, ...]:
-        """Newest scans of its distance sensors; empty without an attitude, which gives their direction."""
+        """Newest scans of the distance sensors; empty without an attitude, because their direction is then
+        unknown."""
         attitude = self.attitude()
         if attitude is None:
             return ()
@@ -116,7 +118,8 @@ class VehicleEstimates:
         return bool(health.sensors_present & health.sensors_healthy & MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
 
     def origin(self) -> LocalOrigin | None:
-        """Global position of the local frame's origin: from home, else from the vehicle's position."""
+        """Global position of the local frame's origin, computed from home, or else from the vehicle's
+        position."""
         home = self.home()
         if home is not None and home.position_ned_m is not None:
             return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
@@ -131,7 +134,7 @@ class VehicleEstimates:
         )
 
     def as_leader(self, origin: LocalOrigin | None) -> Leader | None:
-        """This vehicle in the local frame of its follower; None if a position is missing."""
+        """State of this vehicle in the local frame of a following vehicle; None if a position is missing."""
         position, received_s = self.global_position(), self._received_s("global_position")
         if position is None or received_s is None or origin is None or self._vehicle.status.link_lost:
             return None

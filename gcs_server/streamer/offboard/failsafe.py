@@ -1,4 +1,4 @@
-"""What PX4 will do when the setpoint stream stops, described before takeoff."""
+"""Describes PX4's action when the setpoint stream stops."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ACTIONS: dict[int, tuple[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Failsafe:
-    """The vehicle's configuration for offboard loss, as read from it."""
+    """The vehicle's configuration for offboard loss, read from its parameters."""
 
     loss_timeout_s: float | None
     """COM_OF_LOSS_T."""

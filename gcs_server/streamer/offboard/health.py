@@ -1,4 +1,4 @@
-"""Compares a stream with its rate, and the vehicle with the sent setpoints."""
+"""Compares a stream with its requested rate, and the vehicle's state with the sent setpoints."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Stores the operator's limits of each vehicle in the data folder and restores them after a restart.
 
-A vehicle is recognised by its autopilot's uid. One without a uid of its own (every PX4 simulator reports one
-and the same) is recognised by its MAVLink system id.
+A vehicle is recognised by its autopilot's uid. A vehicle without a unique uid is recognised by its MAVLink
+system id; all PX4 simulators report the same uid.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class VehicleKey:
 
     @property
     def name(self) -> str:
-        """Name of its record."""
+        """Name of the vehicle's record."""
         return f"system-{self.system_id}" if self.uid is None else f"uid-{self.uid}"
 
 
@@ -65,8 +65,8 @@ class LimitStore:
     """Limits of all vehicles.
 
     Args:
-        records: where they are stored; None: nowhere.
-        parse: reads limits from the body of `PUT …/offboard/limits`; raises ValueError.
+        records: storage of the limits; None: they are not stored.
+        parse: parses limits from the body of `PUT …/offboard/limits`; raises ValueError.
     """
 
     def __init__(
@@ -106,12 +106,12 @@ class LimitStore:
         return record
 
     def may_know(self, system_id: int) -> bool:
-        """Whether a record may exist for a vehicle of which only the system id is known."""
+        """Whether a record may exist for a vehicle with this system id, before its uid is known."""
         unnamed = [name for name in self._kept if name not in self._system_ids]
         return bool(self._folder_problem or unnamed) or system_id in self._system_ids.values()
 
     async def keep(self, key: VehicleKey, record: LimitRecord) -> str | None:
-        """Stores a record; returns None when it is on disk, else the reason why not."""
+        """Stores a record; returns None once it is on disk, or the reason for a failure."""
         if self._records is None:
             return "This server has no data folder."
         none_set = record.limits == OperatorLimits()
@@ -135,7 +135,7 @@ class LimitStore:
         return None
 
     def warnings(self) -> list[str]:
-        """Texts for everything that cannot be read or written."""
+        """Messages about records that cannot be read or written."""
         texts = [
             f"Limits of a vehicle cannot be restored: the file {self._file(name)} cannot be read: {record}. "
             "Set them again; that replaces the file."

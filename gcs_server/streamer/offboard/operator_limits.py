@@ -24,19 +24,18 @@ class LimitsOrigin:
     active: bool
     """Whether the operator has set limits."""
     restored: bool
-    """They were set before the server's last start and restored from its data folder."""
+    """Whether the limits were set before the server's last start and restored from its data folder."""
     set_by: str | None
     """Client that set them; null if none were ever set."""
     set_unix_s: float | None
     """Time when they were set [s since 1970 UTC]."""
     kept: bool
-    """They are stored in the data folder and are restored after a restart."""
+    """Whether the limits are stored in the data folder, so that they are restored after a restart."""
     recognised_by: str | None
     """How a restarted server recognises the vehicle: `uid` (of the autopilot), `system_id` (no unique uid);
     null before the vehicle is identified."""
     warning: str | None
-    """Why limits that were set are not in force, or would be lost in a restart; null if there is no
-    problem."""
+    """Why the set limits are not in force or would be lost in a restart; null if there is no problem."""
     text: str
     """Summary in a sentence."""
 
@@ -47,8 +46,8 @@ class VehicleOperatorLimits:
     Args:
         vehicle: the vehicle.
         store: the stored limits of all vehicles.
-        owners: which vehicle uses the record of each name, shared by all vehicles: two vehicles without a
-            unique uid cannot share one record.
+        owners: the vehicle that uses the record of each name, common to all vehicles, because two vehicles
+            without a unique uid cannot use the same record.
     """
 
     def __init__(self, vehicle: Vehicle, store: LimitStore, owners: dict[str, str]) -> None:
@@ -68,14 +67,15 @@ class VehicleOperatorLimits:
         return OperatorLimits() if self._record is None else self._record.limits
 
     async def set(self, limits: OperatorLimits, by: str) -> None:
-        """Applies limits at once; returns when they are stored, or `origin` says why they are not."""
+        """Applies limits immediately. Returns once they are stored, or once `origin` contains the reason why
+        they are not."""
         self.recognise()
         record = LimitRecord(limits, self._vehicle.clock.unix_s(), by)
         self._record, self._restored, self._not_restored = record, False, None
         await self._keep(record)
 
     def recognise(self) -> None:
-        """Called with each beat: restores stored limits once the vehicle is identified."""
+        """Called periodically: restores stored limits once the vehicle is identified."""
         identity = self._vehicle.identity
         if identity is self._seen_identity:
             return
@@ -90,7 +90,7 @@ class VehicleOperatorLimits:
             )
             return
         before, self._key = self._key, key
-        # set before the vehicle was identified, so newer than the stored ones
+        # set before the vehicle was identified, therefore newer than the stored limits
         if before is None and self._record is not None:
             record = self._record
             self._vehicle.in_background("keep limits", self._keep(record))
@@ -102,7 +102,7 @@ class VehicleOperatorLimits:
         self._restore(key)
 
     async def recognised(self) -> None:
-        """Called before a stream begins: waits a moment for the identity of a vehicle that may have a
+        """Called before a stream starts: waits briefly for the identity of a vehicle that may have a
         record."""
         clock, identity = self._vehicle.clock, self._vehicle.identity
         until_s = clock.monotonic_s() + RECOGNITION_TIMEOUT_S
@@ -113,7 +113,7 @@ class VehicleOperatorLimits:
         self.recognise()
 
     def report_at_start(self) -> None:
-        """Called when a stream begins: reports restored and missing limits."""
+        """Called when a stream starts: reports restored and missing limits."""
         origin = self.origin()
         if origin.warning is not None:
             self._publish("limits_warning", origin.text, WARNING)

@@ -1,4 +1,4 @@
-"""Makes the snapshots of one vehicle for its stream."""
+"""Creates the snapshots of one vehicle for its stream."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class VehicleSnapshots:
         configuration: its parameters.
         operator: the operator's limits.
         avoidance: whether obstacle avoidance is on.
-        find: other vehicles by id, for following them; raises UnknownVehicle.
+        find: finds other vehicles by id, for following them; raises UnknownVehicle.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class VehicleSnapshots:
         self._bounds_of: tuple[object, ...] = ()
 
     def make(self, order: Order | None) -> Snapshot:
-        """The vehicle now, for a stream that flies this order."""
+        """The current state of the vehicle, for a stream that flies this order."""
         attitude = self._estimates.attitude()
         return self._estimates.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
@@ -66,7 +66,7 @@ class VehicleSnapshots:
         )
 
     def without_estimates(self) -> Snapshot:
-        """The heartbeat and the previous limits only, if `make` fails."""
+        """A snapshot from the heartbeat and the previous limits only, used if `make` fails."""
         status = self._vehicle.status
         return Snapshot(
             self._clock.monotonic_s(),
@@ -88,7 +88,7 @@ class VehicleSnapshots:
         return VehicleEstimates(leader).as_leader(self._estimates.origin())
 
     def _current_bounds(self) -> Bounds:
-        """Recomputed only if their sources have changed; the stream then gets the new bounds."""
+        """The bounds of the setpoints; recomputed only if a source has changed."""
         sources = (
             self._configuration.parameters(),
             self._operator.limits,

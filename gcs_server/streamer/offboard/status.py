@@ -1,4 +1,4 @@
-"""Status of a stream, as API, telemetry and page show it."""
+"""Status of a stream in the API, the telemetry and on the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Echo:
     """The target that the vehicle's controllers report."""
 
     age_s: float
-    """Time since it was received; large if the vehicle ignores the setpoints."""
+    """Time since the target was received [s]; large if the vehicle ignores the setpoints."""
     position_ned_m: Partial3 | None = None
     velocity_ned_m_s: Partial3 | None = None
     acceleration_ned_m_s2: Partial3 | None = None
@@ -29,25 +29,25 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class StreamHealth:
-    """Whether the stream reaches its rate, and the vehicle follows the setpoints."""
+    """Whether the stream reaches its rate, and whether the vehicle follows the setpoints."""
 
     rate_achieved_hz: float | None
-    """Setpoints handed to the link over the last two seconds; a slow link drops a setpoint when a newer one
-    replaces it."""
+    """Rate of setpoints passed to the link over the last two seconds [Hz]; a slow link drops a setpoint when
+    a newer one replaces it."""
     setpoint_age_s: float | None
-    """Time since the order was accepted."""
+    """Time since the setpoint was accepted."""
     sent_age_s: float | None
     """Time since the last sent setpoint."""
     valid_left_s: float | None
-    """Time until the order expires."""
+    """Time until the setpoint expires."""
     failsafe_in_s: float | None
-    """Time until the vehicle's own failsafe (COM_OF_LOSS_T after the last setpoint), if sending stopped
-    now."""
+    """Time until the vehicle's own failsafe if sending stopped now (COM_OF_LOSS_T after the last
+    setpoint)."""
     echo: Echo | None
     """POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None while nothing is
     sent."""
     position_error_m: float | None
-    """Distance from the vehicle to the sent position."""
+    """Distance between the vehicle and the sent position."""
     velocity_error_m_s: float | None
     """Difference between the vehicle's velocity and the sent one."""
     attitude_error_rad: float | None
@@ -62,18 +62,18 @@ class AvoidanceView:
 
     on: bool
     way: AvoidanceWay
-    """Direction that is tried first: over an obstacle, or around it at the same altitude."""
+    """What to try first: over an obstacle, or around it at the same altitude."""
     state: AvoidanceState | None
     """Current state; null while avoidance is off or nothing is streamed."""
     text: str
-    """The state as text; empty while the vehicle flies as ordered."""
+    """The state as text; empty while the vehicle flies the requested setpoint."""
     sensor: bool
-    """Whether the vehicle has a sensor that measures obstacles; the obstacle brake needs one as well."""
+    """Whether the vehicle has a sensor that measures obstacles, which the obstacle brake needs, too."""
 
 
 @dataclass(frozen=True, slots=True)
 class OffboardStatus:
-    """The topic `offboard`, and the answer of the calls below `…/offboard`."""
+    """Status of a stream: the topic `offboard`, and the answer of the routes below `…/offboard`."""
 
     streaming: bool
     """Whether setpoints are being sent."""
@@ -83,16 +83,17 @@ class OffboardStatus:
     client: str | None
     """Client that sent the setpoint."""
     client_key: str | None
-    """Distinguishes clients of the same name."""
+    """Distinguishes clients with the same name."""
     owner: StreamOwner | None
     """operator: a client flies this vehicle; group: setpoints come through `/groups` only; mission: an
     offboard mission flies it."""
     ordered_type: str | None
-    """Type of the ordered setpoint; the sent type may differ (path, follow, after expiry)."""
+    """Type of the requested setpoint; the sent type may differ (path, follow, after expiry)."""
     setpoint: dict[str, object] | None
-    """The setpoint sent now: the client's, limited, or the position held after expiry."""
+    """The setpoint that is being sent: the client's setpoint within all limits, or the position held after
+    expiry."""
     limited: tuple[str, ...]
-    """Texts of what the limits reduce now; empty if nothing is limited."""
+    """Current reductions by the limits, as texts; empty if nothing is limited."""
     rate_hz: float
     rate_achieved_hz: float | None
     age_s: float | None
@@ -100,13 +101,13 @@ class OffboardStatus:
     valid_left_s: float | None
     on_expiry: dict[str, object] | None
     if_stream_stops: str | None
-    """The vehicle's own action when the stream stops; null before it is known."""
+    """The vehicle's own action when the stream stops; null if unknown."""
     sends_failed: int
-    """Number of setpoints that could not be handed to the link."""
+    """Number of setpoints that could not be passed to the link."""
     ended: str | None
-    """Why the last stream ended; null while one runs and before the first."""
+    """Reason for the end of the last stream; null while a stream runs, and before the first one."""
     limits_origin: LimitsOrigin
-    """Whether operator limits are in force, who set them and when, and whether they survive a restart."""
+    """Origin of the operator's limits: who set them and when, and whether they survive a restart."""
     avoidance: AvoidanceView
     health: StreamHealth
 
@@ -130,19 +131,19 @@ class FailsafeView:
     action: str | None
     """COM_OBL_RC_ACT as a mode: position, altitude, stabilized, rtl, land, hold, terminate, disarm."""
     transmitter: bool
-    """Whether an RC transmitter is connected: without one the vehicle descends in modes that need sticks."""
+    """Whether an RC transmitter is connected. Without one, the vehicle descends in modes that need sticks."""
     words: str
 
 
 def expiry_view(on_expiry: OnExpiry) -> dict[str, object]:
-    """Expiry action as in the API's requests."""
+    """The action on expiry, in the format of the API."""
     if on_expiry.action == "hold":
         return {"action": "hold", "hold_for_s": on_expiry.hold_for_s}
     return {"action": on_expiry.action}
 
 
 def setpoint_view(sent: DirectSetpoint | None) -> dict[str, object] | None:
-    """A setpoint as the API shows it, without uncontrolled fields."""
+    """A setpoint in the format of the API, without uncontrolled fields."""
     if sent is None:
         return None
     return {"type": sent.type, **{k: v for k, v in asdict(sent).items() if v is not None}}

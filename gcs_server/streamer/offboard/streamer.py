@@ -1,4 +1,4 @@
-"""All vehicles' setpoint streams: the event loop's beat, which updates them, and a clean shutdown."""
+"""The setpoint streams of all vehicles: the periodic update by the event loop, and a clean shutdown."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 BEAT_PERIOD_S = 0.1
 STOP_ALL_S = 3.0
-"""How long a shutdown may wait for all vehicles to be in Hold."""
+"""Maximum wait for all vehicles to be in Hold at shutdown [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +40,11 @@ class StopResult:
 
 
 class Streamer:
-    """Owns the streams and the event loop's beat, and creates each vehicle's `offboard`.
+    """Manages the streams, updates them periodically, and creates each vehicle's `offboard`.
 
     Args:
-        streams: runs the streams: the streams' process, or a scheduler in tests.
-        limits: stores the operator's limits; if not given, they are kept in memory only.
+        streams: runs the streams; the stream process, or a scheduler in tests.
+        limits: stores the operator's limits; default: they are kept in memory only.
     """
 
     def __init__(self, clock: Clock, streams: Streams, limits: LimitStore | None = None) -> None:
@@ -64,7 +64,7 @@ class Streamer:
         vehicle.offboard = self._controls[vehicle.id] = control
 
     def detach(self, vehicle: Vehicle) -> None:
-        """The vehicle was removed; its stream ends first, with an event."""
+        """Called before a vehicle is removed: ends its stream with an event."""
         control = self._controls.get(vehicle.id)
         known = control is not None and control.vehicle is vehicle
         if known and self._streams.state(vehicle.id).phase == "idle":
@@ -72,21 +72,22 @@ class Streamer:
             self._streams.forget(vehicle.id)
 
     def start(self, supervisor: Supervisor) -> None:
-        """Starts the streams and their beat."""
+        """Starts the streams and their periodic update."""
         self._streams.start()
         supervisor.start("offboard-beat", self._beat)
 
     def close(self) -> None:
-        """Stops all streams: the vehicles' failsafes take over."""
+        """Stops all streams; the vehicles' failsafes take over."""
         self._streams.close()
         self.limits.close()
 
     def links_changed(self) -> None:
-        """A link was opened or closed: the streams release sockets of closed links."""
+        """Called when a link was opened or closed: the streams release the sockets of closed links."""
         self._streams.links_changed()
 
     def target(self, vehicle_id: str) -> tuple[Vector3 | None, Vector3 | None, float | None] | None:
-        """(position, velocity, yaw) streamed now, for the scene's ghost; None while nothing is streamed."""
+        """The streamed (position, velocity, yaw), for the target in the scene; None while nothing is
+        streamed."""
         sent = self._streams.state(vehicle_id).sent
         if sent is None:
             return None
@@ -109,10 +110,9 @@ class Streamer:
         return self.offboard(vehicle_id).vehicle
 
     async def stop_all(self) -> list[StopResult]:
-        """Puts every vehicle that is streamed to into Hold, all at once (a clean end of the server).
-
-        A vehicle that is not in Hold within `STOP_ALL_S` loses its stream, and its failsafe takes over. An
-        unconfirmed Stop motors command is repeated for the same time.
+        """Puts all vehicles with a stream into Hold at the same time, for a clean shutdown. If a vehicle is
+        not in Hold within `STOP_ALL_S`, its stream ends and its failsafe takes over. An unconfirmed Stop
+        motors command is repeated for the same time.
         """
         self.groups.disable_guard()
         async with asyncio.TaskGroup() as group:
@@ -172,12 +172,12 @@ class Streamer:
             self._publish(vehicle_id, report.text, report.severity, report.code)
 
     def faults(self) -> list[str]:
-        """Texts of current faults."""
+        """Messages about current faults."""
         return self._isolation.faults
 
     def _snapshot(self, vehicle_id: str, order: Order | None) -> Snapshot | None:
-        """Snapshot of the vehicle for its stream. If it fails, a snapshot without estimates. None if that
-        fails as well: then the stream uses the previous one, which is too old after a second.
+        """Snapshot of the vehicle for its stream; if that fails, a snapshot without estimates; if that fails
+        as well, None. The stream then uses the previous snapshot, which expires after a second.
         """
         control = self._controls[vehicle_id]
         run = control.vehicle.isolation.run

@@ -1,7 +1,5 @@
-"""The server's messages to the streams' process, and its answers.
-
-`post` returns at once; `request` returns a future. The process is started when it is needed, killed when it
-stops reading, and started again.
+"""Exchanges messages and answers with the stream process. `post` returns immediately; `request` returns a
+future. The process is started when it is needed. It is killed and restarted if it stops reading.
 """
 
 from __future__ import annotations
@@ -20,11 +18,11 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 ANSWER_TIMEOUT_S = 2.0
-"""A process that reads nothing for this long is killed; the vehicles' failsafes take over."""
+"""Time without reading after which the process is killed [s]; the vehicles' failsafes then take over."""
 LOOP_STALLED_S = 0.5
-"""If the event loop itself stalled for this long between two beats, it cannot judge the process."""
+"""If the event loop itself stalled for this long, the process is not checked [s]."""
 RESTART_PERIOD_S = 1.0
-"""Shortest time between two starts of the process."""
+"""Minimum time between two starts of the process [s]."""
 
 
 class WorkerDied(Exception):
@@ -37,16 +35,16 @@ class _PendingRequest:
 
     future: asyncio.Future[Any]
     then: Callable[[Any], None] | None
-    """Called with the answer, even if nobody awaits it any more."""
+    """Called with the answer, even if the future was cancelled."""
 
 
 class WorkerCalls:
     """Starts the process, restarts it, and sends it messages.
 
     Args:
-        clock: the machine's.
+        clock: the system's monotonic clock.
         own_ids: system and component id of the sent messages.
-        silent_limit_s: silence of the event loop after which sending stops.
+        silent_limit_s: time without a message from the event loop after which sending stops.
         on_update: called with each update from the process.
         on_gone: called when the process has ended or does not answer; pending requests fail afterwards.
         relay: sends setpoints that the process cannot send; called in a thread.
@@ -80,7 +78,7 @@ class WorkerCalls:
             self.worker = WorkerHandle(
                 self._own_ids, self._silent_limit_s, self._take_value, self._gone, self._relay
             )
-        except OSError:  # no file descriptor left: a later beat tries again
+        except OSError:  # no free file descriptor; tried again at a later update
             log.exception("the setpoint streams' process could not be started")
 
     def close(self) -> None:
@@ -91,7 +89,8 @@ class WorkerCalls:
         self._fail_all()
 
     def check_alive(self) -> None:
-        """Called with each beat: kills a process that reads nothing, unless the event loop itself stalled."""
+        """Called periodically: kills a process that has stopped reading, unless the event loop itself
+        stalled."""
         now_s = self._clock.monotonic_s()
         stalled, self._beat_s = now_s - self._beat_s > LOOP_STALLED_S, now_s
         worker = self.worker
@@ -121,7 +120,7 @@ class WorkerCalls:
             return 0
 
     def request(self, message: Request[T], then: Callable[[T], None] | None = None) -> asyncio.Future[T]:
-        """Sends at once; the future receives the answer, or WorkerDied.
+        """Sends a request immediately; the future receives the answer, or WorkerDied.
 
         Args:
             message: the request.
@@ -136,7 +135,7 @@ class WorkerCalls:
         return future
 
     async def answer(self, future: asyncio.Future[T]) -> T:
-        """Waits for the answer; a process that does not answer in time is killed.
+        """Sends a request and waits for the answer; a process that does not answer in time is killed.
 
         Raises:
             WorkerDied: there is no process.

@@ -1,6 +1,5 @@
-"""One run of the process of the streams (`worker.py`): starts it, writes to it, reads from it, ends it.
-
-Nothing here waits for that process. A thread starts it, passes on its reports and waits for its end.
+"""One run of the stream process (`worker.py`): starts it, writes to it, reads from it, and ends it. No call
+waits for the process. A thread starts the process, passes on its reports and waits for its end.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ from gcs_server.streamer.transport.sender import PayloadSender
 log = logging.getLogger(__name__)
 
 MAX_WAITING_BYTES = 8_000_000
-"""A process that leaves this much unread counts as dead."""
+"""Number of unread bytes above which the process counts as dead."""
 END_TIMEOUT_S = 1.0
 MAX_REPORT_BYTES = 1 << 20
 LATE_REPORT_SOCKETS = 20
-"""How many released sockets are remembered for late reports of what was sent through them."""
+"""Number of released sockets that are remembered for late reports of sent frames."""
 
 
 Relay = Callable[[str, int, bytes, float], None]
@@ -41,11 +40,11 @@ WORKER_GONE = (EOFError, PipeFull)
 
 
 class WorkerHandle:
-    """One run of the process. Belongs to the running event loop.
+    """One run of the process; used in one event loop.
 
     Args:
         own_ids: system and component id of the sent messages.
-        silent_limit_s: the loop's silence after which sending stops.
+        silent_limit_s: time without a message from the event loop after which sending stops.
         on_value: called in the event loop with each value from the process.
         on_end: called once in the event loop when the process has ended by itself.
         relay: sends setpoints that the process cannot send; called in a thread.
@@ -72,11 +71,11 @@ class WorkerHandle:
         self._writing = False
         self._handed_over = 0
         self._numbers: dict[socket.socket, int] = {}
-        """Numbers of the sockets that the process has now."""
+        """Numbers of the sockets that the process has."""
         self.connections: dict[int, Connection] = {}
         """By socket number."""
         self.attached: set[str] = set()
-        """Ids of the vehicles that the process knows."""
+        """Ids of the vehicles that were sent to the process."""
         self.up = False
         """Whether the process has reported that it started."""
         self._loop.add_reader(self._pipe.fileno(), self.read)
@@ -99,16 +98,17 @@ class WorkerHandle:
         return self._handled < self._posted
 
     def handled(self, number: int) -> bool:
-        """The process has handled all messages up to this number. Returns whether the number is new."""
+        """Records that the process has handled all messages up to this number; returns whether the number is
+        new."""
         before, self._handled = self._handled, max(self._handled, number)
         return number > before
 
     def send(self, message: Post | Request[Any]) -> int:
-        """Numbers a message and writes it.
+        """Writes a message with its number.
 
         Raises:
             EOFError: the process has died.
-            PipeFull: it does not read.
+            PipeFull: the process does not read.
         """
         self._pipe.send(Numbered(self._posted + 1, message))
         self._posted += 1
@@ -116,7 +116,7 @@ class WorkerHandle:
         return self._posted
 
     def read(self) -> None:
-        """Reads what has arrived."""
+        """Reads the values that have arrived."""
         if self._closed:
             return
         try:
@@ -133,7 +133,7 @@ class WorkerHandle:
                     self._faults.add(error, "handling a value from the streams' process")
 
     def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, Route | None]:
-        """Each vehicle's route for the process, after handing over its socket; None: the server sends. The
+        """Each vehicle's route for the process, after passing the socket to it; None: the server sends. The
         process closes all other sockets.
         """
         routes = {vehicle_id: self._route(sender) for vehicle_id, sender in senders.items()}
@@ -151,8 +151,8 @@ class WorkerHandle:
 
     @property
     def holds_closed_sockets(self) -> bool:
-        """Whether the process still has a socket that the server has closed; until the process closes it,
-        its port stays in use.
+        """Whether the process still has a socket that the server has closed. The port stays in use until the
+        process closes the socket.
         """
         return any(link_socket.fileno() < 0 for link_socket in self._numbers)
 
@@ -168,7 +168,7 @@ class WorkerHandle:
             rights = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [link_socket.fileno()]))
             try:
                 self._side_channel.sendmsg([b"%d" % number], [rights], socket.MSG_DONTWAIT)
-            except OSError:  # it does not read, or has died: tried again with the next
+            except OSError:  # the process does not read, or has died; tried again with the next message
                 return None
             self._handed_over = self._numbers[link_socket] = number
             self.connections[number] = path.connection
@@ -177,7 +177,7 @@ class WorkerHandle:
     # --- its end ----------------------------------------------------------------------------------
 
     def kill(self) -> None:
-        """Kills the process at once; nothing is read from it afterwards."""
+        """Kills the process immediately; nothing is read from it afterwards."""
         self._close()
         if self._process is not None:
             self._process.kill()
@@ -204,7 +204,7 @@ class WorkerHandle:
             self._on_end()
 
     def _write_on(self) -> None:
-        """Writes the rest when the process reads."""
+        """Writes the remaining data when the process reads."""
         if self._pipe.waits and not self._writing:
             self._writing = True
             self._loop.add_writer(self._pipe.fileno(), self._flush)
@@ -235,7 +235,8 @@ class WorkerHandle:
                 [sys.executable, "-m", "gcs_server.streamer.process.worker", *map(str, arguments)],
                 stdin=subprocess.DEVNULL,
                 pass_fds=descriptors,
-                start_new_session=True,  # Ctrl-C is the server's: it puts the vehicles into Hold first
+                # Ctrl-C is handled by the server, which first puts the vehicles into Hold
+                start_new_session=True,
             )
         except OSError:
             log.exception("the process that flies setpoint streams could not be started")
@@ -245,7 +246,7 @@ class WorkerHandle:
         while data := self._next_report():
             try:
                 self._hand_on(*pickle.loads(data))
-            # the thread continues, because other vehicles' setpoints pass through it
+            # the thread continues, because it also sends the setpoints of other vehicles
             except Exception as error:
                 self._faults.add(error, "passing on a report of the streams' process")
         self._reap()

@@ -1,4 +1,4 @@
-"""Exchanges values between the server and the streams' process over a socket that never blocks."""
+"""Exchanges values between the server and the stream process over a socket that never blocks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import struct
 _LENGTH = struct.Struct("!I")
 READ_BYTES = 1 << 16
 READS_PER_WAKE = 64
-"""Most reads per call, so that the caller can do other work."""
+"""Maximum number of reads per call, so that the caller can do other work."""
 
 
 class PipeFull(Exception):
@@ -22,7 +22,7 @@ class MessagePipe:
 
     Args:
         sock: a connected stream socket; the pipe owns it.
-        most_waiting_bytes: size of the buffer that is used when the system's own buffer is full.
+        most_waiting_bytes: size of the buffer for data that the system's buffer does not accept.
     """
 
     def __init__(self, sock: socket.socket, most_waiting_bytes: int) -> None:
@@ -42,7 +42,7 @@ class MessagePipe:
         return bool(self._out)
 
     def send(self, value: object) -> None:
-        """Writes what the socket accepts now and buffers the rest.
+        """Writes as much as the socket accepts and buffers the rest.
 
         Raises:
             PipeFull: the buffer is full; the value was not accepted.

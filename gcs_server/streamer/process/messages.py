@@ -1,8 +1,7 @@
-"""All messages between the server and the streams' process, one frozen class each.
-
-The server sends `Post` (no answer) or `Request` (a coroutine awaits the answer). Each message calls its
-method of the process itself, so a type checker sees every call. Messages are handled in the order in which
-they were sent. The process sends tuples of `WorkerStarted`, `Update` and `Answer`.
+"""All messages between the server and the stream process, one frozen class each. The server sends a `Post`
+(no answer) or a `Request` (a coroutine awaits the answer). Each message itself calls a method of the process,
+so that a type checker checks every call. Messages are handled in the order in which they were sent. The
+process sends tuples of `WorkerStarted`, `Update` and `Answer`.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class RouteSigning:
-    """What the process needs to sign frames as the server does; sent over the message pipe only."""
+    """Data with which the process signs frames like the server; sent over the message pipe only."""
 
     key: bytes = field(repr=False)
     link_id: int
     ahead_ticks: int
-    """How far the server's signing timestamps are ahead of the system clock, in whole seconds."""
+    """Time by which the server's signing timestamps are ahead of the system clock, in whole seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +48,7 @@ class Route:
 
 
 class WorkerInterface(Protocol):
-    """The interface of the process that messages are applied to."""
+    """The interface of the process, which the messages call."""
 
     @property
     def scheduler(self) -> StreamScheduler: ...
@@ -98,7 +97,7 @@ class Request(Message, ABC, Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Attach(Post):
-    """Makes a vehicle known by its (system, component) id; `number` is the number of its last stream."""
+    """Adds a vehicle with its (system, component) id; `number` is the number of its last stream."""
 
     vehicle_id: str
     target: tuple[int, int]
@@ -120,7 +119,8 @@ class Routes(Post):
 
 @dataclass(frozen=True, slots=True)
 class Beat(Post):
-    """The event loop is alive. Each snapshot is pickled separately, so that a bad one affects only itself."""
+    """Sent periodically while the event loop runs, with the snapshots of the vehicles. Each snapshot is
+    pickled separately, so that an invalid one does not affect the others."""
 
     snapshots: Mapping[str, bytes]
 
@@ -339,7 +339,7 @@ class Update:
     states: Mapping[str, StreamState]
     """States of running streams and of those that have just ended."""
     same_order: frozenset[str]
-    """Vehicles whose order has not changed since the last update, and is left out here."""
+    """Vehicles whose order is omitted here, because it has not changed since the last update."""
     guards: Mapping[str, GuardState]
     """States of all watched groups."""
     reports: tuple[tuple[str, StreamEvent], ...] = ()
@@ -348,7 +348,7 @@ class Update:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Answer to the request of that number; an error is its class name and text."""
+    """Answer to the request with this number; an error is sent as class name and text."""
 
     number: int
     result: object

@@ -1,4 +1,4 @@
-"""The server's side of the process that runs all setpoint streams (`worker.py`).
+"""The server's interface to the process that runs all setpoint streams (`worker.py`).
 
 Measured on two cores with ten streams, 5,000 messages a second, ten WebSocket clients and a browser's 3D
 view (docs/performance.md): a thread of the server was late by 12 ms and more (p99), because the thread with
@@ -29,7 +29,7 @@ SWITCH_INTERVAL_S = 0.0005
 for the interpreter
 lock: Python's default of 5 ms is a quarter of a stream's period."""
 CHECK_PERIOD_S = 0.02
-"""How often the start of the process is checked."""
+"""Period at which the start of the process is checked [s]."""
 RESTARTING = "The setpoint streams' process is being restarted."
 PROCESS_ENDED = (
     "The setpoint streams' process ended: the setpoint stream stopped, and the vehicle's failsafe takes over."
@@ -43,7 +43,7 @@ class _Known:
     sender: PayloadSender
     target: tuple[int, int]
     last: StreamState = field(default_factory=StreamState)
-    """State when it was last idle."""
+    """State of the stream when it was last idle."""
     number: int = 0
     """Number of its newest stream."""
 
@@ -61,20 +61,20 @@ class _Group:
     """The server's data of a watched group."""
 
     orders: Mapping[str, Order | None]
-    """By member: its first order, at the common start."""
+    """First order of each member, at the common start."""
     state: GuardState | None
 
 
 class StreamProcess(Streams):
-    """Runs the streams in a process of their own; see `Streams`. If the process ends, it is started again;
-    its streams are not. It sends updates of all streams by itself (`messages.Update`): the state read here is
-    at most 50 ms old, and no older than the last answer. Only coroutines wait for the process.
+    """Runs the streams in a separate process; see `Streams`. If the process ends, it is restarted, but its
+    streams are not. The process sends updates of all streams (`messages.Update`), so that the state is at
+    most 50 ms old and never older than the last answer. Only coroutines wait for the process.
 
     Args:
         clock: the system's monotonic clock, which the process shares.
         own_ids: system and component id of the sent messages. The component differs from the server's
             own, so that each has its own sequence numbers.
-        server_silent_limit_s: the loop's silence after which sending stops.
+        server_silent_limit_s: time without a message from the event loop after which sending stops.
     """
 
     def __init__(self, clock: Clock, own_ids: tuple[int, int], *, server_silent_limit_s: float = 1.5) -> None:
@@ -129,7 +129,7 @@ class StreamProcess(Streams):
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
         self._vehicles[vehicle_id] = _Known(sender, target)
         if self._calls.worker is not None and vehicle_id not in self._begun:
-            self._calls.worker.attached.discard(vehicle_id)  # its component may have changed
+            self._calls.worker.attached.discard(vehicle_id)  # the vehicle's component id may have changed
         self._spawn()
 
     def forget(self, vehicle_id: str) -> None:
@@ -209,7 +209,7 @@ class StreamProcess(Streams):
         self._post(to.EndStream(vehicle_id, code, text, number))
         state = self.state(vehicle_id)
         if state.phase != "idle" and number in (None, state.number):
-            self._begun.discard(vehicle_id)  # so that it is known before the process reports it
+            self._begun.discard(vehicle_id)  # stored before the process reports it
             self._vehicles[vehicle_id].last = StreamState(
                 rate_hz=state.rate_hz,
                 sends_failed=state.sends_failed,
@@ -225,7 +225,7 @@ class StreamProcess(Streams):
 
     def watch(self, guard: GroupGuard) -> None:
         if self._calls.worker is None:
-            return  # `guard` reports that nothing watches the group
+            return  # `guard` reports that the group is not monitored
         for vehicle_id in guard.members:
             self._attach_to_worker(vehicle_id)
         orders = {vehicle_id: guard.pending_order(vehicle_id) for vehicle_id in guard.members}
@@ -310,7 +310,7 @@ class StreamProcess(Streams):
         self._findings += update.findings
 
     def _gone(self) -> None:
-        """The process ended: all streams have stopped, and each gets an event."""
+        """Called when the process has ended: all streams have stopped, and an event is published for each."""
         report = StreamEvent("fault", WARNING, PROCESS_ENDED)
         for vehicle_id in sorted(self._begun):
             known = self._vehicles[vehicle_id]
@@ -330,7 +330,7 @@ class StreamProcess(Streams):
 
 
 def _aged(state: StreamState, by_s: float) -> StreamState:
-    """A state with its ages advanced to now."""
+    """A state whose ages are advanced to the current time."""
     if by_s <= 0:
         return state
     left_s = state.valid_left_s

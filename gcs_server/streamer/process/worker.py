@@ -45,20 +45,21 @@ from gcs_server.streamer.values.order import Order
 log = logging.getLogger(__name__)
 
 SENT_REPORT_PERIOD_S = 0.01
-"""Shortest time between two reports of sent frames."""
+"""Minimum time between two reports of sent frames [s]."""
 SENT_AT_ONCE = 100
 SENT_WAITING = 20_000
-"""Most frames that may wait for a stalled server; further ones are missing from its recording."""
+"""Maximum number of frames that wait for a stalled server; more frames are missing from its recording."""
 UPDATE_PERIOD_S = 0.05
-"""Period of updates while there are streams; a changed phase is reported at once."""
+"""Period of updates while there are streams [s]; a changed phase is reported immediately."""
 AWAKE_ANYWAY_S = 0.01
-"""An update is sent this much earlier if the process is awake for a setpoint, because waking up again would
-delay the next setpoint.
+"""An update is sent up to this much earlier if the process is already awake for a setpoint, because another
+wake-up would delay the next setpoint [s].
 """
 MAX_WAITING_BYTES = 8_000_000
-"""Buffer for a stalled server; only answers wait, so a server that is alive never reaches this."""
+"""Size of the buffer for a stalled server; only answers wait in it, so it never fills up while the server
+runs."""
 MAX_RUN_US = 1_000_000
-"""With real-time priority: uninterrupted processor time after which the system kills the process."""
+"""Uninterrupted processor time after which the system kills a process with real-time priority."""
 MAX_SPELL_S, REST_S = 0.05, 0.005
 """The worker pauses for REST_S after working for MAX_SPELL_S without a wait: overloaded streams become late,
 and the server still gets processor time [s]."""
@@ -69,7 +70,7 @@ Sent = tuple[int, int, bytes]
 
 
 class WorkerReports:
-    """Sends reports to the server; never waits for it."""
+    """Sends reports to the server without waiting for it."""
 
     def __init__(self, side_channel: socket.socket) -> None:
         self._side_channel = side_channel
@@ -78,7 +79,7 @@ class WorkerReports:
 
     @property
     def due_s(self) -> float:
-        """When waiting reports are due; infinity if there are none."""
+        """Time at which waiting reports are due; infinity if there are none."""
         return self._reported_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
 
     def sent(self, frame: Sent) -> None:
@@ -86,7 +87,7 @@ class WorkerReports:
         self._sent.append(frame)
 
     def relay(self, vehicle_id: str, msg_id: int, payload: bytes) -> bool:
-        """Asks the server to send a payload, unless it is too late by then. False if the server's buffer is
+        """Asks the server to send a payload with an expiry time. Returns False if the server's buffer is
         full."""
         try:
             self._side_channel.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
@@ -138,8 +139,8 @@ class WorkerSender:
 
 
 class Worker:
-    """The process's loop: runs the scheduler when a step is due, handles the server's messages, sends
-    updates.
+    """The loop of the process: runs the scheduler when a step is due, handles the server's messages, and
+    sends updates.
 
     Args:
         messages: the pipe to and from the server.
@@ -166,7 +167,7 @@ class Worker:
         self.reports = WorkerReports(side_channel)
         self.sockets: dict[int, socket.socket] = {}
         self._signing_clock = SigningClock(lambda: clock.unix_s())
-        """One signer per key and link for all vehicles, because a link's setpoints share one signing
+        """One signer per key and link for all vehicles, because all setpoints of a link belong to one signing
         stream."""
         self._signers: dict[RouteSigning, FrameSigner] = {}
 
@@ -192,7 +193,7 @@ class Worker:
                     self._messages.send((self._updates.update(now_s),))
                 news_due_s = float("inf") if self._messages.waits else self._updates.due_s
                 wake_s = min(due_s, news_due_s, self.reports.due_s)
-                now_s = self.clock.monotonic_s()  # sending took time
+                now_s = self.clock.monotonic_s()  # checked again, because sending took time
                 if now_s - last_wait_s > MAX_SPELL_S:
                     wake_s = max(wake_s, now_s + REST_S)
                 wait_s = wake_s - now_s
@@ -213,7 +214,7 @@ class Worker:
                 self._take(numbered)
 
     def _take(self, numbered: Numbered) -> None:
-        """Executes a message, and sends setpoints that became due before the server gets its update."""
+        """Executes a message, and sends setpoints that are due before the server gets its update."""
         message, error, result = numbered.message, None, None
         try:
             result = message.apply(self)
@@ -233,7 +234,7 @@ class Worker:
 
     def set_routes(self, routes: Mapping[str, Route | None]) -> None:
         """See `Routes`."""
-        with contextlib.suppress(BlockingIOError):  # all handed-over sockets have arrived
+        with contextlib.suppress(BlockingIOError):  # all passed sockets have arrived
             while True:
                 head, descriptors, _, _ = socket.recv_fds(self._side_channel, MAX_ROUTES_BYTES, 1)
                 if not descriptors:
@@ -248,7 +249,7 @@ class Worker:
 
 
 class StreamUpdates:
-    """Decides which updates the server still needs, and when.
+    """Decides which updates are sent to the server, and when.
 
     Args:
         scheduler: the streams.

@@ -4206,7 +4206,7 @@ export interface components {
         readonly Echo: {
             /**
              * Age S
-             * @description Time since it was received; large if the vehicle ignores the setpoints.
+             * @description Time since the target was received [s]; large if the vehicle ignores the setpoints.
              */
             readonly age_s: number;
             /**
@@ -4627,7 +4627,7 @@ export interface components {
             readonly started_unix_s: number;
             /**
              * Samples
-             * @description Two a second; fewer for a flight longer than half an hour.
+             * @description Two samples per second; fewer for a flight longer than half an hour.
              */
             readonly samples: readonly components["schemas"]["FlownSample"][];
             /**
@@ -5547,7 +5547,7 @@ export interface components {
         };
         /**
          * Group
-         * @description What the calls below `/groups` answer, and what each `group` event carries.
+         * @description Status of a group: the answer of the routes below `/groups`, and the content of each `group` event.
          */
         readonly Group: {
             /**
@@ -5568,7 +5568,7 @@ export interface components {
             readonly client: string;
             /**
              * Client Key
-             * @description Distinguishes clients of the same name.
+             * @description Distinguishes clients with the same name.
              */
             readonly client_key: string;
             /**
@@ -5578,14 +5578,13 @@ export interface components {
             readonly minimum_separation_m: number;
             /**
              * Margin M
-             * @description Largest margin that the guard adds now for the accuracy and age of the positions and for wind: it stops
-             *     two vehicles whose positions would come nearer than minimum plus margin. Null before the first check
-             *     [m].
+             * @description Largest current margin of the guard, for the accuracy and age of the positions and for wind [m]. The
+             *     guard stops two vehicles that would come closer than minimum plus margin. Null before the first check.
              */
             readonly margin_m: number | null;
             /**
              * Others Go On
-             * @description Whether members that a problem does not concern fly on; otherwise all hold.
+             * @description Whether members without a problem continue if one has a problem; otherwise all hold.
              */
             readonly others_go_on: boolean;
             /**
@@ -5608,7 +5607,7 @@ export interface components {
              * @description Members, in the order of the request.
              */
             readonly members: readonly components["schemas"]["GroupMember"][];
-            /** @description Null before the first check, and if fewer than two positions are known. */
+            /** @description The closest members; null before the first check, and if fewer than two positions are known. */
             readonly nearest: components["schemas"]["NearestTwo"] | null;
             /**
              * Findings
@@ -5617,13 +5616,13 @@ export interface components {
             readonly findings: readonly components["schemas"]["GroupFinding"][];
             /**
              * Ended
-             * @description Why the group ended; null while it exists.
+             * @description Reason for the group's end; null while it exists.
              */
             readonly ended: string | null;
         };
         /**
          * GroupFinding
-         * @description A problem in a group, and which vehicles were stopped because of it.
+         * @description A problem in a group, and the vehicles that were stopped because of it.
          */
         readonly GroupFinding: {
             /**
@@ -5648,7 +5647,7 @@ export interface components {
             readonly held: readonly string[];
             /**
              * Text
-             * @description For people.
+             * @description Message for the operator.
              */
             readonly text: string;
             /**
@@ -5685,7 +5684,8 @@ export interface components {
             readonly ordered_type: string;
             /**
              * Stream
-             * @description As `state` in its topic `offboard`; before the start its current position is streamed.
+             * @description State of the stream, as in the topic `offboard`. Before the start, the vehicle's current position is
+             *     streamed.
              */
             readonly stream: string;
             /**
@@ -5695,7 +5695,7 @@ export interface components {
             readonly mode: string;
             /**
              * Held
-             * @description It was stopped or has left: it no longer follows the group.
+             * @description Whether the vehicle was stopped or has left, so that it no longer follows the group.
              */
             readonly held: boolean;
         };
@@ -5759,7 +5759,7 @@ export interface components {
             readonly client: string;
             /**
              * Client Key
-             * @description Distinguishes clients of the same name.
+             * @description Distinguishes clients with the same name.
              */
             readonly client_key: string;
             /**
@@ -5769,14 +5769,13 @@ export interface components {
             readonly minimum_separation_m: number;
             /**
              * Margin M
-             * @description Largest margin that the guard adds now for the accuracy and age of the positions and for wind: it stops
-             *     two vehicles whose positions would come nearer than minimum plus margin. Null before the first check
-             *     [m].
+             * @description Largest current margin of the guard, for the accuracy and age of the positions and for wind [m]. The
+             *     guard stops two vehicles that would come closer than minimum plus margin. Null before the first check.
              */
             readonly margin_m: number | null;
             /**
              * Others Go On
-             * @description Whether members that a problem does not concern fly on; otherwise all hold.
+             * @description Whether members without a problem continue if one has a problem; otherwise all hold.
              */
             readonly others_go_on: boolean;
             /**
@@ -5799,7 +5798,7 @@ export interface components {
              * @description Members, in the order of the request.
              */
             readonly members: readonly components["schemas"]["GroupMember"][];
-            /** @description Null before the first check, and if fewer than two positions are known. */
+            /** @description The closest members; null before the first check, and if fewer than two positions are known. */
             readonly nearest: components["schemas"]["NearestTwo"] | null;
             /**
              * Findings
@@ -5808,7 +5807,7 @@ export interface components {
             readonly findings: readonly components["schemas"]["GroupFinding"][];
             /**
              * Ended
-             * @description Why the group ended; null while it exists.
+             * @description Reason for the group's end; null while it exists.
              */
             readonly ended: string | null;
             /**
@@ -6645,7 +6644,7 @@ export interface components {
             readonly active: boolean;
             /**
              * Restored
-             * @description They were set before the server's last start and restored from its data folder.
+             * @description Whether the limits were set before the server's last start and restored from its data folder.
              */
             readonly restored: boolean;
             /**
@@ -6660,7 +6659,7 @@ export interface components {
             readonly set_unix_s: number | null;
             /**
              * Kept
-             * @description They are stored in the data folder and are restored after a restart.
+             * @description Whether the limits are stored in the data folder, so that they are restored after a restart.
              */
             readonly kept: boolean;
             /**
@@ -6671,8 +6670,7 @@ export interface components {
             readonly recognised_by: ("uid" | "system_id") | null;
             /**
              * Warning
-             * @description Why limits that were set are not in force, or would be lost in a restart; null if there is no
-             *     problem.
+             * @description Why the set limits are not in force or would be lost in a restart; null if there is no problem.
              */
             readonly warning: string | null;
             /**
@@ -7691,7 +7689,7 @@ export interface components {
         };
         /**
          * NearestTwo
-         * @description The two members that are nearest to each other now.
+         * @description The two members that are closest to each other.
          */
         readonly NearestTwo: {
             /**
@@ -7829,7 +7827,7 @@ export interface components {
             readonly on: boolean;
             /**
              * Way
-             * @description Direction that is tried first: over an obstacle, or around it at the same altitude.
+             * @description What to try first: over an obstacle, or around it at the same altitude.
              * @enum {string}
              */
             readonly way: "over" | "around";
@@ -7840,12 +7838,12 @@ export interface components {
             readonly state: ("clear" | "turning" | "over" | "around" | "back" | "stopped") | null;
             /**
              * Text
-             * @description The state as text; empty while the vehicle flies as ordered.
+             * @description The state as text; empty while the vehicle flies the requested setpoint.
              */
             readonly text: string;
             /**
              * Sensor
-             * @description Whether the vehicle has a sensor that measures obstacles; the obstacle brake needs one as well.
+             * @description Whether the vehicle has a sensor that measures obstacles, which the obstacle brake needs, too.
              */
             readonly sensor: boolean;
         };
@@ -7920,7 +7918,7 @@ export interface components {
             readonly action: string | null;
             /**
              * Transmitter
-             * @description Whether an RC transmitter is connected: without one the vehicle descends in modes that need sticks.
+             * @description Whether an RC transmitter is connected. Without one, the vehicle descends in modes that need sticks.
              */
             readonly transmitter: boolean;
             /**
@@ -8061,13 +8059,14 @@ export interface components {
         };
         /**
          * OffboardMissionStatus
-         * @description The topic `offboard_mission`, and the answer of the calls below `…/offboard_mission`.
+         * @description Status of an offboard mission: the topic `offboard_mission`, and the answer of the routes below
+         *     `…/offboard_mission`.
          */
         readonly OffboardMissionStatus: {
             /**
              * State
              * @description waiting: for the operator or a condition; paused: in Offboard, on its path; suspended: the mission does
-             *     not fly the vehicle, the operator can resume it; done, aborted, stopped: the mission has ended.
+             *     not control the vehicle, and the operator can resume it; done, aborted, stopped: the mission has ended.
              * @enum {string}
              */
             readonly state: "ready" | "taking_off" | "starting" | "flying" | "waiting" | "pausing" | "paused" | "landing" | "suspended" | "done" | "aborted" | "stopped";
@@ -8093,12 +8092,12 @@ export interface components {
             readonly client: string;
             /**
              * Role
-             * @description Its role in a mission of several vehicles; None: it flies alone.
+             * @description Role of the vehicle in a mission of several vehicles; None: the mission has one vehicle.
              */
             readonly role: string | null;
             /**
              * Others
-             * @description Ids of the vehicles that fly it together with this one: pause, resume and abort act on all.
+             * @description Ids of the other vehicles of the mission; pause, resume and abort act on all of them.
              */
             readonly others: readonly string[];
             /**
@@ -8133,12 +8132,12 @@ export interface components {
             readonly deviation_m: number | null;
             /**
              * Outside Corridor M
-             * @description Distance outside the dry run's corridor, 0 inside; None: no corridor is watched.
+             * @description Distance outside the dry run's corridor, 0 inside; None: no corridor is monitored.
              */
             readonly outside_corridor_m: number | null;
             /**
              * Dry Run
-             * @description Id of the dry run whose corridor is watched.
+             * @description Id of the dry run whose corridor is monitored.
              */
             readonly dry_run: string | null;
             /**
@@ -8153,7 +8152,7 @@ export interface components {
             readonly reason: string | null;
             /**
              * If Stream Stops
-             * @description What the vehicle will do by itself if the server or its link fails, as text.
+             * @description Text about the vehicle's own action if the server or its link fails.
              */
             readonly if_stream_stops: string | null;
         };
@@ -8193,7 +8192,7 @@ export interface components {
             readonly client: string | null;
             /**
              * Client Key
-             * @description Distinguishes clients of the same name.
+             * @description Distinguishes clients with the same name.
              */
             readonly client_key: string | null;
             /**
@@ -8204,14 +8203,17 @@ export interface components {
             readonly owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
-             * @description Type of the ordered setpoint; the sent type may differ (path, follow, after expiry).
+             * @description Type of the requested setpoint; the sent type may differ (path, follow, after expiry).
              */
             readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
-            /** @description The setpoint sent now: the client's, limited, or the position held after expiry. */
+            /**
+             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position held after
+             *     expiry.
+             */
             readonly setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
              * Limited
-             * @description Texts of what the limits reduce now; empty if nothing is limited.
+             * @description Current reductions by the limits, as texts; empty if nothing is limited.
              */
             readonly limited: readonly string[];
             /**
@@ -8246,20 +8248,20 @@ export interface components {
             readonly on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
             /**
              * If Stream Stops
-             * @description The vehicle's own action when the stream stops; null before it is known.
+             * @description The vehicle's own action when the stream stops; null if unknown.
              */
             readonly if_stream_stops: string | null;
             /**
              * Sends Failed
-             * @description Number of setpoints that could not be handed to the link.
+             * @description Number of setpoints that could not be passed to the link.
              */
             readonly sends_failed: number;
             /**
              * Ended
-             * @description Why the last stream ended; null while one runs and before the first.
+             * @description Reason for the end of the last stream; null while a stream runs, and before the first one.
              */
             readonly ended: string | null;
-            /** @description Whether operator limits are in force, who set them and when, and whether they survive a restart. */
+            /** @description Origin of the operator's limits: who set them and when, and whether they survive a restart. */
             readonly limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             readonly avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -8270,7 +8272,7 @@ export interface components {
         };
         /**
          * OffboardStatus
-         * @description The topic `offboard`, and the answer of the calls below `…/offboard`.
+         * @description Status of a stream: the topic `offboard`, and the answer of the routes below `…/offboard`.
          */
         readonly OffboardStatus: {
             /**
@@ -8291,7 +8293,7 @@ export interface components {
             readonly client: string | null;
             /**
              * Client Key
-             * @description Distinguishes clients of the same name.
+             * @description Distinguishes clients with the same name.
              */
             readonly client_key: string | null;
             /**
@@ -8302,14 +8304,17 @@ export interface components {
             readonly owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
-             * @description Type of the ordered setpoint; the sent type may differ (path, follow, after expiry).
+             * @description Type of the requested setpoint; the sent type may differ (path, follow, after expiry).
              */
             readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
-            /** @description The setpoint sent now: the client's, limited, or the position held after expiry. */
+            /**
+             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position held after
+             *     expiry.
+             */
             readonly setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
              * Limited
-             * @description Texts of what the limits reduce now; empty if nothing is limited.
+             * @description Current reductions by the limits, as texts; empty if nothing is limited.
              */
             readonly limited: readonly string[];
             /**
@@ -8344,20 +8349,20 @@ export interface components {
             readonly on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
             /**
              * If Stream Stops
-             * @description The vehicle's own action when the stream stops; null before it is known.
+             * @description The vehicle's own action when the stream stops; null if unknown.
              */
             readonly if_stream_stops: string | null;
             /**
              * Sends Failed
-             * @description Number of setpoints that could not be handed to the link.
+             * @description Number of setpoints that could not be passed to the link.
              */
             readonly sends_failed: number;
             /**
              * Ended
-             * @description Why the last stream ended; null while one runs and before the first.
+             * @description Reason for the end of the last stream; null while a stream runs, and before the first one.
              */
             readonly ended: string | null;
-            /** @description Whether operator limits are in force, who set them and when, and whether they survive a restart. */
+            /** @description Origin of the operator's limits: who set them and when, and whether they survive a restart. */
             readonly limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             readonly avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -8387,7 +8392,7 @@ export interface components {
             readonly client: string | null;
             /**
              * Client Key
-             * @description Distinguishes clients of the same name.
+             * @description Distinguishes clients with the same name.
              */
             readonly client_key: string | null;
             /**
@@ -8398,14 +8403,17 @@ export interface components {
             readonly owner: ("operator" | "group" | "mission") | null;
             /**
              * Ordered Type
-             * @description Type of the ordered setpoint; the sent type may differ (path, follow, after expiry).
+             * @description Type of the requested setpoint; the sent type may differ (path, follow, after expiry).
              */
             readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
-            /** @description The setpoint sent now: the client's, limited, or the position held after expiry. */
+            /**
+             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position held after
+             *     expiry.
+             */
             readonly setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
              * Limited
-             * @description Texts of what the limits reduce now; empty if nothing is limited.
+             * @description Current reductions by the limits, as texts; empty if nothing is limited.
              */
             readonly limited: readonly string[];
             /**
@@ -8440,20 +8448,20 @@ export interface components {
             readonly on_expiry: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"] | null;
             /**
              * If Stream Stops
-             * @description The vehicle's own action when the stream stops; null before it is known.
+             * @description The vehicle's own action when the stream stops; null if unknown.
              */
             readonly if_stream_stops: string | null;
             /**
              * Sends Failed
-             * @description Number of setpoints that could not be handed to the link.
+             * @description Number of setpoints that could not be passed to the link.
              */
             readonly sends_failed: number;
             /**
              * Ended
-             * @description Why the last stream ended; null while one runs and before the first.
+             * @description Reason for the end of the last stream; null while a stream runs, and before the first one.
              */
             readonly ended: string | null;
-            /** @description Whether operator limits are in force, who set them and when, and whether they survive a restart. */
+            /** @description Origin of the operator's limits: who set them and when, and whether they survive a restart. */
             readonly limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             readonly avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -11157,18 +11165,18 @@ export interface components {
         };
         /**
          * StreamHealth
-         * @description Whether the stream reaches its rate, and the vehicle follows the setpoints.
+         * @description Whether the stream reaches its rate, and whether the vehicle follows the setpoints.
          */
         readonly StreamHealth: {
             /**
              * Rate Achieved Hz
-             * @description Setpoints handed to the link over the last two seconds; a slow link drops a setpoint when a newer one
-             *     replaces it.
+             * @description Rate of setpoints passed to the link over the last two seconds [Hz]; a slow link drops a setpoint when
+             *     a newer one replaces it.
              */
             readonly rate_achieved_hz: number | null;
             /**
              * Setpoint Age S
-             * @description Time since the order was accepted.
+             * @description Time since the setpoint was accepted.
              */
             readonly setpoint_age_s: number | null;
             /**
@@ -11178,13 +11186,13 @@ export interface components {
             readonly sent_age_s: number | null;
             /**
              * Valid Left S
-             * @description Time until the order expires.
+             * @description Time until the setpoint expires.
              */
             readonly valid_left_s: number | null;
             /**
              * Failsafe In S
-             * @description Time until the vehicle's own failsafe (COM_OF_LOSS_T after the last setpoint), if sending stopped
-             *     now.
+             * @description Time until the vehicle's own failsafe if sending stopped now (COM_OF_LOSS_T after the last
+             *     setpoint).
              */
             readonly failsafe_in_s: number | null;
             /**
@@ -11194,7 +11202,7 @@ export interface components {
             readonly echo: components["schemas"]["Echo"] | null;
             /**
              * Position Error M
-             * @description Distance from the vehicle to the sent position.
+             * @description Distance between the vehicle and the sent position.
              */
             readonly position_error_m: number | null;
             /**
