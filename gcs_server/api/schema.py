@@ -12,6 +12,7 @@ from fastapi import APIRouter, Depends, FastAPI, Response
 from starlette.routing import BaseRoute
 
 from gcs_server.api import (
+    camera_routes,
     control_routes,
     dry_run_routes,
     elevation_routes,
@@ -51,6 +52,7 @@ def api_router() -> APIRouter:
         offboard_routes,
         group_routes,
         gimbal_routes,
+        camera_routes,
         param_routes,
         readiness_routes,
         map_routes,

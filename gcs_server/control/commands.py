@@ -14,9 +14,9 @@ API = "/api/v1"
 
 Permission = Literal["view", "control", "fly", "stop", "payload", "configure", "station", "replay", "plan"]
 """Permissions that a role may have. `view`: reading everything; `control`: taking and releasing control;
-`fly`: modes, arming, setpoints; `stop`: Hold, Land now, Stop motors; `payload`: the gimbal; `configure`:
-parameters, limits, failsafe, checks; `station`: links and vehicles; `replay`: playing recordings; `plan`:
-saving and deleting plans."""
+`fly`: modes, arming, setpoints; `stop`: Hold, Land now, Stop motors; `payload`: gimbals and cameras;
+`configure`: parameters, limits, failsafe, checks; `station`: links and vehicles; `replay`: playing
+recordings; `plan`: saving and deleting plans."""
 PERMISSIONS: frozenset[Permission] = frozenset(get_args(Permission))
 
 Control = Literal["none", "lease", "open", "not_anothers", "changes"]
@@ -200,6 +200,7 @@ ALL: tuple[Command, ...] = (
     _stops("kill", "Kill", "POST /vehicles/{v}/kill", words="motors stop, vehicle {vehicle} falls"),
     # payload
     *(_gimbal(action) for action in ("take", "release", "angles", "rates", "roi", "roi/clear")),
+    Command("camera/picture", "payload", ("POST /vehicles/{v}/camera/picture",), "lease", "the vehicle"),
     # settings of a vehicle
     _configures("param", "PUT /vehicles/{v}/params/{name}"),
     _configures("offboard/limits", "PUT /vehicles/{v}/offboard/limits"),

@@ -98,9 +98,10 @@ class Components:
         ids = sorted(self._heard, key=lambda each: (each != self._autopilot, each))
         return tuple(self._view(component_id) for component_id in ids)
 
-    def first_camera(self) -> int | None:
-        """The lowest camera that is connected; None if there is none."""
-        return next((c.component_id for c in self.all() if c.kind == "camera" and not c.lost), None)
+    def camera(self, component_id: int | None = None) -> int | None:
+        """The connected camera with this id, by default the lowest; None if there is none."""
+        cameras = [c.component_id for c in self.all() if c.kind == "camera" and not c.lost]
+        return next((one for one in cameras if component_id in (None, one)), None)
 
     def _view(self, component_id: int) -> Component:
         mav_type, heard_s = self._heard[component_id]

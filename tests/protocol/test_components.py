@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gcs_server.api import gimbal_routes, models, vehicle_routes
+from gcs_server.api import camera_routes, gimbal_routes, models, vehicle_routes
 from gcs_server.errors import InvalidRequest, NoReply
 from gcs_server.vehicle.components import LOST_AFTER_S, MAX_COMPONENTS
 from tests.protocol.api_calls import ANNA, lines, station_of, view
@@ -287,6 +287,25 @@ def test_a_picture_is_taken_by_the_camera_that_is_connected(jump):
         assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 2)
 
     told(jump, story)
+
+
+def test_a_request_chooses_the_camera_by_its_component(jump):
+    async def story(world, pilot, vehicle):
+        first, second = OtherComponent(pilot, 100, 30), OtherComponent(pilot, 102, 30)
+        await repeated(1, first.heartbeat, second.heartbeat)
+        station = station_of(world)
+        assert view(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
+        await camera_routes.picture("1", station, ANNA)
+        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
+        for wrong in (101, 1):  # no component, and the autopilot
+            with pytest.raises(InvalidRequest, match=f"no connected camera with component id {wrong}"):
+                await camera_routes.picture("1", station, ANNA, wrong)
+        await repeated(LOST_AFTER_S + 1, first.heartbeat)
+        with pytest.raises(InvalidRequest, match="no connected camera with component id 102"):
+            await camera_routes.picture("1", station, ANNA, 102)
+        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
+
+    told(jump, story, OffboardWorld)
 
 
 def test_without_a_camera_a_picture_says_which_component_was_asked(jump):

@@ -1,11 +1,11 @@
-"""Takes pictures with the vehicle's camera (MAVLink camera protocol version 2)."""
+"""Takes pictures with the vehicle's cameras (MAVLink camera protocol version 2)."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
 
-from gcs_server.errors import NoReply, Rejected
+from gcs_server.errors import InvalidRequest, NoReply, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.vehicle.services.port import VehiclePort
@@ -16,25 +16,36 @@ ANSWER_S = 0.7
 
 
 class CameraService:
-    """Takes pictures, one at a time, with the first camera that is connected."""
+    """Takes pictures, one at a time, with a connected camera."""
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self._sequence = 0
 
-    async def take_picture(self) -> None:
+    async def take_picture(self, component: int | None = None) -> None:
         """Takes one picture; returns once the camera has acknowledged it.
 
         The request carries a number, so that a camera does not take the same picture twice.
 
+        Args:
+            component: MAVLink component id of the camera; default: the lowest that is connected.
+
         Raises:
+            InvalidRequest: no camera with this id is connected.
             Rejected: the camera refuses.
             NoReply: no camera answers.
         """
         vehicle = self._vehicle
         vehicle.require_commandable()
+        camera = vehicle.components.camera(component)
+        if camera is None and component is not None:
+            raise InvalidRequest(
+                "component",
+                f"Vehicle {vehicle.id} has no connected camera with component id {component}.",
+                remedy="Leave the component out, or use a connected camera of `components`.",
+            )
+        camera = camera or d.MAV_COMP_ID_CAMERA
         self._sequence += 1
-        camera = vehicle.components.first_camera() or d.MAV_COMP_ID_CAMERA
         request = Request(d.MAV_CMD_IMAGE_START_CAPTURE, (0.0, 0.0, 1.0, float(self._sequence), 0, 0, 0))
         with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_COMMAND_ACK, matches=self._is_from(camera)) as waiter:
             for attempt in range(ATTEMPTS):

@@ -1,4 +1,4 @@
-"""The top bar's panels: keys open and close them, Escape closes the panel only, the safety keys still work."""
+"""The top bar's panels: keys open and close them, Escape closes the panel only, Hold still works."""
 
 from __future__ import annotations
 

@@ -1014,6 +1014,26 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/camera/picture": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Picture
+         * @description Takes one picture; answers once the camera has acknowledged it.
+         */
+        readonly post: operations["picture_api_v1_vehicles__v__camera_picture_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/params": {
         readonly parameters: {
             readonly query?: never;
@@ -16005,6 +16025,68 @@ export interface operations {
                 readonly component?: number | null;
                 /** @description Gimbal device id, if the gimbal manager has several gimbals. */
                 readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly picture_api_v1_vehicles__v__camera_picture_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the camera; default: the lowest that is connected. */
+                readonly component?: number | null;
             };
             readonly header?: never;
             readonly path: {

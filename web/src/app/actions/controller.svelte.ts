@@ -10,7 +10,7 @@ import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
 /** The part of the page where a button is, so that its result appears there. */
-export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'stage' | 'control' | 'room';
+export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'room';
 
 /** A confirmation for several vehicles: its present text, and the call made once it is confirmed. */
 export interface GroupConfirmation {

@@ -1,0 +1,6 @@
+import { page } from '../../app/page.svelte';
+import { actions } from '../../app/session.svelte';
+import { CameraControl } from './control.svelte';
+
+/** The page's only CameraControl instance. */
+export const camera = new CameraControl(page.api, actions);
