@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.flight_numbers import FlightNumbers
+from vehicle_sim.autopilot.steady import SteadyTicks
 from vehicle_sim.logger.logger import Logbook, Logger
 from vehicle_sim.logger.recorder import Recorders
 from vehicle_sim.mavlink.link import Link
@@ -84,9 +86,11 @@ class VehicleSim:
             start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
             first_vehicle=first_instance if first_noise is None else first_noise,
         )  # fmt: skip
+        numbers = FlightNumbers.of(count)
         self.autopilots = [
-            Autopilot(VehicleView(self.simulation, row, boot_time_unix_s)) for row in range(count)
+            Autopilot(VehicleView(self.simulation, row, boot_time_unix_s), numbers) for row in range(count)
         ]
+        self._ticks = SteadyTicks(self.simulation, numbers)
         if files is None:
             files = [VehicleFiles(None, BUILT_IN) for _ in range(count)]
         self.files = list(files)
@@ -111,6 +115,9 @@ class VehicleSim:
                 self.nodes[-1].add_camera(Camera(autopilot.view, autopilot.gimbal, autopilot.home, own))
         self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
+        self._linked = camera
+        """Whether a node may have to send anything. Without links and cameras a node only runs actions that
+        are due."""
         for row in range(count):
             for name, profile in links:
                 self.add_link(row, name, profile)
@@ -130,6 +137,7 @@ class VehicleSim:
         self.remove_link(instance, name)
         link = Link(name, profile, self.nodes[instance].system_id)
         self._links[instance][name] = link
+        self._linked = True
         self.nodes[instance].add_link(link)
         return link
 
@@ -142,6 +150,7 @@ class VehicleSim:
             report: called once for each topic with an invalid message.
         """
         node = self.nodes[instance]
+        self._linked = True
         self._bridges[instance] = Bridge(
             node.context, self._states[instance], node.commands, node.mavlink_commands, port, report
         )
@@ -202,13 +211,13 @@ class VehicleSim:
             self._end_flight(collision)
         ticks = self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0
         if ticks:
-            for autopilot in self._active_autopilots:
-                autopilot.update()
+            self._ticks.update(self._active_autopilots)
             if self._script is not None:
                 self._script.step()
-        for node in self._active_nodes:
-            if ticks or node.needs_every_step:
-                node.step()
+        if ticks or self._linked:
+            for node in self._active_nodes:
+                if node.needs_every_step or (ticks and (self._linked or node.waits)):
+                    node.step()
         for bridge in self._bridges.values():
             bridge.step()
         if self._logbook is not None:

@@ -6,7 +6,8 @@ A NumPy call takes a microsecond even for few vehicles, and a step would need hu
   rows and allocates nothing per row. The rows are independent, so the result of one vehicle does not depend
   on the others.
 - A `@formula` takes and returns plain numbers, or rows, of one vehicle. Kernels and formulas call it.
-- The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`, `float`,
+- The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`,
+  `IntegerRows`, `float`,
   `int`, `bool`. It is compiled when its module is imported, never in flight. Formulas must be defined above
   it. Arrays are contiguous (C order).
 - The compiler must not reorder sums (`fastmath` is off), and uses only instructions that all processors of an
@@ -49,6 +50,8 @@ Flags = NDArray[np.bool_]
 """(N,)."""
 Integers = NDArray[np.int64]
 """(N,)."""
+IntegerRows = NDArray[np.int64]
+"""(N, m)."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).resolve().parent
@@ -60,6 +63,7 @@ _TYPES: dict[str, Any] = {
     "Blocks": numba.float64[:, :, ::1],
     "Flags": numba.boolean[::1],
     "Integers": numba.int64[::1],
+    "IntegerRows": numba.int64[:, ::1],
     "float": numba.float64,
     "int": numba.int64,
     "bool": numba.boolean,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.kernels import Rows, kernel
+from vehicle_sim.kernels import Column, Rows, formula, kernel
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -247,11 +247,17 @@ class TargetState:
     """(N,) the hover thrust in use (estimated when MPC_USE_HTE)."""
 
 
+@formula
+def angles_of(q_ned_frd: Column) -> Vector:
+    """Roll, pitch and yaw of one vehicle [rad]."""
+    w, x, y, z = q_ned_frd[0], q_ned_frd[1], q_ned_frd[2], q_ned_frd[3]
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
 @kernel
 def _write_angles(q_ned_frd: Rows, angles_rad: Rows) -> None:
     """Writes roll, pitch and yaw, a row each."""
     for i in range(q_ned_frd.shape[0]):
-        w, x, y, z = q_ned_frd[i, 0], q_ned_frd[i, 1], q_ned_frd[i, 2], q_ned_frd[i, 3]
-        angles_rad[0, i] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        angles_rad[1, i] = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
-        angles_rad[2, i] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        angles_rad[0, i], angles_rad[1, i], angles_rad[2, i] = angles_of(q_ned_frd[i])

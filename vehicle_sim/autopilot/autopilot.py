@@ -7,6 +7,7 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
+from vehicle_sim.autopilot.flight_numbers import ASKED_DOWN, DOWN, TILT, FlightNumbers
 from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import LandDetector, Limits, Motion
 from vehicle_sim.autopilot.modes import NavState
@@ -15,9 +16,11 @@ from vehicle_sim.autopilot.offboard import LEVELS, Kind, Offboard, Setpoint, kin
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
-from vehicle_sim.autopilot.row import SetpointRow, numbers
+from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.row import numbers as plain
+from vehicle_sim.autopilot.steady_task import SteadyLimits, SteadyTask
 from vehicle_sim.autopilot.sticks import Sticks
-from vehicle_sim.autopilot.takeoff import TakeoffRamp, TakeoffState
+from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.external_modes.registry import is_external
@@ -28,14 +31,17 @@ from vehicle_sim.vehicle_view import VehicleView
 
 AUTO_DESCENT_MARGIN = 1.2
 """Part of the descent rate planned by automatic modes that the position controller may use."""
-TILT_LIMIT_RISE_RAD_S = 0.2
-"""Rate at which PX4 increases the tilt limit after the take-off ramp."""
 
 
 class Autopilot:
-    """The autopilot of one vehicle; call `update()` at 50 Hz between simulation steps."""
+    """The autopilot of one vehicle; `SteadyTicks` calls it at 50 Hz between simulation steps.
 
-    def __init__(self, view: VehicleView) -> None:
+    Args:
+        view: the vehicle.
+        numbers: of all vehicles.
+    """
+
+    def __init__(self, view: VehicleView, numbers: FlightNumbers) -> None:
         self.view = view
         self.announcer = Announcer(view.time_boot_ms)
         self._row = SetpointRow(view)
@@ -43,27 +49,32 @@ class Autopilot:
         self.offboard = Offboard(view, self.announcer)
         self.plans = Plans()
         self.own_commands = OwnCommands()
-        self.navigator = Navigator(view, self.announcer, self._row, self.home, self.plans, self.own_commands)
+        self.navigator = Navigator(
+            view, self.announcer, self._row, self.home, self.plans, self.own_commands, numbers
+        )
         self.sticks = Sticks(view)
         self.commander = Commander(
             view, self.announcer, self._row, self.navigator, self.offboard, self.own_commands, self.sticks
         )
         self._manual = Manual(view, self._row, self.sticks, self.home)
         self.takeoff = TakeoffRamp()
-        self.land_detector = LandDetector()
+        self.land_detector = LandDetector(numbers.detector[view.row], numbers.detector_limits[view.row])
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self._goto = GotoControl(view, self._row)
-        self._down_m = 0.0
-        # Of all vehicles; read past NumPy, which takes three times as long.
-        self._thrusts = numbers(view.simulation.target.thrust)
-        self._hover_thrusts = numbers(view.simulation.target.hover_thrust)
-        self._asked_down_m_s = math.nan
-        """Vertical velocity of the last trajectory setpoint, except setpoints that only press the vehicle
-        down."""
+        # Read past NumPy, which takes three times as long; thrusts are of all vehicles.
+        self._motion = plain(numbers.motion[view.row])
+        self._thrusts = plain(view.simulation.target.thrust)
+        self._hover_thrusts = plain(view.simulation.target.hover_thrust)
         self.offboard.on_setpoint = self._take_at_once
-        self._tilt_allowed_rad = 0.0
         self._landing_limits: Limits | None = None
+        self.steady = False
+        """Whether the next tick decides nothing (`SteadyTicks`)."""
+        self.decided = True
+        """Whether the last tick could decide something."""
+        self._steady_in: tuple[object, ...] = ()
+        self.steady_limits = SteadyLimits.of(view)
+        self._steady_limits_of = view.parameter_changes
         view.parameters.add_listener(self._forget_limits)
 
     def update(self) -> None:
@@ -71,7 +82,67 @@ class Autopilot:
         self._take_over()
         self._select_setpoints()
         self._detect_landing()
+        self.update_after_detection()
+
+    def update_after_detection(self) -> None:
+        """The part of a tick after the land detector."""
         self.commander.update(landed=self.land_detector.landed)
+        self._fly()
+
+    def update_steady(self) -> bool:
+        """A tick of a steady flight, without land detector and motion.
+
+        Returns:
+            False if a check changed something; the tick was then flown in full.
+        """
+        if self.commander.update_steady():
+            self.gimbal.update(TICK_S)
+            self.decided = False
+            return True
+        self._fly()
+        return False
+
+    def stays_steady(self) -> bool:
+        """Whether the flight is steady, and nothing has changed from outside since the last tick."""
+        if self.steady and self._situation() != self._steady_in:
+            self.steady = False
+        return self.steady
+
+    def begin_steady(self) -> SteadyTask | None:
+        """Begins a steady flight after a full tick; None: the next tick may decide something."""
+        self.decided = True
+        task = self._steady_task()
+        self.steady = task is not None
+        if task is not None:
+            self._steady_in = self._situation()
+            if self._steady_limits_of != self.view.parameter_changes:
+                self._steady_limits_of = self.view.parameter_changes
+                self.steady_limits = SteadyLimits.of(self.view)
+        return task
+
+    def _steady_task(self) -> SteadyTask | None:
+        commander, detector = self.commander, self.land_detector
+        if not (self.takeoff.flying and commander.settled):
+            return None
+        if detector.ground_contact or detector.maybe_landed or detector.landed:
+            return None
+        if self._goto.active or self.offboard.has_topics or self.sticks.moved:
+            return None
+        if commander.external.any_mode:
+            return None
+        return self.navigator.steady_task(commander.active)
+
+    def _situation(self) -> tuple[object, ...]:
+        """What other parts, commands and parameters may change between two ticks."""
+        commander, home = self.commander, self.home
+        return (
+            commander.armed, commander.intended, commander.active, commander.terminated,
+            self.view.parameter_changes, self.plans.changes, home.set_at_us, home.position_ned_m,
+            self.sticks.moved, self._goto.active, self.offboard.has_topics, commander.external.any_mode,
+            self.navigator.situation(),
+        )  # fmt: skip
+
+    def _fly(self) -> None:
         self._ramp()
         self._steer()
         self._fly_goto()
@@ -116,19 +187,20 @@ class Autopilot:
         estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
         # An unknown horizontal velocity does not prevent the detection of a landing.
         vn, ve, vd = estimate.velocity_ned_m_s
-        down_m, self._down_m = self._down_m, estimate.position_ned_m[2]
+        before_m, down_m = self._motion[DOWN], estimate.position_ned_m[2]
+        self._motion[DOWN] = down_m
         motion = Motion(
             self.commander.armed,
             thrust,
             self._hover_thrusts[i],
             estimates_hover,
             (vn, ve, vd) if estimate.valid_velocity else (0.0, 0.0, vd),
-            (self._down_m - down_m) / TICK_S,
+            (down_m - before_m) / TICK_S,
             estimate.valid_altitude,
             estimate.rates_frd_rad_s,
             estimate.height_above_ground_m,
             not direct,
-            self._asked_down_m_s,
+            self._motion[ASKED_DOWN],
         )
         self.land_detector.update(self.view.time_s, motion, self._limits())
         self._row.in_air(not self.land_detector.landed)
@@ -203,7 +275,7 @@ class Autopilot:
             tilt_limit_rad=self._tilt_limit_rad(),
         )
         if streamed:
-            self._asked_down_m_s = self.offboard.setpoint.velocity_ned_m_s[2]
+            self._motion[ASKED_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
         if self._by_sticks and commander.active in DIRECT_MODES:
             self._manual.run(commander.active)
         elif direct:
@@ -214,13 +286,13 @@ class Autopilot:
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._by_sticks:
             self._manual.run(commander.active)
-            self._asked_down_m_s = self._row.asked_down_m_s
+            self._motion[ASKED_DOWN] = self._row.asked_down_m_s
         elif streamed:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif not self._manual.wait(commander.active):
             self.navigator.run(commander.active)
-            self._asked_down_m_s = self._row.asked_down_m_s
+            self._motion[ASKED_DOWN] = self._row.asked_down_m_s
             return
         if not streamed:
             # keep the trajectory at the vehicle while it cannot follow
@@ -270,10 +342,10 @@ class Autopilot:
         parameter = self.view.parameter
         low, high = math.radians(parameter("MPC_TILTMAX_LND")), math.radians(parameter("MPC_TILTMAX_AIR"))
         if not self.takeoff.flying:
-            self._tilt_allowed_rad = low
+            self._motion[TILT] = low
         else:
-            self._tilt_allowed_rad += TILT_LIMIT_RISE_RAD_S * TICK_S
-        return self._tilt_allowed_rad if self._tilt_allowed_rad < high else math.nan
+            self._motion[TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
+        return self._motion[TILT] if self._motion[TILT] < high else math.nan
 
     def _take_at_once(self) -> None:
         """Applies a new attitude, rate or motor setpoint at once, also while the position is still

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, disarms_itself, why_denied
@@ -11,7 +9,8 @@ from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
 from vehicle_sim.autopilot.land_detector import LandedState
-from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState, event_number
+from vehicle_sim.autopilot.mode_refusals import ModeRefusals
+from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Offboard
@@ -22,8 +21,6 @@ from vehicle_sim.external_modes.registry import ExternalModes, is_external
 from vehicle_sim.home import HomeKeeper
 from vehicle_sim.vehicle_view import VehicleView
 
-REFUSAL_EVERY_S = 1.0
-"""Minimum interval between reports of a refused mode change."""
 CHECK_EVERY_TICKS = 5
 """Interval of the checks: 10 Hz as in PX4, and additionally when the commander's state changes."""
 
@@ -61,7 +58,7 @@ class Commander:
         self.terminated = False
         self.calibrating = False
         self._mode_was_chosen = False
-        self._refused_at_s = -math.inf
+        self.refusals = ModeRefusals(view, announcer)
         self.failsafe_watch = FailsafeWatch(
             view, announcer, self.checks, offboard, navigator.fence, self.monitors
         )
@@ -124,18 +121,6 @@ class Commander:
         self._choose(mode)
         return True
 
-    def report_refusal(self, mode: NavState) -> None:
-        """Reports that a mode is not available, at most once per second."""
-        now_s = self._view.time_s
-        if now_s - self._refused_at_s <= REFUSAL_EVERY_S:
-            return
-        self._refused_at_s = now_s
-        self._announcer.both(
-            2, f"Switching to {MODES[mode].name} is currently not available",
-            "commander_modeswitch_not_avail", "IB",
-            MODES[mode].custom_mode, event_number(mode),
-        )  # fmt: skip
-
     def sticks_heard(self) -> None:
         """Called at stick input; a disarmed vehicle without a selected mode switches to Position, as with an
         RC transmitter."""
@@ -157,7 +142,7 @@ class Commander:
     def return_to_launch(self) -> bool:
         """Handles RETURN_TO_LAUNCH; PX4 announces it before the navigator announces the destination."""
         if self.armed and not self._can_switch(NavState.RTL):
-            self.report_refusal(NavState.RTL)
+            self.refusals.report(NavState.RTL)
             return False
         self._announcer.both(6, "Returning to launch", "commander_rtl")
         return self.set_mode(NavState.RTL)
@@ -180,7 +165,7 @@ class Commander:
             self._navigator.mission.set_current(int(first_item))
         if self.set_mode(NavState.MISSION) and self.arm(Reason.MISSION_START):
             return True
-        self.report_refusal(NavState.MISSION)
+        self.refusals.report(NavState.MISSION)
         return False
 
     def _return(self, _parameters: tuple[float, ...]) -> None:
@@ -228,14 +213,42 @@ class Commander:
         self._notice_plans()
         self.monitors.update(armed=self.armed, landed=landed)
         if self._check_is_due():
-            self.checks.fence = navigator.fence.breached
-            self.checks.watch_links(armed=self.armed)
-            self._check()
-            self._run_failsafe()
+            self._run_checks()
         if self.external.replaced(self._selected) != self.active:
             self._activate(self._selected)
+        self._think(landed)
+
+    def update_steady(self) -> bool:
+        """The same in a steady flight, where only geofence and checks can act; False: they did."""
+        self._navigator.fence.update()
+        self._ticks += 1
+        if self._ticks % CHECK_EVERY_TICKS != 0:
+            return True
+        self._run_checks()
+        if self.settled:
+            return True
+        self._think(self.landed)
+        return False
+
+    @property
+    def settled(self) -> bool:
+        """Whether the vehicle is armed and in flight, and its next check is only due by time."""
+        quiet = self.failsafe.action is Action.NONE and self.monitors.quiet and not self.terminated
+        return quiet and self.armed and self._flew and self._checked_for == self._state()
+
+    def _state(self) -> tuple[object, ...]:
+        """A change of this state makes a check due."""
+        return self.armed, self.intended, self.active, self.landed, self.checks.has_mission
+
+    def _run_checks(self) -> None:
+        self.checks.fence = self._navigator.fence.breached
+        self.checks.watch_links(armed=self.armed)
+        self._check()
+        self._run_failsafe()
+
+    def _think(self, landed: bool) -> None:
         if self.armed and not self.terminated:
-            navigator.think(self.active, landed=landed)
+            self._navigator.think(self.active, landed=landed)
             self._end_task()
         self._auto_disarm()
 
@@ -243,7 +256,7 @@ class Commander:
         """Whether a check is due: at 10 Hz, after a change of the commander's state, and during a failsafe
         delay."""
         self._ticks += 1
-        state = self.armed, self.intended, self.active, self.landed, self.checks.has_mission
+        state = self._state()
         changed, self._checked_for = state != self._checked_for, state
         return changed or self._ticks % CHECK_EVERY_TICKS == 0 or self.failsafe.action is not Action.NONE
 
@@ -376,20 +389,7 @@ class Commander:
 
     def landed_state(self) -> LandedState:
         """MAV_LANDED_STATE as EXTENDED_SYS_STATE reports it."""
-        if self.landed:
-            return LandedState.ON_GROUND
-        if self.active is NavState.TAKEOFF:
-            return LandedState.TAKEOFF
-        if self.active in (NavState.LAND, NavState.PRECISION_LAND):
-            return LandedState.LANDING
-        if self.active is NavState.RTL and self._navigator.landing:
-            return LandedState.LANDING
-        if self.active is NavState.MISSION:
-            if self._navigator.mission.taking_off:
-                return LandedState.TAKEOFF
-            if self._navigator.mission.landing:
-                return LandedState.LANDING
-        return LandedState.IN_AIR
+        return LandedState.ON_GROUND if self.landed else self._navigator.state_in_air(self.active)
 
     def custom_mode(self) -> int:
         """HEARTBEAT.custom_mode."""

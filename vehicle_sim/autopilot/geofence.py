@@ -89,9 +89,10 @@ def breaches(
     if not inside(zones, lat_deg, lon_deg):
         found.add(Breach.ZONE)
     if math.isfinite(cylinder.home_lat_deg):
-        away_m = distance_m(lat_deg, lon_deg, cylinder.home_lat_deg, cylinder.home_lon_deg)
-        if cylinder.radius_m > 0.0 and away_m > cylinder.radius_m:
-            found.add(Breach.DISTANCE)
+        if cylinder.radius_m > 0.0:
+            away_m = distance_m(lat_deg, lon_deg, cylinder.home_lat_deg, cylinder.home_lon_deg)
+            if away_m > cylinder.radius_m:
+                found.add(Breach.DISTANCE)
         if cylinder.height_m > 0.0 and alt_amsl_m - cylinder.home_alt_amsl_m > cylinder.height_m:
             found.add(Breach.ALTITUDE)
     return frozenset(found)

@@ -38,6 +38,11 @@ class GotoControl:
         if all(map(math.isfinite, goal.position_ned_m)):
             self._goal, self._received_at_s = goal, self._view.time_s
 
+    @property
+    def active(self) -> bool:
+        """Whether a message is flown."""
+        return self._goal is not None
+
     def fly(self) -> None:
         """Runs one tick: overrides the active mode's setpoints while messages are received."""
         goal = self._goal

@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vehicle_sim.kernels import Column, formula, kernel
 
@@ -76,35 +77,46 @@ class Limits:
     thrust_min_by_hand: float
 
 
-_CONTACT, _MAYBE, _LANDED, _LEAST_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
+CONTACT, MAYBE, LANDED, _LEAST_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
 """State of the detector's conditions: for each, whether it has held for long enough, and since when it holds
 [s]; then whether the range finder has measured the ground once, so that a missing range is significant."""
 _CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _THRUST_MIN_BY_HAND = range(6)
+LIMIT_COUNT = 6
+
+
+def new_state() -> NDArray[np.float64]:
+    """(9,) conditions of a vehicle that stands on the ground."""
+    return np.array([1.0, -math.inf] * 4 + [0.0])
 
 
 class LandDetector:
-    """The land detector of one vehicle."""
+    """The land detector of one vehicle.
 
-    def __init__(self) -> None:
-        self._state = np.array([1.0, -math.inf] * 4 + [0.0])
+    Args:
+        state: its conditions; default: those of a vehicle on the ground.
+        limits: (`LIMIT_COUNT`,) room for its limits.
+    """
+
+    def __init__(self, state: Column | None = None, limits: Column | None = None) -> None:
+        self._state = new_state() if state is None else state
         self._numbers = self._state.data.cast("B").cast("d")
         self._limits: Limits | None = None
-        self._limit_numbers = np.zeros(6)
+        self._limit_numbers = np.zeros(LIMIT_COUNT) if limits is None else limits
 
     @property
     def ground_contact(self) -> bool:
         """Whether a surface carries the vehicle."""
-        return self._numbers[_CONTACT] != 0.0
+        return self._numbers[CONTACT] != 0.0
 
     @property
     def maybe_landed(self) -> bool:
         """Whether the vehicle is also at rest without thrust."""
-        return self._numbers[_MAYBE] != 0.0
+        return self._numbers[MAYBE] != 0.0
 
     @property
     def landed(self) -> bool:
         """Whether that has lasted for long enough."""
-        return self._numbers[_LANDED] != 0.0
+        return self._numbers[LANDED] != 0.0
 
     def update(self, now_s: float, motion: Motion, limits: Limits) -> None:
         """Updates the state; call at 50 Hz."""
@@ -116,7 +128,7 @@ class LandDetector:
             )  # fmt: skip
         vn, ve, vd = motion.velocity_ned_m_s
         roll_rate, pitch_rate, _ = motion.rates_frd_rad_s
-        _look(
+        detect(
             self._state, self._limit_numbers, now_s, motion.armed, motion.thrust, motion.hover_thrust,
             motion.hover_thrust_known, vn, ve, vd, motion.down_by_position_m_s, motion.vertical_known,
             roll_rate, pitch_rate, motion.height_above_ground_m, motion.climb_rate_controlled,
@@ -141,17 +153,18 @@ def _above_least(least: float, hover: float, part: float) -> float:
 
 
 @kernel
-def _look(
+def detect(
     state: Column, limits: Column, now_s: float, armed: bool, thrust: float, hover_thrust: float,
     hover_known: bool, vn: float, ve: float, vd: float, down_by_position: float, vertical_known: bool,
     roll_rate: float, pitch_rate: float, height_m: float, climb_rate_controlled: bool, asked_down: float,
 ) -> None:  # fmt: skip
+    """One tick of one vehicle's detector; the arguments are those of `Motion`."""
     unseen = math.isnan(height_m)
     if not unseen:
         state[_SEES_GROUND] = 1.0
     factor = UNSEEN_GROUND_FACTOR if unseen and state[_SEES_GROUND] != 0.0 else 1.0
     stage_s = limits[_TRIGGER] / 3.0 * factor
-    slack = LANDED_SLACK if state[_LANDED] != 0.0 else 1.0
+    slack = LANDED_SLACK if state[LANDED] != 0.0 else 1.0
 
     slowest = min(abs(vd), abs(down_by_position))
     moves = (
@@ -162,9 +175,9 @@ def _look(
     part = LOW_THRUST_KNOWN_HOVER if hover_known else LOW_THRUST
     low_thrust = thrust <= _above_least(limits[_THRUST_MIN], hover_thrust, part)
     down = asked_down >= DESCENT_MARGIN * limits[_CLIMB_MAX]
-    meant = not climb_rate_controlled or down or state[_MAYBE] != 0.0 or state[_LANDED] != 0.0
+    meant = not climb_rate_controlled or down or state[MAYBE] != 0.0 or state[LANDED] != 0.0
     near = not height_m >= NEAR_GROUND_M
-    _hold(state, _CONTACT, now_s, not armed or (near and low_thrust and meant and not moves), stage_s)
+    _hold(state, CONTACT, now_s, not armed or (near and low_thrust and meant and not moves), stage_s)
 
     least = limits[_THRUST_MIN_BY_HAND] + 0.01
     if climb_rate_controlled:
@@ -173,6 +186,6 @@ def _look(
     if armed:
         _hold(state, _LEAST_THRUST, now_s, idle, NO_HEIGHT_S)
     rotates = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * slack
-    carried = state[_CONTACT] != 0.0 if vertical_known else state[_LEAST_THRUST] != 0.0
-    _hold(state, _MAYBE, now_s, not armed or (idle and not rotates and carried), stage_s)
-    _hold(state, _LANDED, now_s, not armed or state[_MAYBE] != 0.0, stage_s)
+    carried = state[CONTACT] != 0.0 if vertical_known else state[_LEAST_THRUST] != 0.0
+    _hold(state, MAYBE, now_s, not armed or (idle and not rotates and carried), stage_s)
+    _hold(state, LANDED, now_s, not armed or state[MAYBE] != 0.0, stage_s)

@@ -49,6 +49,15 @@ class Monitors:
         self._flight_time(armed=armed, landed=landed)
         self._wind(landed)
 
+    @property
+    def quiet(self) -> bool:
+        """Whether only the attitude is monitored, and it is good."""
+        return (
+            not self._tilted_since_s
+            and self._view.choice("COM_FLT_TIME_MAX") <= 0
+            and self._view.choice("EKF2_DRAG_CTRL") != 1
+        )
+
     def _forget(self) -> None:
         self.flight_time_over = False
         self._took_off_at_s, self._warned_s = math.nan, math.inf

@@ -6,12 +6,15 @@ import math
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.fence_watch import FenceWatch
+from vehicle_sim.autopilot.flight_numbers import FlightNumbers
+from vehicle_sim.autopilot.land_detector import LandedState
 from vehicle_sim.autopilot.mission.executor import Mission
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.own_commands import CHANGE_SPEED, OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.steady_task import SteadyTask
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.autopilot.tasks.follow import Follow
@@ -44,13 +47,14 @@ class Navigator:
         home: Home,
         plans: Plans,
         commands: OwnCommands,
+        numbers: FlightNumbers,
     ) -> None:
         self._view = view
         self._announcer = announcer
         self._row = row
         self._commands = commands
         self.home = home
-        self.path = Path(view, row)
+        self.path = Path(view, row, numbers)
         self._climb = Climb(view, announcer, self.path, home)
         self._descent = Descent(view, self.path)
         self._return = ReturnHome(view, announcer, self.path, home, self._descent, plans, commands)
@@ -193,6 +197,15 @@ class Navigator:
         """Whether a return has arrived above home."""
         return self._return.landing
 
+    def state_in_air(self, mode: NavState) -> LandedState:
+        """MAV_LANDED_STATE of a vehicle in the air."""
+        if mode is NavState.TAKEOFF or (mode is NavState.MISSION and self.mission.taking_off):
+            return LandedState.TAKEOFF
+        lands = mode in LANDING_MODES or (mode is NavState.RTL and self.landing)
+        if lands or (mode is NavState.MISSION and self.mission.landing):
+            return LandedState.LANDING
+        return LandedState.IN_AIR
+
     def finished(self, mode: NavState) -> bool:
         """Whether a take-off has reached its altitude."""
         down = self.path.target_ned_m[2]
@@ -236,6 +249,20 @@ class Navigator:
             self.path.fly_to_target()
         else:
             self.descend()
+
+    def steady_task(self, mode: NavState) -> SteadyTask | None:
+        """What the mode flies until something happens; None: it decides at each tick."""
+        if self._return.checks_rally_points:
+            return None
+        if mode is NavState.MISSION:
+            return self.mission.steady_task()
+        if mode is NavState.TAKEOFF:
+            return self._climb.steady_task(altitude_radius_m=self._view.parameter("NAV_MC_ALT_RAD"))
+        return self._descent.steady_task() if mode in LANDING_MODES else None
+
+    def situation(self) -> tuple[object, ...]:
+        """What commands may change between two ticks."""
+        return *self.path.situation(), *self.mission.situation()
 
     def descend(self) -> None:
         """Descends level at landing speed; used without sticks or without a position."""

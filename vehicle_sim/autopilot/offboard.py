@@ -143,6 +143,11 @@ class Offboard:
         if self._flagged is not None:
             self._choose()
 
+    @property
+    def has_topics(self) -> bool:
+        """Whether setpoints of PX4's own topics have been received since another mode was active."""
+        return bool(self._topics)
+
     def left(self) -> None:
         """Called when another mode is active: its own setpoints have replaced those of the topics."""
         if self._topics:

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 
+from vehicle_sim.autopilot.flight_numbers import FlightNumbers
 from vehicle_sim.autopilot.resets import EstimateResets
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.smoothing import Limits, Smoothing, Way
+from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, fly
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.vehicle_view import Vector, VehicleView
@@ -26,20 +28,30 @@ braked to zero: 1.4 s into the take-off ramp."""
 
 
 class Path:
-    """Position, motion and target of the trajectory."""
+    """Position, motion and target of the trajectory.
 
-    def __init__(self, view: VehicleView, row: SetpointRow) -> None:
+    Args:
+        view: the vehicle.
+        row: where the setpoints are written.
+        numbers: of all vehicles; default: its own.
+    """
+
+    def __init__(self, view: VehicleView, row: SetpointRow, numbers: FlightNumbers | None = None) -> None:
+        index = 0 if numbers is None else view.row
+        numbers = numbers or FlightNumbers.of(1)
         self._view = view
         self._row = row
-        self._smoothing = Smoothing(view)
+        self._smoothing = Smoothing(
+            view, numbers.axes[index], numbers.settings[index], numbers.way[index],
+            numbers.before_turn_m_s[index],
+        )  # fmt: skip
         self.x, self.y, self.z = self._smoothing.x, self._smoothing.y, self._smoothing.z
-        self.yaw = YawRamp()
+        self.yaw = YawRamp(numbers.yaw[index])
         self._way: Way | None = None
         """The waypoints of the way to `target_ned_m`; it starts where the vehicle was when the target was
         set."""
         self.target_ned_m: tuple[float | None, float | None, float | None] = (None, None, None)
         """None: not set yet; the vehicle stops first."""
-        self.yaw_target_rad = 0.0
         self.face_target = False
         """The nose points to the target while the target is farther away than NAV_ACC_RAD."""
         self.cruise_m_s = math.nan
@@ -48,7 +60,7 @@ class Path:
         self.descent_m_s = math.nan
         self._locked_yaw_rad = 0.0
         """Heading at the start of the flight task."""
-        self._resets = EstimateResets(view)
+        self._resets = EstimateResets(view, numbers.seen_heading_rad[index])
 
     def follow_resets(self) -> None:
         """Moves the trajectory with a reset of the estimate, so that the vehicle does not fly the step."""
@@ -97,6 +109,15 @@ class Path:
         self.x.reset(x)
         self.y.reset(y)
         self.z.reset(z, GROUND_VELOCITY_DOWN_M_S)
+
+    @property
+    def yaw_target_rad(self) -> float:
+        """The heading that the trajectory turns to."""
+        return self.yaw.target_rad
+
+    @yaw_target_rad.setter
+    def yaw_target_rad(self, value: float) -> None:
+        self.yaw.target_rad = value
 
     @property
     def starts_takeoff(self) -> bool:
@@ -196,11 +217,35 @@ class Path:
                 self.yaw_target_rad = self._locked_yaw_rad = yaw_rad
             return
         fastest_rad_s = math.radians(self._view.parameter("MPC_YAWRAUTO_MAX"))
-        self.yaw.advance(self.yaw_target_rad, TICK_S, fastest_rad_s)
+        self.yaw.advance(TICK_S, fastest_rad_s)
 
     @property
     def _controls_heading(self) -> bool:
         return bool(self._view.simulation.fusion.heading_good_for_control[self._view.row])
+
+    def steady_task(self, motion: Motion) -> SteadyTask | None:
+        """A motion along the way to the target; None: there is no way yet."""
+        north, east, down = self.target_ned_m
+        way = self._way
+        if way is None or north is None or east is None or not self._smoothing.follows(way):
+            return None
+        if down is not None and way.target_ned_m != (north, east, down):
+            return None
+        down_m = math.nan if down is None else down
+        return SteadyTask(motion, self.cruise_m_s, self.climb_m_s, self.descent_m_s, down_m)
+
+    def follows(self, way: Way) -> bool:
+        """Whether the trajectory follows this way."""
+        return self._smoothing.follows(way)
+
+    def situation(self) -> tuple[object, ...]:
+        """What commands may change between two ticks."""
+        return self.target_ned_m, self._way, self.cruise_m_s, self.climb_m_s, self.descent_m_s
+
+    @property
+    def reset_counts(self) -> list[int]:
+        """The estimator's reset counters at the last look."""
+        return self._resets.counts
 
     def write(self) -> None:
         """Turns by one tick and writes the trajectory setpoint for the controllers."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from vehicle_sim.autopilot.row import numbers
 from vehicle_sim.frames import wrap_angle
+from vehicle_sim.state import FloatArray
 from vehicle_sim.vehicle_view import VehicleView
 
 
@@ -20,28 +22,39 @@ class Reset(NamedTuple):
 
 
 class EstimateResets:
-    """Compares the estimator's reset counters from one tick to the next."""
+    """Compares the estimator's reset counters from one tick to the next.
 
-    def __init__(self, view: VehicleView) -> None:
+    Args:
+        view: the vehicle.
+        heading_rad: (1,) room for the estimated heading of the last tick.
+    """
+
+    def __init__(self, view: VehicleView, heading_rad: FloatArray) -> None:
         self._view = view
         self._counts = self._counters()
-        self._heading_rad = 0.0
+        self._heading_rad = numbers(heading_rad)
 
     def _counters(self) -> list[int]:
         """Counters of horizontal velocity, vertical velocity, horizontal position, height, heading."""
         fusion, i = self._view.simulation.fusion, self._view.row
         return [*fusion.resets[:, i].tolist(), int(fusion.heading_reset_counter[i])]
 
+    @property
+    def counts(self) -> list[int]:
+        """The counters at the last look."""
+        return self._counts
+
     def forget(self) -> None:
         """Ignores all resets so far."""
-        self._counts, self._heading_rad = self._counters(), self._view.estimate.yaw_ned_rad
+        self._counts, self._heading_rad[0] = self._counters(), self._view.estimate.yaw_ned_rad
 
     def take(self) -> Reset | None:
         """The resets since the last call; None: no reset. Call it once per tick."""
         before, self._counts = self._counts, self._counters()
-        old_rad, self._heading_rad = self._heading_rad, self._view.estimate.yaw_ned_rad
+        old_rad = self._heading_rad[0]
+        new_rad = self._heading_rad[0] = self._view.estimate.yaw_ned_rad
         if self._counts == before:
             return None
         changed = [now != then for now, then in zip(self._counts, before, strict=True)]
-        turned_rad = wrap_angle(self._heading_rad - old_rad) if changed[4] else 0.0
+        turned_rad = wrap_angle(new_rad - old_rad) if changed[4] else 0.0
         return Reset(changed[0], changed[1], changed[2], changed[3], turned_rad)

@@ -12,11 +12,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from vehicle_sim.autopilot.trajectory import (
     POSITION,
-    SIZE,
     VELOCITY,
     Axis,
     fly,
@@ -41,7 +38,7 @@ SETTINGS = (
     _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
 ) = range(11)  # fmt: skip
 """Columns of the settings."""
-_FROM, _TO, _ONWARD, _ACCEPTANCE = 0, 3, 6, 9
+FROM, TO, ONWARD, ACCEPTANCE, WAY_SIZE = 0, 3, 6, 9, 10
 """Offsets in the numbers of a way: three positions and the acceptance radius."""
 _X, _Y, _Z = 0, 1, 2
 
@@ -66,20 +63,29 @@ class Way:
 
 
 class Smoothing:
-    """Three axes of one vehicle, and the speed they had before a turn."""
+    """Three axes of one vehicle, and the speed they had before a turn.
 
-    def __init__(self, view: VehicleView) -> None:
+    Args:
+        view: the vehicle.
+        axes: (3, `trajectory.SIZE`) the axes.
+        settings: (`len(SETTINGS)`,) room for the parameters.
+        way: (`WAY_SIZE`,) room for the numbers of the way; NaN for a missing next waypoint.
+        before_turn_m_s: (1,) the speed before a turn.
+    """
+
+    def __init__(
+        self, view: VehicleView, axes: Rows, settings: Column, way: Column, before_turn_m_s: Column
+    ) -> None:
         self._view = view
-        self._axes = np.zeros((3, SIZE))
-        self._level_axes = self._axes[:2]
+        self._axes = axes
         self.x, self.y, self.z = (Axis(row) for row in self._axes)
-        self._before_turn_m_s = np.zeros(1)
-        self._settings = np.zeros(len(SETTINGS))
+        self._before_turn_m_s = before_turn_m_s
+        self._settings = settings
         self._settings_version = -1
         """Value of `parameter_changes` at which the settings were read."""
         self._way: Way | None = None
-        self._way_numbers = np.zeros(10)
-        """Numbers of that way; NaN for a missing next waypoint."""
+        """The way whose numbers are in `_way_numbers`."""
+        self._way_numbers = way
 
     def begin(self) -> None:
         """Clears the speed before a turn: a flight task that starts across its way brakes first."""
@@ -89,7 +95,13 @@ class Smoothing:
         """Advances all axes by one tick along the way."""
         x, y, _ = self._view.estimate.position_ned_m
         self._set_way(way)
-        _fly(self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, dt_s, x, y, *limits)
+        fly_way(
+            self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s, dt_s, x, y, *limits
+        )
+
+    def follows(self, way: Way) -> bool:
+        """Whether this is the newest way."""
+        return way is self._way
 
     def velocity_towards(self, way: Way, limits: Limits) -> Vector:
         """Velocity along the way that the trajectory approaches, NED."""
@@ -107,14 +119,14 @@ class Smoothing:
         x, y, _ = self._view.estimate.position_ned_m
         if way is not None:
             self._set_way(way)
-        return _fly_level(
-            self._axes, self._level_axes, self._read_settings(), self._way_numbers, self._before_turn_m_s,
+        return fly_level(
+            self._axes, self._read_settings(), self._way_numbers, self._before_turn_m_s,
             dt_s, x, y, way is not None, limits.cruise_m_s,
         )  # fmt: skip
 
     def plan_vertical(self, velocity_m_s: float) -> None:
         """Plans a vertical speed (down is positive) with the limits of its direction."""
-        _plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
+        plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
 
     def vertical_speed(self, way_m: float, limits: Limits) -> float:
         """Speed for a climb or descent of this length, never negative."""
@@ -159,26 +171,26 @@ def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
 
 @formula
 def _corner_speed(axes: Rows, settings: Column, way: Column) -> float:
-    an, ae = way[_TO] - axes[_X, POSITION], way[_TO + 1] - axes[_Y, POSITION]
-    bn, be = way[_TO] - way[_ONWARD], way[_TO + 1] - way[_ONWARD + 1]
+    an, ae = way[TO] - axes[_X, POSITION], way[TO + 1] - axes[_Y, POSITION]
+    bn, be = way[TO] - way[ONWARD], way[TO + 1] - way[ONWARD + 1]
     lengths = math.hypot(an, ae) * math.hypot(bn, be)
     cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
     half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
     sideways = settings[_TRAJECTORY_P] * settings[_LEVEL_ACCELERATION]
-    return math.sqrt(sideways * way[_ACCEPTANCE] * math.tan(half))
+    return math.sqrt(sideways * way[ACCEPTANCE] * math.tan(half))
 
 
 @formula
 def _level_speed(axes: Rows, settings: Column, way: Column, cruise_m_s: float) -> float:
     cruise = min(cruise_m_s if math.isfinite(cruise_m_s) else settings[_CRUISE], settings[_SPEED_MAX])
     jerk, acceleration = settings[_JERK], settings[_LEVEL_ACCELERATION]
-    tn, te, td = way[_TO], way[_TO + 1], way[_TO + 2]
-    nn, ne, nd = way[_ONWARD], way[_ONWARD + 1], way[_ONWARD + 2]
+    tn, te, td = way[TO], way[TO + 1], way[TO + 2]
+    nn, ne, nd = way[ONWARD], way[ONWARD + 1], way[ONWARD + 2]
     at_target = 0.0
     if not math.isnan(nn):
         onward_m = math.hypot(nn - tn, ne - te)
         level = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
-        if onward_m > 0.001 and onward_m >= way[_ACCEPTANCE] and level:
+        if onward_m > 0.001 and onward_m >= way[ACCEPTANCE] and level:
             exit_speed = max_speed_for_distance(jerk, acceleration, onward_m, 0.0)
             at_target = min(min(_corner_speed(axes, settings, way), exit_speed), cruise)
     left_m = math.hypot(tn - axes[_X, POSITION], te - axes[_Y, POSITION])
@@ -188,9 +200,9 @@ def _level_speed(axes: Rows, settings: Column, way: Column, cruise_m_s: float) -
 @formula
 def _turning(axes: Rows, way: Column) -> bool:
     vn, ve = axes[_X, VELOCITY], axes[_Y, VELOCITY]
-    dn, de = way[_TO] - axes[_X, POSITION], way[_TO + 1] - axes[_Y, POSITION]
+    dn, de = way[TO] - axes[_X, POSITION], way[TO + 1] - axes[_Y, POSITION]
     speed, left_m = math.hypot(vn, ve), math.hypot(dn, de)
-    if speed <= TURNING_SPEED_M_S or left_m <= way[_ACCEPTANCE]:
+    if speed <= TURNING_SPEED_M_S or left_m <= way[ACCEPTANCE]:
         return False
     return (vn * dn + ve * de) / (speed * left_m) < ALIGNED
 
@@ -201,7 +213,7 @@ def _aim_point(axes: Rows, way: Column) -> tuple[float, float]:
 
     Past the target, the point is the target itself.
     """
-    pn, pe, tn, te = way[_FROM], way[_FROM + 1], way[_TO], way[_TO + 1]
+    pn, pe, tn, te = way[FROM], way[FROM + 1], way[TO], way[TO + 1]
     length = math.hypot(tn - pn, te - pe)
     if length < 1e-6:
         return tn, te
@@ -212,7 +224,7 @@ def _aim_point(axes: Rows, way: Column) -> tuple[float, float]:
         return tn, te
     closest_n, closest_e = pn + un * along, pe + ue * along
     off_m = math.hypot(closest_n - x, closest_e - y)
-    radius = max(way[_ACCEPTANCE], L1_LEAST_M)
+    radius = max(way[ACCEPTANCE], L1_LEAST_M)
     ahead = math.sqrt(radius * radius - off_m * off_m) if radius > off_m else 0.0
     return closest_n + un * ahead, closest_e + ue * ahead
 
@@ -223,7 +235,7 @@ def _level(
 ) -> tuple[float, float, float]:
     """The horizontal speed, and the distances north and east to the point to aim at."""
     speed = _level_speed(axes, settings, way, cruise_m_s)
-    aim_n, aim_e = way[_TO], way[_TO + 1]
+    aim_n, aim_e = way[TO], way[TO + 1]
     if _turning(axes, way):
         speed = min(speed, before_turn_m_s[0])
         aim_n, aim_e = _aim_point(axes, way)
@@ -249,7 +261,8 @@ def _vertical_speed(settings: Column, way_m: float, climb_m_s: float, descent_m_
 
 
 @kernel
-def _plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
+def plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
+    """Plans a vertical speed (down is positive) with the limits of its direction."""
     climbing = velocity_m_s < axis[VELOCITY]
     plan(
         axis,
@@ -260,10 +273,11 @@ def _plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
 
 
 @kernel
-def _fly_level(
-    axes: Rows, level_axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float,
-    x: float, y: float, has_way: bool, cruise_m_s: float,
+def fly_level(
+    axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
+    has_way: bool, cruise_m_s: float,
 ) -> float:  # fmt: skip
+    """Advances north and east of one vehicle by one tick; returns the tick length of the trajectory [s]."""
     stretched_s = dt_s * _stretch(axes, settings, x, y)
     fly(axes[_X], stretched_s)
     fly(axes[_Y], stretched_s)
@@ -274,7 +288,7 @@ def _fly_level(
         if length > 1e-6:
             north, east = speed * dn / length, speed * de / length
     _plan_level(axes, settings, north, east)
-    synchronise(level_axes)
+    synchronise(axes, 2)
     return stretched_s
 
 
@@ -285,7 +299,7 @@ def _velocity_towards(
 ) -> tuple[float, float, float]:  # fmt: skip
     """Velocity along the way that the trajectory approaches, NED."""
     horizontal, dn, de = _level(axes, settings, way, before_turn_m_s, cruise_m_s)
-    dd = way[_TO + 2] - axes[_Z, POSITION]
+    dd = way[TO + 2] - axes[_Z, POSITION]
     vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
     flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
     if length < 1e-6:
@@ -298,10 +312,11 @@ def _velocity_towards(
 
 
 @kernel
-def _fly(
+def fly_way(
     axes: Rows, settings: Column, way: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
     cruise_m_s: float, climb_m_s: float, descent_m_s: float,
 ) -> None:  # fmt: skip
+    """Advances all axes of one vehicle by one tick along its way."""
     stretched_s = dt_s * _stretch(axes, settings, x, y)
     for k in range(3):
         fly(axes[k], stretched_s)
@@ -309,5 +324,5 @@ def _fly(
         axes, settings, way, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s
     )
     _plan_level(axes, settings, north, east)
-    _plan_vertical(axes[_Z], settings, down)
-    synchronise(axes)
+    plan_vertical(axes[_Z], settings, down)
+    synchronise(axes, 3)

@@ -7,6 +7,8 @@ import math
 from enum import IntEnum
 
 GRAVITY_M_S2 = 9.80665
+TILT_LIMIT_RISE_RAD_S = 0.2
+"""Rate at which PX4 increases the tilt limit after the take-off ramp."""
 
 
 class TakeoffState(IntEnum):

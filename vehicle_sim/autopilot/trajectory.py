@@ -8,12 +8,10 @@ numbers for the compiled functions below; `Axis` gives names to the row's number
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.frames import wrap_angle
 from vehicle_sim.kernels import Column, Rows, formula, kernel
 
 POSITION, VELOCITY, ACCELERATION, JERK, ACCELERATION_LIMIT, CHANGE, FIRST, MIDDLE, LAST, PLANNED, SIZE = (
@@ -123,23 +121,23 @@ def fly(axis: Column, dt_s: float) -> None:
 
 
 @kernel
-def synchronise(axes: Rows) -> None:
-    """Stretches the plans of all axes to the duration of the slowest."""
+def synchronise(axes: Rows, count: int) -> None:
+    """Stretches the plans of the first `count` axes to the duration of the slowest."""
     longest_s = 0.0
-    for k in range(axes.shape[0]):
+    for k in range(count):
         longest_s = max(longest_s, axes[k, FIRST] + axes[k, MIDDLE] + axes[k, LAST])
-    for k in range(axes.shape[0]):
+    for k in range(count):
         if axes[k, FIRST] + axes[k, MIDDLE] + axes[k, LAST] < longest_s:
             _stretch(axes[k], longest_s)
 
 
 def _number_property(index: int) -> property:
-    """Property for one number of an axis."""
+    """Property for one number of an axis or a heading."""
 
-    def read(axis: Axis) -> float:
+    def read(axis: Axis | YawRamp) -> float:
         return axis.values[index]
 
-    def write(axis: Axis, value: float) -> None:
+    def write(axis: Axis | YawRamp, value: float) -> None:
         axis.values[index] = value
 
     return property(read, write)
@@ -169,23 +167,48 @@ class Axis:
 
 YAW_RATE_TIME_CONSTANT_S = 0.2
 """Time constant of the low-pass on the fed-forward yaw rate (from recorded turns: 63 % after 0.2 s)."""
+YAW, YAW_RATE, YAW_TARGET = range(3)
+"""The numbers of a heading: the heading [rad], its rate [rad/s] and its target [rad]."""
 
 
-@dataclass(slots=True)
+@formula
+def _wrapped(angle_rad: float) -> float:
+    """Same as `frames.wrap_angle`."""
+    if abs(angle_rad) <= math.pi:
+        return angle_rad
+    if abs(angle_rad) <= 3.0 * math.pi:
+        return angle_rad - math.copysign(math.tau, angle_rad)
+    return angle_rad - math.tau * np.rint(angle_rad / math.tau)
+
+
+@kernel
+def turn(yaw: Column, dt_s: float, rate_max_rad_s: float) -> None:
+    """Turns a heading towards its target for `dt_s`, at most at this rate."""
+    gap = _wrapped(yaw[YAW_TARGET] - yaw[YAW])
+    step = max(-rate_max_rad_s * dt_s, min(rate_max_rad_s * dt_s, gap))
+    yaw[YAW_RATE] += (step / dt_s - yaw[YAW_RATE]) * dt_s / (dt_s + YAW_RATE_TIME_CONSTANT_S)
+    yaw[YAW] = _wrapped(yaw[YAW] + step)
+
+
 class YawRamp:
-    """A heading with the rate limit MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass."""
+    """A heading with the rate limit MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass.
 
-    yaw_ned_rad: float = 0.0
-    rate_rad_s: float = 0.0
+    Args:
+        row: its numbers.
+    """
+
+    yaw_ned_rad = _number_property(YAW)
+    rate_rad_s = _number_property(YAW_RATE)
+    target_rad = _number_property(YAW_TARGET)
+
+    def __init__(self, row: NDArray[np.float64]) -> None:
+        self.row = row
+        self.values: memoryview[float] = row.data.cast("B").cast("d")
 
     def reset(self, yaw_ned_rad: float) -> None:
         """Sets the heading, with zero rate."""
-        self.yaw_ned_rad = yaw_ned_rad
-        self.rate_rad_s = 0.0
+        self.values[YAW], self.values[YAW_RATE] = yaw_ned_rad, 0.0
 
-    def advance(self, target_rad: float, dt_s: float, rate_max_rad_s: float) -> None:
+    def advance(self, dt_s: float, rate_max_rad_s: float) -> None:
         """Turns towards the target for `dt_s`."""
-        gap = wrap_angle(target_rad - self.yaw_ned_rad)
-        step = max(-rate_max_rad_s * dt_s, min(rate_max_rad_s * dt_s, gap))
-        self.rate_rad_s += (step / dt_s - self.rate_rad_s) * dt_s / (dt_s + YAW_RATE_TIME_CONSTANT_S)
-        self.yaw_ned_rad = wrap_angle(self.yaw_ned_rad + step)
+        turn(self.row, dt_s, rate_max_rad_s)

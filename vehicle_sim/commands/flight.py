@@ -142,7 +142,7 @@ class FlightCommands:
         if self._commander.set_mode(mode):
             return ACCEPTED
         if told:
-            self._commander.report_refusal(mode)
+            self._commander.refusals.report(mode)
         return TEMPORARILY_REJECTED
 
     def _set_standard_mode(self, c: Command) -> int:

@@ -203,6 +203,11 @@ class ExternalModes:
     # --- executors and overrides -----------------------------------------------------------------------
 
     @property
+    def any_mode(self) -> bool:
+        """Whether an external mode is registered."""
+        return bool(self._slots.modes)
+
+    @property
     def executor_in_charge(self) -> int:
         """Id of the executor in charge; during a failsafe the autopilot is in charge."""
         return AUTOPILOT if self.failsafe_acts else self._in_charge

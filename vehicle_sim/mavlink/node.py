@@ -137,6 +137,11 @@ class Node:
         context = self.context
         return bool(context.links) or context.waits or self._camera is not None
 
+    @property
+    def waits(self) -> bool:
+        """Whether an action or a report is pending."""
+        return self.context.waits or self._mission.waits
+
     def step(self) -> None:
         """Called after each simulation step: runs pending actions, then sends the streams that are due."""
         context = self.context

@@ -11,7 +11,6 @@ from vehicle_sim.autopilot.mission import feasibility
 from vehicle_sim.autopilot.mission.heading import Heading
 from vehicle_sim.autopilot.mission.items import (
     CHANGE_SPEED,
-    DELAY,
     GATE,
     GIMBAL_ITEMS,
     JUMP,
@@ -22,11 +21,13 @@ from vehicle_sim.autopilot.mission.items import (
     TAKEOFF,
     WAYPOINT,
     Item,
+    next_position,
 )
 from vehicle_sim.autopilot.mission.leg import Leg
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import FENCE, MISSION, Plans
+from vehicle_sim.autopilot.steady_task import SteadyTask
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.frames import wrap_angle
@@ -216,9 +217,9 @@ class Mission:
             self._needs_takeoff = False
             self._work = Work.TAKEOFF
             self._climb.begin(takeoff_amsl_m)
-            above_home = takeoff_amsl_m - self._home.alt_amsl_m
-            text = f"Climb to {above_home:.1f} meters above home"
-            self._announcer.both(6, text, "mission_climb_before_start", "f", above_home)
+            above_m = takeoff_amsl_m - self._home.alt_amsl_m
+            text = f"Climb to {above_m:.1f} meters above home"
+            self._announcer.both(6, text, "mission_climb_before_start", "f", above_m)
             return
         self._needs_takeoff = False
         self._work = Work.FLY
@@ -243,8 +244,6 @@ class Mission:
             return True
         self._jumps.pop(self.current, None)
         return self._advance(landed=False)
-
-    # --- completion of an item -------------------------------------------------------------------------
 
     def _done(self, item: Item, landed: bool) -> bool:
         if self._work is Work.TAKEOFF:
@@ -331,23 +330,8 @@ class Mission:
 
     def _next_place(self, seq: int) -> Vector | None:
         """Position of the next item that is flown to, jumps included; None: the vehicle stops before it."""
-        jumps = dict(self._jumps)
-        for _ in range(len(self._items)):
-            seq += 1
-            if seq >= len(self._items):
-                return None
-            item = self._items[seq]
-            if item.command == JUMP:
-                target, repeats = int(item.parameters[0]), int(item.parameters[1])
-                if 0 <= target < len(self._items) and (repeats < 0 or jumps.get(seq, 0) < repeats):
-                    jumps[seq] = jumps.get(seq, 0) + 1
-                    seq = target - 1
-                continue
-            if item.command in (DELAY, RETURN):
-                return None
-            if item.is_position:
-                return self._place(item)
-        return None
+        item = next_position(self._items, seq, self._jumps)
+        return None if item is None else self._place(item)
 
     def _acceptance(self, item: Item) -> float:
         own = item.parameters[1] if item.command == WAYPOINT else 0.0
@@ -393,3 +377,24 @@ class Mission:
     def landing(self) -> bool:
         """Whether the vehicle descends for a landing item."""
         return self._work is Work.LAND
+
+    def steady_task(self) -> SteadyTask | None:
+        """What the mission flies until its item is finished; None: it decides at each tick."""
+        if self.finished or not self.active or not self.current < len(self._items):
+            return None
+        item = self._items[self.current]
+        if self._work is Work.TAKEOFF:
+            ends_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance(item)
+            return self._climb.steady_task(ends_above_amsl_m=ends_m)
+        if self._work is Work.LAND:
+            return self._descent.steady_task()
+        if self._work is Work.NONE or item.command in (GATE, LOITER_UNLIMITED, RETURN):
+            return None
+        arrived_at_s = self._arrived_at_s if math.isfinite(self._arrived_at_s) else None
+        if arrived_at_s is None and self._work is not Work.FLY:
+            return None
+        return self._leg.steady_task(self.heading, arrived_at_s, item.seconds())
+
+    def situation(self) -> tuple[object, ...]:
+        """What commands may change between two ticks."""
+        return self.current, self._work, self._arrived_at_s, self._leg.way, self.heading.item_yaw_rad

@@ -67,6 +67,20 @@ class Heading:
             return self._towards(self._path.x.velocity_m_s, self._path.y.velocity_m_s, 0.5)
         return self._path.yaw_target_rad
 
+    def steady_point(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
+        """The same as a point (north, east) that the nose turns to while it is farther away than a distance
+        (infinite: the heading does not change); None: no such point."""
+        mode = self._view.choice("MPC_YAW_MODE")
+        if self._place is not None:
+            return (*self._place, 0.5)
+        if math.isfinite(self.item_yaw_rad):
+            return (0.0, 0.0, math.inf)
+        if mode in (TOWARDS_WAYPOINT, YAW_FIRST):
+            return (target_ned_m[0], target_ned_m[1], acceptance_m)
+        if mode == TOWARDS_HOME:
+            return (*self._home.position_ned_m[:2], acceptance_m)
+        return None if mode in (AWAY_FROM_HOME, ALONG_TRAJECTORY) else (0.0, 0.0, math.inf)
+
     def _towards(self, north: float, east: float, least: float) -> float:
         if math.hypot(north, east) <= least:
             return self._path.yaw_target_rad

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,3 +93,30 @@ def read(fields: Mapping[str, Any]) -> Item:
         lon_deg=fields["y"] * 1e-7,
         alt_m=float(fields["z"]),
     )  # fmt: skip
+
+
+def next_position(items: Sequence[Item], seq: int, jumps: Mapping[int, int]) -> Item | None:
+    """The next item that is flown to after item `seq`; None: the vehicle stops before it.
+
+    Args:
+        items: of the mission.
+        seq: index of the current item.
+        jumps: how often each jump was executed, by index.
+    """
+    done = dict(jumps)
+    for _ in range(len(items)):
+        seq += 1
+        if seq >= len(items):
+            return None
+        item = items[seq]
+        if item.command == JUMP:
+            target, repeats = int(item.parameters[0]), int(item.parameters[1])
+            if 0 <= target < len(items) and (repeats < 0 or done.get(seq, 0) < repeats):
+                done[seq] = done.get(seq, 0) + 1
+                seq = target - 1
+            continue
+        if item.command in (DELAY, RETURN):
+            return None
+        if item.is_position:
+            return item
+    return None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from vehicle_sim.autopilot.mission.heading import Heading
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.smoothing import Way
+from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.vehicle_view import Vector
 
 
@@ -13,6 +15,11 @@ class Leg:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._way = Way((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), None, 0.0)
+
+    @property
+    def way(self) -> Way:
+        """The way of the leg."""
+        return self._way
 
     @property
     def target_ned_m(self) -> Vector:
@@ -33,6 +40,23 @@ class Leg:
         """Starts the leg at the current position of the trajectory."""
         here = self._path.position_ned_m
         self._way = Way(here, here, None, self._way.acceptance_m)
+
+    def steady_task(self, heading: Heading, arrived_at_s: float | None, waits_s: float) -> SteadyTask | None:
+        """The leg until the vehicle arrives, or since it has arrived until the end of the wait; None: the
+        heading depends on the motion."""
+        path, (north_m, east_m, _) = self._path, self.target_ned_m
+        point = heading.steady_point(self.target_ned_m, self.acceptance_m)
+        if point is None or not path.follows(self._way):
+            return None
+        task = SteadyTask(
+            Motion.LEG, path.cruise_m_s, path.climb_m_s, path.descent_m_s,
+            towards_north_m=point[0], towards_east_m=point[1], towards_least_m=point[2],
+        )  # fmt: skip
+        if arrived_at_s is not None:
+            return task._replace(waits_since_s=arrived_at_s, waits_for_s=waits_s)
+        return task._replace(
+            arrives_north_m=north_m, arrives_east_m=east_m, arrives_within_m=self.acceptance_m
+        )
 
     def fly(self) -> None:
         """One tick along the leg."""

@@ -6,6 +6,7 @@ import math
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.autopilot.trajectory import fly, max_speed_for_distance, plan
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
@@ -63,6 +64,17 @@ class Climb:
         """The target altitude of the climb."""
         down = self._path.target_ned_m[2]
         return math.nan if down is None else self._view.origin[2] - down
+
+    def steady_task(
+        self, *, ends_above_amsl_m: float = math.inf, altitude_radius_m: float = math.nan
+    ) -> SteadyTask | None:
+        """The climb until an altitude AMSL, or until it is this near to its target; None: no target yet."""
+        task = self._path.steady_task(Motion.CLIMB)
+        if task is None or math.isnan(task.target_down_m):
+            return None
+        if not math.isnan(altitude_radius_m):
+            task = task._replace(ends_above_down_m=task.target_down_m + altitude_radius_m)
+        return task._replace(ends_above_amsl_m=ends_above_amsl_m)
 
     def run(self) -> None:
         """Runs one tick of the climb.

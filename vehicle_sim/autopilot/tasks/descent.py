@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.path import Path
+from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.vehicle_view import VehicleView
 
 
@@ -24,6 +25,10 @@ class Descent:
         tick_s = self._path.advance_horizontal()
         self._path.advance_vertical_speed(self._land_speed(), tick_s)
         self._path.write()
+
+    def steady_task(self) -> SteadyTask | None:
+        """The descent until the ground; None: the vehicle stops first."""
+        return self._path.steady_task(Motion.DESCENT)
 
     def _land_speed(self) -> float:
         parameter = self._view.parameter

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.resets import EstimateResets
@@ -46,7 +48,7 @@ class Manual:
         self._yaw_rad: float | None = None
         self._yaw_rate_rad_s = 0.0
         self._ran_at_s = -math.inf
-        self._resets = EstimateResets(view)
+        self._resets = EstimateResets(view, np.zeros(1))
 
     # --- asked by the take-off state and the land detector -------------------------------------------------
 

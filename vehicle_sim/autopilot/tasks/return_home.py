@@ -225,6 +225,11 @@ class ReturnHome:
             self._chooser.report_unusable()
 
     @property
+    def checks_rally_points(self) -> bool:
+        """Whether new rally points have not been checked yet."""
+        return math.isfinite(self._rally_due_s)
+
+    @property
     def landing(self) -> bool:
         """Whether the return descends to land at its destination."""
         return self.phase in (ReturnPhase.DESCEND, ReturnPhase.WAIT, ReturnPhase.LAND)

@@ -1,0 +1,140 @@
+"""Ticks of a steady flight are the same as full ticks, bit for bit, and no event is handled later."""
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.autopilot.plans import MISSION
+from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.geodesy import to_global
+
+pytestmark = pytest.mark.flight
+
+RELATIVE, NO_FRAME = 6, 2
+WAYPOINT, LAND, TAKEOFF, DELAY, CHANGE_SPEED, ROI_LOCATION, ROI_NONE = 16, 21, 22, 93, 178, 195, 197
+Script = Mapping[float, Callable[[VehicleSim], object]]
+"""What is done to the vehicles, by time since boot [s]."""
+
+
+def item(command: int, north_m: float, east_m: float, up_m: float, *parameters: float) -> dict[str, Any]:
+    home = VehicleSim(links=()).simulation.home
+    lat, lon = to_global(*(np.array(each) for each in (north_m, east_m, home.lat_deg, home.lon_deg)))
+    given = (*parameters, *[0.0] * 4)[:4]
+    return {
+        "frame": RELATIVE, "command": command, "autocontinue": True, "current": False,
+        "x": round(float(lat) * 1e7), "y": round(float(lon) * 1e7), "z": up_m,
+        **{f"param{k + 1}": value for k, value in enumerate(given)},
+    }  # fmt: skip
+
+
+def flown(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str], float]:
+    """Digest of all positions, attitudes and setpoints; messages; and the part of ticks that was steady."""
+    sim = VehicleSim(count, links=(), seed=3)
+    for row in range(count):
+        sim.simulation.set_wind(np.array([2.0 * row, 3.0, 0.0]), row)
+        sim.simulation.set_gusts(0.5, row)
+    messages: list[str] = []
+    for autopilot in sim.autopilots:
+        autopilot.announcer.add_listener(lambda message: messages.append(f"{sim.time_s:.3f} {message}"))
+    digest, steady, due = hashlib.sha256(), 0, sorted(script.items())
+    for _ in range(round(seconds / 0.02)):
+        while due and due[0][0] <= sim.time_s:
+            due.pop(0)[1](sim)
+        sim.step(0.02)
+        truth, setpoints = sim.simulation.truth, sim.simulation.setpoints
+        for values in (
+            truth.position_ned_m, truth.q_ned_frd, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
+            setpoints.acceleration_ned_m_s2, setpoints.yaw_ned_rad, setpoints.yaw_rate_ned_rad_s,
+            setpoints.tilt_limit_rad, setpoints.landed, setpoints.in_air, setpoints.level,
+        ):  # fmt: skip
+            digest.update(values.tobytes())
+        steady += sum(not autopilot.decided for autopilot in sim.autopilots)
+    return digest.hexdigest(), messages, steady / (count * seconds / 0.02)
+
+
+def never_steady(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(_autopilot: Autopilot) -> None: ...
+
+    monkeypatch.setattr(Autopilot, "_steady_task", none)
+
+
+def both(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatch, count: int = 1) -> float:
+    """Flies with and without steady ticks; returns the part of ticks that was steady."""
+    digest, messages, share = flown(script, seconds, count)
+    with monkeypatch.context() as patch:
+        never_steady(patch)
+        full_digest, full_messages, none = flown(script, seconds, count)
+    assert none == 0.0
+    assert messages == full_messages
+    assert digest == full_digest
+    return share
+
+
+def each(act: Callable[[Autopilot], object]) -> Callable[[VehicleSim], object]:
+    return lambda sim: [act(autopilot) for autopilot in sim.autopilots]
+
+
+def start_mission(sim: VehicleSim) -> None:
+    items = [
+        item(TAKEOFF, 0.0, 0.0, 6.0, 0.0, 0.0, 0.0, math.nan),
+        item(WAYPOINT, 12.0, 0.0, 6.0, 1.5, 0.0, 0.0, math.nan),
+        item(CHANGE_SPEED, 0.0, 0.0, 0.0, 1.0, 8.0, -1.0) | {"frame": NO_FRAME},
+        item(ROI_LOCATION, 30.0, 30.0, 0.0),
+        item(WAYPOINT, 12.0, 15.0, 8.0, 0.0, 0.0, 0.0, math.nan),
+        item(ROI_NONE, 0.0, 0.0, 0.0) | {"frame": NO_FRAME},
+        item(DELAY, 0.0, 0.0, 0.0, 1.0) | {"frame": NO_FRAME},
+        item(LAND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan),
+    ]
+    for autopilot in sim.autopilots:
+        autopilot.plans.store(MISSION, items)
+        assert autopilot.commander.start_mission(0.0)
+
+
+@pytest.mark.story
+def test_a_mission_is_flown_the_same_by_steady_and_by_full_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    share = both({5.0: start_mission}, 55.0, monkeypatch, count=2)
+    assert share > 0.6
+
+
+def take_off(autopilot: Autopilot) -> None:
+    autopilot.navigator.request_takeoff(autopilot.view.estimate.alt_amsl_m + 9.0)
+    assert autopilot.commander.set_mode(NavState.TAKEOFF)
+    assert autopilot.commander.arm()
+
+
+def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    script: Script = {
+        5.0: each(take_off),
+        13.0: lambda sim: sim.set_parameter(0, "MPC_Z_V_AUTO_UP", 1.0),
+        15.03: each(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
+        17.55: each(lambda autopilot: autopilot.commander.set_mode(NavState.HOLD)),
+        19.0: each(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
+        21.0: each(lambda autopilot: autopilot.navigator.change_speed(3.0, 0.5)),
+        22.0: lambda sim: sim.simulation.set_gps_enabled(0, False),
+    }
+    share = both(script, 32.0, monkeypatch)
+    assert share > 0.4
+
+
+def test_a_forced_disarm_in_a_steady_flight_stops_the_motors_in_the_same_tick() -> None:
+    sim = VehicleSim(links=(), seed=3)
+    autopilot = sim.autopilots[0]
+    sim.step(5.0)
+    take_off(autopilot)
+    while not autopilot.steady and sim.time_s < 20.0:
+        sim.step(0.02)
+    sim.step(0.1)
+    assert autopilot.steady
+    autopilot.commander.disarm(force=True)
+    sim.step(0.02)
+    assert not autopilot.steady
+    assert autopilot.decided
+    assert not sim.simulation.setpoints.armed[0]

@@ -1,0 +1,59 @@
+"""The numbers of all autopilots that change at every tick: each autopilot works on its row of these arrays,
+and the compiled ticks (`steady.py`) on all rows at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vehicle_sim.autopilot.land_detector import LIMIT_COUNT, new_state
+from vehicle_sim.autopilot.smoothing import SETTINGS, WAY_SIZE
+from vehicle_sim.autopilot.trajectory import SIZE
+from vehicle_sim.kernels import Blocks, Rows
+
+DOWN, ASKED_DOWN, TILT = range(3)
+"""Numbers of the motion: estimated position down at the last tick [m]; vertical velocity of the last
+trajectory setpoint [m/s], except setpoints that only press the vehicle down (NaN: none); and the allowed tilt
+after take-off [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightNumbers:
+    """Arrays of N vehicles, NED."""
+
+    axes: Blocks
+    """(N, 3, `trajectory.SIZE`) the axes of the trajectory."""
+    settings: Rows
+    """(N, `len(SETTINGS)`) parameters of the trajectory."""
+    way: Rows
+    """(N, `WAY_SIZE`) the way that the trajectory follows."""
+    before_turn_m_s: Rows
+    """(N, 1) speed of the trajectory before a turn."""
+    yaw: Rows
+    """(N, 3) heading of the trajectory: `YAW`, `YAW_RATE`, `YAW_TARGET`."""
+    seen_heading_rad: Rows
+    """(N, 1) the estimated heading at the last look for resets of the estimate."""
+    detector: Rows
+    """(N, 9) conditions of the land detector (`land_detector.new_state`)."""
+    detector_limits: Rows
+    """(N, `LIMIT_COUNT`)."""
+    motion: Rows
+    """(N, 3) `DOWN`, `ASKED_DOWN`, `TILT`."""
+
+    @classmethod
+    def of(cls, count: int) -> FlightNumbers:
+        """Numbers of vehicles that stand on the ground."""
+        motion = np.zeros((count, 3))
+        motion[:, ASKED_DOWN] = np.nan
+        return cls(
+            axes=np.zeros((count, 3, SIZE)),
+            settings=np.zeros((count, len(SETTINGS))),
+            way=np.zeros((count, WAY_SIZE)),
+            before_turn_m_s=np.zeros((count, 1)),
+            yaw=np.zeros((count, 3)),
+            seen_heading_rad=np.zeros((count, 1)),
+            detector=np.tile(new_state(), (count, 1)),
+            detector_limits=np.zeros((count, LIMIT_COUNT)),
+            motion=motion,
+        )

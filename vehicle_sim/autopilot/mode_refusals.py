@@ -1,0 +1,32 @@
+"""Reports of mode changes that the commander refuses."""
+
+from __future__ import annotations
+
+import math
+
+from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.modes import MODES, NavState, event_number
+from vehicle_sim.vehicle_view import VehicleView
+
+REFUSAL_EVERY_S = 1.0
+"""Minimum interval between reports of a refused mode change."""
+
+
+class ModeRefusals:
+    """The reports of one vehicle."""
+
+    def __init__(self, view: VehicleView, announcer: Announcer) -> None:
+        self._view, self._announcer = view, announcer
+        self._refused_at_s = -math.inf
+
+    def report(self, mode: NavState) -> None:
+        """Reports that a mode is not available, at most once per second."""
+        now_s = self._view.time_s
+        if now_s - self._refused_at_s <= REFUSAL_EVERY_S:
+            return
+        self._refused_at_s = now_s
+        self._announcer.both(
+            2, f"Switching to {MODES[mode].name} is currently not available",
+            "commander_modeswitch_not_avail", "IB",
+            MODES[mode].custom_mode, event_number(mode),
+        )  # fmt: skip

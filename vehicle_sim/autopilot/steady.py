@@ -1,0 +1,302 @@
+"""Ticks of all autopilots; a vehicle in steady flight flies them in compiled loops.
+
+Most ticks decide nothing: an armed vehicle in the air climbs, descends or flies a leg, no failsafe acts, no
+command has arrived, and its item is not finished. Such ticks compute the same numbers as
+`Autopilot.update`, with the same formulas, for all these vehicles at once. Geofence and the checks of the
+commander run at their own rates. A tick that may decide something is flown by `Autopilot.update`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.flight_numbers import ASKED_DOWN, DOWN, TILT, FlightNumbers
+from vehicle_sim.autopilot.land_detector import CONTACT, LANDED, MAYBE, detect
+from vehicle_sim.autopilot.path import TICK_S
+from vehicle_sim.autopilot.smoothing import FROM, ONWARD, TO, fly_level, fly_way, plan_vertical
+from vehicle_sim.autopilot.steady_task import Motion, SteadyLimits
+from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S
+from vehicle_sim.autopilot.trajectory import (
+    ACCELERATION,
+    POSITION,
+    VELOCITY,
+    YAW,
+    YAW_RATE,
+    YAW_TARGET,
+    fly,
+    max_speed_for_distance,
+    plan,
+    turn,
+)
+from vehicle_sim.control.setpoints import ControlLevel
+from vehicle_sim.kernels import Blocks, Column, Flags, IntegerRows, Integers, Rows, formula, kernel
+from vehicle_sim.simulation import Simulation
+from vehicle_sim.state import angles_of
+
+(
+    _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _TOWARDS_NORTH, _TOWARDS_EAST, _TOWARDS_LEAST,
+    _ABOVE_AMSL, _ABOVE_DOWN, _ARRIVES_NORTH, _ARRIVES_EAST, _ARRIVES_WITHIN, _WAITS_SINCE, _WAITS_FOR,
+) = range(15)  # fmt: skip
+"""Columns of the tasks: `SteadyTask`, then what it was computed from."""
+_HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE = 15, 16, 17
+(
+    _ESTIMATES_HOVER, _ROLL_FAILURE, _PITCH_FAILURE, _TILT_MAX, _YAW_RATE_MAX, _LAND_ALT1, _LAND_ALT2,
+    _LAND_ALT3, _LAND_SPEED, _LAND_CRAWL, _TAKEOFF_SPEED, _TAKEOFF_RAMP,
+) = range(12)  # fmt: skip
+"""Columns of the limits: `SteadyLimits`."""
+_UP_SPEED, _DOWN_SPEED, _UP_ACCELERATION, _DOWN_ACCELERATION, _JERK = 2, 3, 5, 6, 7
+"""Columns of `smoothing.SETTINGS`."""
+_IS_CLIMB, _IS_DESCENT, _TRAJECTORY = int(Motion.CLIMB), int(Motion.DESCENT), int(ControlLevel.TRAJECTORY)
+_NEAR_M = 1e-6
+"""A vehicle this near to a threshold counts as having reached it; Python then decides exactly."""
+
+
+class SteadyTicks:
+    """Flies one tick of all autopilots.
+
+    Args:
+        simulation: the vehicles.
+        numbers: of their autopilots.
+    """
+
+    def __init__(self, simulation: Simulation, numbers: FlightNumbers) -> None:
+        count = simulation.count
+        self._simulation, self._numbers = simulation, numbers
+        self._tasks, self._limits = (
+            np.zeros((count, _TASK_SIZE)),
+            np.zeros((count, len(SteadyLimits._fields))),
+        )
+        self._resets = np.zeros((count, 5), dtype=np.int64)
+        self._ready = np.zeros(count, dtype=np.bool_)
+        self._rows: list[int] = []
+        self._row_numbers = np.zeros(0, dtype=np.int64)
+
+    def update(self, autopilots: Sequence[Autopilot]) -> None:
+        """One tick of these autopilots; call it at 50 Hz."""
+        steady = [autopilot.view.row for autopilot in autopilots if autopilot.stays_steady()]
+        if steady:
+            self._look(steady)
+        flies: list[int] = []
+        ready = self._ready
+        for autopilot in autopilots:
+            if not autopilot.steady:
+                autopilot.update()
+            elif not ready[autopilot.view.row]:
+                autopilot.update_after_detection()
+            elif autopilot.update_steady():
+                flies.append(autopilot.view.row)
+                continue
+            self._begin(autopilot)
+        if flies:
+            self._fly(flies)
+
+    def _begin(self, autopilot: Autopilot) -> None:
+        """Begins a steady flight if the vehicle's next ticks decide nothing."""
+        task = autopilot.begin_steady()
+        if task is None:
+            return
+        row = autopilot.view.row
+        home_down_m, origin_alt_m = autopilot.home.position_ned_m[2], autopilot.view.origin[2]
+        self._tasks[row] = (*task, home_down_m, origin_alt_m)
+        self._limits[row] = autopilot.steady_limits
+        self._resets[row] = autopilot.navigator.path.reset_counts
+
+    def _indices(self, rows: list[int]) -> Integers:
+        if rows != self._rows:
+            self._rows, self._row_numbers = rows, np.array(rows, dtype=np.int64)
+        return self._row_numbers
+
+    def _look(self, rows: list[int]) -> None:
+        simulation, numbers = self._simulation, self._numbers
+        estimate, fusion = simulation.estimate, simulation.fusion
+        _look(
+            self._indices(rows), simulation.time_s, self._tasks, self._limits, self._resets,
+            numbers.detector, numbers.detector_limits, numbers.motion, estimate.position_ned_m,
+            estimate.velocity_ned_m_s, estimate.q_ned_frd, estimate.rates_frd_rad_s, estimate.alt_amsl_m,
+            estimate.origin_alt_amsl_m, estimate.height_above_ground_m, estimate.valid_velocity,
+            estimate.valid_altitude, fusion.heading_good_for_control, fusion.resets,
+            fusion.heading_reset_counter, simulation.setpoints.level, simulation.target.thrust,
+            simulation.target.hover_thrust, self._ready,
+        )  # fmt: skip
+
+    def _fly(self, rows: list[int]) -> None:
+        simulation, numbers = self._simulation, self._numbers
+        estimate, setpoints = simulation.estimate, simulation.setpoints
+        _fly(
+            self._indices(rows), self._tasks, self._limits, numbers.axes, numbers.settings, numbers.way,
+            numbers.before_turn_m_s, numbers.yaw, numbers.seen_heading_rad, numbers.motion,
+            estimate.position_ned_m, estimate.q_ned_frd, estimate.height_above_ground_m,
+            setpoints.position_ned_m, setpoints.velocity_ned_m_s, setpoints.acceleration_ned_m_s2,
+            setpoints.yaw_ned_rad, setpoints.yaw_rate_ned_rad_s, setpoints.tilt_limit_rad,
+        )  # fmt: skip
+
+
+@formula
+def _ended(task: Column, now_s: float, position: Column, alt_amsl_m: float) -> bool:
+    """Whether the motion may have ended."""
+    away_m = math.hypot(task[_ARRIVES_NORTH] - position[0], task[_ARRIVES_EAST] - position[1])
+    return (
+        alt_amsl_m > task[_ABOVE_AMSL] - _NEAR_M
+        or position[2] <= task[_ABOVE_DOWN] + _NEAR_M
+        or away_m <= task[_ARRIVES_WITHIN] + _NEAR_M
+        or now_s - task[_WAITS_SINCE] >= task[_WAITS_FOR]
+    )
+
+
+@formula
+def _was_reset(before: Integers, resets: IntegerRows, heading_resets: Integers, r: int) -> bool:
+    for k in range(4):
+        if resets[k, r] != before[k]:
+            return True
+    return heading_resets[r] != before[4]
+
+
+@formula
+def _on_ground(detector: Column) -> bool:
+    return detector[CONTACT] != 0.0 or detector[MAYBE] != 0.0 or detector[LANDED] != 0.0
+
+
+@formula
+def _upright(limits: Column, q_ned_frd: Column) -> bool:
+    roll, pitch, _ = angles_of(q_ned_frd)
+    degrees = 180.0 / math.pi
+    roll_fails = abs(roll * degrees) > limits[_ROLL_FAILURE] - _NEAR_M
+    return not roll_fails and not abs(pitch * degrees) > limits[_PITCH_FAILURE] - _NEAR_M
+
+
+@kernel
+def _look(
+    rows: Integers, now_s: float, tasks: Rows, limits: Rows, counts: IntegerRows, detector: Rows,
+    detector_limits: Rows, motion: Rows, position: Rows, velocity: Rows, q_ned_frd: Rows, rates: Rows,
+    alt_amsl_m: Column, origin_alt_m: Column, height_m: Column, valid_velocity: Flags, valid_altitude: Flags,
+    heading_good: Flags, resets: IntegerRows, heading_resets: Integers, level: Integers, thrust: Column,
+    hover_thrust: Column, ready: Flags,
+) -> None:  # fmt: skip
+    """Runs the land detectors; `ready` (N,): nothing needs a decision."""
+    for row in rows:
+        r = int(row)
+        down_m_s = (position[r, 2] - motion[r, DOWN]) / TICK_S
+        motion[r, DOWN] = position[r, 2]
+        vn, ve = 0.0, 0.0
+        if valid_velocity[r]:
+            vn, ve = velocity[r, 0], velocity[r, 1]
+        detect(
+            detector[r], detector_limits[r], now_s, True, thrust[r], hover_thrust[r],
+            limits[r, _ESTIMATES_HOVER] != 0.0, vn, ve, velocity[r, 2], down_m_s, valid_altitude[r],
+            rates[r, 0], rates[r, 1], height_m[r], True, motion[r, ASKED_DOWN],
+        )  # fmt: skip
+        ready[r] = (
+            heading_good[r]
+            and level[r] == _TRAJECTORY
+            and origin_alt_m[r] == tasks[r, _ORIGIN_ALT]
+            and not _on_ground(detector[r])
+            and not _was_reset(counts[r], resets, heading_resets, r)
+            and _upright(limits[r], q_ned_frd[r])
+            and not _ended(tasks[r], now_s, position[r], alt_amsl_m[r])
+        )
+
+
+@formula
+def _climb(
+    task: Column, limits: Column, axes: Rows, settings: Column, way: Column, before_turn_m_s: Column,
+    position: Column,
+) -> None:  # fmt: skip
+    """One tick of `Climb.run`."""
+    tick_s = fly_level(
+        axes, settings, way, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
+    )
+    axis = axes[2]
+    low = task[_HOME_DOWN] - position[2] < limits[_LAND_ALT1]
+    if low:
+        axis[POSITION] = position[2]
+    to_go_m = task[_TARGET_DOWN] - axis[POSITION]
+    fly(axis, tick_s)
+    speed, acceleration = settings[_UP_SPEED], settings[_UP_ACCELERATION]
+    if to_go_m > 0.0:
+        speed, acceleration = settings[_DOWN_SPEED], settings[_DOWN_ACCELERATION]
+    elif low:
+        speed = limits[_TAKEOFF_SPEED]
+        if limits[_TAKEOFF_RAMP] > 0.0:
+            acceleration = min(acceleration, speed / limits[_TAKEOFF_RAMP])
+    wanted = min(speed, max_speed_for_distance(settings[_JERK], acceleration, abs(to_go_m), 0.0))
+    plan(axis, math.copysign(wanted, to_go_m), acceleration, settings[_JERK])
+
+
+@formula
+def _land_speed(limits: Column, settings: Column, down_m: float, range_m: float) -> float:
+    """`Descent`'s speed at this height."""
+    height = -down_m if math.isnan(range_m) else range_m
+    fast, slow = settings[_DOWN_SPEED], limits[_LAND_SPEED]
+    high, low = limits[_LAND_ALT1], limits[_LAND_ALT2]
+    if range_m <= limits[_LAND_ALT3]:
+        return limits[_LAND_CRAWL]
+    if height >= high:
+        return fast
+    if height > low and high > low:
+        return slow + (fast - slow) * (height - low) / (high - low)
+    return slow
+
+
+@formula
+def _descend(
+    task: Column, limits: Column, axes: Rows, settings: Column, way: Column, before_turn_m_s: Column,
+    position: Column, range_m: float,
+) -> None:  # fmt: skip
+    """One tick of `Descent.run`; without a target height the way leads to the trajectory's height."""
+    if math.isnan(task[_TARGET_DOWN]) and way[TO + 2] != axes[2, POSITION]:
+        for k in range(3):
+            way[FROM + k], way[ONWARD + k] = position[k], math.nan
+        way[TO + 2] = axes[2, POSITION]
+    tick_s = fly_level(
+        axes, settings, way, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
+    )
+    fly(axes[2], tick_s)
+    plan_vertical(axes[2], settings, _land_speed(limits, settings, position[2], range_m))
+
+
+@formula
+def _face(task: Column, axes: Rows, yaw: Column) -> None:
+    """Turns the target of the heading to the point that the nose points to."""
+    north = task[_TOWARDS_NORTH] - axes[0, POSITION]
+    east = task[_TOWARDS_EAST] - axes[1, POSITION]
+    if math.hypot(north, east) > task[_TOWARDS_LEAST]:
+        yaw[YAW_TARGET] = math.atan2(east, north)
+
+
+@kernel
+def _fly(
+    rows: Integers, tasks: Rows, limits: Rows, axes: Blocks, settings: Rows, way: Rows, before_turn_m_s: Rows,
+    yaw: Rows, seen_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows, range_m: Column,
+    asked_position: Rows, asked_velocity: Rows, asked_acceleration: Rows, asked_yaw: Column,
+    asked_yaw_rate: Column, tilt_limit: Column,
+) -> None:  # fmt: skip
+    """Advances the trajectories by one tick, and writes the setpoints."""
+    for row in rows:
+        r = int(row)
+        motion[r, TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
+        tilt_limit[r] = motion[r, TILT] if motion[r, TILT] < limits[r, _TILT_MAX] else math.nan
+        seen_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
+        kind = tasks[r, _MOTION]
+        if kind == _IS_CLIMB:
+            _climb(tasks[r], limits[r], axes[r], settings[r], way[r], before_turn_m_s[r], position[r])
+        elif kind == _IS_DESCENT:
+            _descend(
+                tasks[r], limits[r], axes[r], settings[r], way[r], before_turn_m_s[r], position[r], range_m[r]
+            )
+        else:
+            _face(tasks[r], axes[r], yaw[r])
+            fly_way(
+                axes[r], settings[r], way[r], before_turn_m_s[r], TICK_S, position[r, 0], position[r, 1],
+                tasks[r, _CRUISE], tasks[r, _CLIMB], tasks[r, _DESCENT],
+            )  # fmt: skip
+        turn(yaw[r], TICK_S, limits[r, _YAW_RATE_MAX])
+        for k in range(3):
+            asked_position[r, k] = axes[r, k, POSITION]
+            asked_velocity[r, k] = axes[r, k, VELOCITY]
+            asked_acceleration[r, k] = axes[r, k, ACCELERATION]
+        asked_yaw[r], asked_yaw_rate[r] = yaw[r, YAW], yaw[r, YAW_RATE]
+        motion[r, ASKED_DOWN] = axes[r, 2, VELOCITY]

@@ -1,0 +1,79 @@
+"""What a vehicle flies for a while without a decision: a climb, a descent or the leg of a mission."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+from vehicle_sim.vehicle_view import VehicleView
+
+
+class Motion(IntEnum):
+    """The flight task."""
+
+    CLIMB = 1
+    DESCENT = 2
+    LEG = 3
+
+
+class SteadyTask(NamedTuple):
+    """A motion, and what ends it; NED, SI units. A condition that cannot occur has its default."""
+
+    motion: Motion
+    cruise_m_s: float
+    """Speeds; a value that is not finite means the parameter's value."""
+    climb_m_s: float
+    descent_m_s: float
+    target_down_m: float = math.nan
+    """Of a climb, or of a descent; NaN: the descent has no target height."""
+    towards_north_m: float = 0.0
+    """Point that the nose turns to, while the trajectory is farther away than `towards_least_m`."""
+    towards_east_m: float = 0.0
+    towards_least_m: float = math.inf
+    """Infinite: the heading does not change."""
+    ends_above_amsl_m: float = math.inf
+    """The climb ends above this estimated altitude."""
+    ends_above_down_m: float = -math.inf
+    """The climb ends at or above this local height."""
+    arrives_north_m: float = 0.0
+    """The leg ends within `arrives_within_m` of this point."""
+    arrives_east_m: float = 0.0
+    arrives_within_m: float = -1.0
+    waits_since_s: float = math.inf
+    """The item ends `waits_for_s` after this time."""
+    waits_for_s: float = 0.0
+
+
+class SteadyLimits(NamedTuple):
+    """Parameters that apply in every steady tick."""
+
+    estimates_hover: float
+    """1: the hover thrust is estimated (MPC_USE_HTE)."""
+    roll_failure_deg: float
+    """FD_FAIL_R; infinite: not monitored."""
+    pitch_failure_deg: float
+    tilt_max_rad: float
+    yaw_rate_max_rad_s: float
+    land_alt1_m: float
+    land_alt2_m: float
+    land_alt3_m: float
+    land_speed_m_s: float
+    land_crawl_m_s: float
+    takeoff_speed_m_s: float
+    takeoff_ramp_s: float
+
+    @classmethod
+    def of(cls, view: VehicleView) -> SteadyLimits:
+        """The vehicle's current parameters."""
+        parameter = view.parameter
+        roll_deg, pitch_deg = (
+            limit if limit > 0.0 else math.inf for limit in (parameter("FD_FAIL_R"), parameter("FD_FAIL_P"))
+        )
+        return cls(
+            float(view.choice("MPC_USE_HTE") != 0), roll_deg, pitch_deg,
+            math.radians(parameter("MPC_TILTMAX_AIR")), math.radians(parameter("MPC_YAWRAUTO_MAX")),
+            parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT3"),
+            parameter("MPC_LAND_SPEED"), parameter("MPC_LAND_CRWL"), parameter("MPC_TKO_SPEED"),
+            parameter("MPC_TKO_RAMP_T"),
+        )  # fmt: skip
