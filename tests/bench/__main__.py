@@ -36,7 +36,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "faults": ("Faults, simulated PX4 / real PX4", faults.table),
     "spread": ("Simulated flights beside each other / real PX4's", flight_spread.table),
     "dry_run": ("Dry runs", dry_run.table),
-    "consumers": ("Server CPU beside its peers, same feed", consumers.table),
+    "consumers": ("Server CPU compared with pymavlink and MAVProxy, same feed", consumers.table),
     "browser_cost": ("What one open browser costs the server", browser_cost.table),
     "slow_browser": ("A browser that does not read", slow_browser.table),
     "telemetry": ("Telemetry of one vehicle", telemetry_bytes.table),
