@@ -41,7 +41,10 @@ from gcs_server.plans.store import PlanChange, PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.url import ros2_link
-from gcs_server.scene import OffboardTarget, Scene, SceneClick, SceneGizmo
+from gcs_server.scene.clicks import SceneClick
+from gcs_server.scene.gizmo import SceneGizmo
+from gcs_server.scene.ports import OffboardTarget
+from gcs_server.scene.process import SceneProcess
 from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
@@ -111,7 +114,7 @@ class Server:
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.keep_in(cache))
         dry_runs = DryRuns()
         self.scene = (
-            Scene(
+            SceneProcess(
                 self.fleet,
                 clock,
                 self._offboard_target,
@@ -155,6 +158,10 @@ class Server:
         self.station.more_warnings.append(self._faults)
         self.station.more_warnings.append(lambda: [Notice("limits", text) for text in limits.warnings()])
         self.station.more_warnings.append(lambda: [Notice("plans", text) for text in plans.warnings()])
+        if (scene := self.scene) is not None:
+            self.station.more_warnings.append(
+                lambda: [Notice("scene", text)] if (text := scene.warning()) is not None else []
+            )
         if self._simulator is not None:
             self.station.more_warnings.append(self._simulator.warnings)
 
@@ -192,8 +199,6 @@ class Server:
         self.station.plan_work.close()
         self.streamer.close()
         self.station.hub.close()
-        if self.scene is not None:
-            await self.scene.stop()
         await self.fleet.close()
         await self.supervisor.close()
         self.station.replays.stop()

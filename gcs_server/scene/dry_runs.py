@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd
-from gcs_server.scene.labels import height_text
 from gcs_server.scene.model import Mesh, Points
 from gcs_server.scene.pose import VehiclePose
+from gcs_server.scene.texts import height_text
 from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, q_from_euler
 
 MAX_POINTS = 600

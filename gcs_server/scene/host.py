@@ -34,11 +34,10 @@ from viser.infra import _infra  # pyright: ignore[reportPrivateUsage]
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from gcs_server.errors import GcsError
+from gcs_server.scene.messages import SECRET_HEADER, SceneError, ViserAddress
 
 log = logging.getLogger(__name__)
 
-SECRET_HEADER = "X-Scene-Secret"
 START_DEADLINE_S = 20.0
 STARTING_S = 60.0
 FOLDER_PREFIX = "gcs-scene-"
@@ -46,12 +45,6 @@ MAX_SOCKET_PATH = 100
 """Maximum length of the socket's path; Unix systems allow 104 to 108 bytes."""
 
 _starting = threading.Lock()
-
-
-class SceneError(GcsError):
-    """The 3D view could not be started; flying is not affected."""
-
-    code = "scene_unavailable"
 
 
 class _PrivateViser(viser.ViserServer):
@@ -79,7 +72,7 @@ class ViserHost:
             raise SceneError("The 3D view is not running.", remedy="Flying is not affected; try again.")
         return self._folder / "s"
 
-    async def start(self) -> None:
+    async def start(self) -> ViserAddress:
         """Starts viser; raises SceneError with the reason."""
         try:
             self._folder = await asyncio.to_thread(_own_folder)
@@ -93,6 +86,7 @@ class ViserHost:
                 f"The 3D view could not be started: {error or 'viser did not come up'}.",
                 remedy="Flying is not affected. Is the folder for temporary files writable?",
             ) from error
+        return ViserAddress(str(self.socket_path), self.secret)
 
     async def stop(self) -> None:
         """Ends viser's threads and removes its socket."""
@@ -100,11 +94,6 @@ class ViserHost:
         if server is not None:
             await asyncio.to_thread(server.stop)
         self._remove_folder()
-
-    @property
-    def is_running(self) -> bool:
-        """Whether viser is running."""
-        return self._server is not None
 
     def clients(self) -> dict[int, viser.ClientHandle]:
         """Connected browsers by viser's client id."""

@@ -21,11 +21,6 @@ EVERY_S = 0.2
 """Minimum time between two updates [s]; numbers that change faster cannot be read."""
 
 
-def height_text(height_m: float) -> str:
-    """Height as text, without "-0.0", which would show estimator noise."""
-    return f"{height_m if abs(height_m) >= 0.05 else 0.0:.1f} m".replace("-", "\N{MINUS SIGN}")
-
-
 class Label:
     """A name tag at a point of the scene.
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 import functools
 import gzip
 import hashlib
+import importlib.util
 import re
 from dataclasses import dataclass
 from pathlib import Path
-
-import viser
 
 from gcs_server.scene.palette import PALETTES, Palette
 
@@ -194,7 +193,10 @@ class Page:
 @functools.cache
 def page() -> Page:
     """The page; it is built at the first request and kept."""
-    build = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    package = importlib.util.find_spec("viser")  # found without importing it, which takes a second
+    if package is None or package.origin is None:
+        raise ValueError("viser is not installed")
+    build = Path(package.origin).parent / "client" / "build" / "index.html"
     html = build.read_text(encoding="utf-8")
     style = _STYLE + "".join(_theme_style(p) for p in PALETTES.values())
     inserted = f"<style>{style}</style><script>{_BOOT}</script>"

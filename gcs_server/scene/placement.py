@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from gcs_server.scene.frames import enu_from_geodetic, enu_from_ned, geodetic_from_enu
 from gcs_server.scene.ports import SceneVehicle, value_of
-from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition, Status
+from gcs_server.vehicle.samples import GlobalPosition, Home, LocalPosition, Sample, Status
 from missions.frames import Vector3
 
 STANDING_HEIGHT_M = 0.225
@@ -97,15 +97,21 @@ class Placement:
             known=position is not None,
         )
 
-    def past(self, vehicle: SceneVehicle, place: VehiclePlace, since_unix_s: float) -> Iterator[Vector3]:
-        """Earlier positions in the current frame; oldest first.
+    def past(
+        self, vehicle: SceneVehicle, place: VehiclePlace, since_unix_s: float
+    ) -> Iterator[Vector3] | None:
+        """Earlier positions in the current frame, oldest first; None: the history is not there yet.
 
         Args:
             place: the vehicle's current position.
         """
         origin = place.local_origin_enu_m
         topic = "local_position" if origin is not None else "global_position"
-        for sample in vehicle.history((topic,), since_unix_s):
+        samples = vehicle.history((topic,), since_unix_s)
+        return None if samples is None else self._positions(samples, origin)
+
+    def _positions(self, samples: list[Sample], origin: Vector3 | None) -> Iterator[Vector3]:
+        for sample in samples:
             value = sample.value
             if isinstance(value, LocalPosition) and origin is not None:
                 yield _add(origin, enu_from_ned(value.position_ned_m))

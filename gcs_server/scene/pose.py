@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd, q_ned_camera, yaw_enu_from_ned
-from gcs_server.scene.labels import height_text
 from gcs_server.scene.placement import VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
 from gcs_server.scene.returns import returns_of
+from gcs_server.scene.texts import height_text
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
 from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, normalized
 

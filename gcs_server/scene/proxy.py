@@ -11,17 +11,15 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-import re
-from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Awaitable, Callable, Generator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 from urllib.parse import urlencode
 
 import msgspec
 import websockets.asyncio.client
 from fastapi import APIRouter, Request, Response, WebSocket
-from pydantic import BaseModel, ConfigDict, Field
 from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
@@ -30,37 +28,17 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
-from gcs_server.scene.dry_runs import DryRunRequest
-from gcs_server.scene.gizmo import Drag, MovedMessage, PreviewRequest, ReleasedMessage, drag_of
-from gcs_server.scene.host import SECRET_HEADER, SceneError, ViserHost
+from gcs_server.scene.gizmo import Drag, MovedMessage, ReleasedMessage, drag_of
+from gcs_server.scene.messages import SECRET_HEADER, ViserAddress
 from gcs_server.scene.page import content_policy, page
-from gcs_server.scene.views import View
+from gcs_server.scene.view_request import BRIDGE_KEY, TOKEN, ViewRequest
 
 log = logging.getLogger(__name__)
 
 MAX_FROM_BROWSER = 4096
 """Maximum size of a browser's message [bytes]; a camera message has about 300."""
 MAX_TO_BROWSER = 64 * 1024 * 1024
-TOKEN = re.compile(r"[A-Za-z0-9_-]{1,64}")
 QUERY_KEYS = ("view", "theme", "mode", "vehicle")
-
-
-class ViewRequest(BaseModel):
-    """The content of one view of a page; omitted fields stay unchanged."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    mode: Literal["chase", "free", "gimbal", "top"] | None = None
-    vehicle: str | None = Field(default=None, max_length=32, description="Id of the vehicle to show.")
-    theme: Literal["dark", "light"] | None = None
-    preview: PreviewRequest | None = Field(
-        default=None,
-        description="Preview of a setpoint that is not sent; null or a change of the vehicle removes it.",
-    )
-    dry_run: DryRunRequest | None = Field(
-        default=None,
-        description="Dry run to draw, with path, corridor and the vehicle at one time; null removes it.",
-    )
 
 
 class CameraMessage(
@@ -81,23 +59,41 @@ class CameraMessage(
 
 _decoder = msgspec.msgpack.Decoder(CameraMessage | MovedMessage | ReleasedMessage)
 
-BRIDGE_KEY = "bridge"
-"""Query key of the bridge through which viser's client connected."""
 STALLED_AFTER_S = 1.0
+TRY_AGAIN = 1013
+"""Close code "try again later": the 3D view does not run now."""
+
+ShownView = tuple[str, str | None, str]
+"""What a view shows: mode, vehicle (None: the first), theme."""
 
 
 class Bridges:
-    """Detects browsers that do not read; nothing is drawn for them."""
+    """The open bridges, and which of their browsers do not read; nothing is drawn for those."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._count = 0
+        self._names: set[str] = set()
         self._sending_since_s: dict[str, float] = {}
 
-    def new(self) -> str:
-        """Creates the name of a new bridge."""
+    @contextmanager
+    def opened(self) -> Generator[str]:
+        """The name of a new bridge, which is open as long as the block."""
         self._count += 1
-        return str(self._count)
+        name = str(self._count)
+        self._names.add(name)
+        try:
+            yield name
+        finally:
+            self._names.discard(name)
+
+    def names(self) -> frozenset[str]:
+        """All open bridges."""
+        return frozenset(self._names)
+
+    def stalled_names(self) -> list[str]:
+        """Bridges whose browsers do not read."""
+        return [name for name in self._sending_since_s if self.stalled(name)]
 
     def stalled(self, bridge: str) -> bool:
         """Whether sending one message to the browser has taken longer than `STALLED_AFTER_S`."""
@@ -138,16 +134,17 @@ def _camera(message: CameraMessage) -> bytes | None:
 
 
 def scene_router(
-    host: ViserHost,
-    set_view: Callable[[str, ViewRequest], View],
-    click: Callable[[str, ClickRequest], SceneClick | None],
+    address: Callable[[], ViserAddress | None],
+    set_view: Callable[[str, ViewRequest], Awaitable[ShownView]],
+    click: Callable[[str, ClickRequest], Awaitable[SceneClick | None]],
     drag: Callable[[str, Drag], None],
     bridges: Bridges,
 ) -> APIRouter:
     """The routes below `/scene`.
 
     Args:
-        set_view: stores the content of the view with a token; raises UnknownVehicle.
+        address: returns where viser listens; None while it does not run.
+        set_view: sets the content of the view with a token; raises UnknownVehicle.
         drag: called with the bridge when a handle was dragged.
         bridges: the state of sending to each browser.
         click: sends the clicked ground position to the page with the view's token; None: not on the ground.
@@ -156,7 +153,7 @@ def scene_router(
 
     @router.get("/")
     async def program(request: Request) -> Response:
-        if not host.is_running:
+        if address() is None:
             return Response("The 3D view is not running; flying is not affected.", status_code=503)
         document = page()
         headers = {
@@ -179,13 +176,13 @@ def scene_router(
     @router.post("/view/{token}")
     async def choose_view(token: str, request_body: ViewRequest, request: Request) -> dict[str, Any]:
         _require_own(token, request)
-        view = set_view(token, request_body)
-        return {"mode": view.mode, "vehicle": view.vehicle, "theme": view.theme}
+        mode, vehicle, theme = await set_view(token, request_body)
+        return {"mode": mode, "vehicle": vehicle, "theme": theme}
 
     @router.post("/view/{token}/click")
     async def clicked(token: str, body: ClickRequest, request: Request) -> dict[str, Any]:
         _require_own(token, request)
-        on_ground = click(token, body)
+        on_ground = await click(token, body)
         return {"ground": on_ground is not None}
 
     @router.websocket("/")
@@ -194,7 +191,12 @@ def scene_router(
             log.warning("3D view refused to a page of %s", websocket.headers.get("origin"))
             await websocket.close(code=1008)  # before accept: HTTP 403
             return
-        await _bridge(websocket, host, bridges, drag)
+        viser = address()
+        if viser is None:
+            await websocket.close(code=TRY_AGAIN)
+            return
+        with bridges.opened() as bridge:
+            await _bridge(websocket, viser, bridge, bridges, drag)
 
     return router
 
@@ -210,24 +212,27 @@ def _require_own(token: str, request: Request) -> None:
 
 
 async def _bridge(
-    websocket: WebSocket, host: ViserHost, bridges: Bridges, drag: Callable[[str, Drag], None]
+    websocket: WebSocket,
+    viser: ViserAddress,
+    bridge: str,
+    bridges: Bridges,
+    drag: Callable[[str, Drag], None],
 ) -> None:
-    bridge = bridges.new()
     query = {k: v for k in QUERY_KEYS if (v := websocket.query_params.get(k)) and len(v) <= 64}
     offered = [Subprotocol(p) for p in websocket.scope.get("subprotocols", []) if p.startswith("viser-v")]
     try:
         upstream = await websockets.asyncio.client.unix_connect(
-            str(host.socket_path),
+            viser.socket_path,
             f"ws://scene/?{urlencode({**query, BRIDGE_KEY: bridge})}",
             subprotocols=offered or None,
-            additional_headers={SECRET_HEADER: host.secret},
+            additional_headers={SECRET_HEADER: viser.secret},
             compression=None,
             max_size=MAX_TO_BROWSER,
             user_agent_header=None,
         )
-    except (OSError, WebSocketException, SceneError) as error:
+    except (OSError, WebSocketException) as error:
         log.warning("3D view not available: %s", error)
-        await websocket.close(code=1013)
+        await websocket.close(code=TRY_AGAIN)
         return
     async with upstream:
         await websocket.accept(subprotocol=upstream.subprotocol)
@@ -246,11 +251,13 @@ async def _to_browser(
 ) -> None:
     try:
         # One message at a time, so that viser waits for a slow browser and keeps only the newest message.
-        async for data in upstream:
-            if isinstance(data, bytes):
-                with sending():
-                    await websocket.send_bytes(data)
-        await websocket.close(code=upstream.close_code or 1001, reason=upstream.close_reason or "")
+        with suppress(ConnectionClosed):  # viser's process has died
+            async for data in upstream:
+                if isinstance(data, bytes):
+                    with sending():
+                        await websocket.send_bytes(data)
+        code = upstream.close_code
+        await websocket.close(code=TRY_AGAIN if code in (None, 1006) else code)
     except (ConnectionClosed, WebSocketDisconnect, RuntimeError, OSError):
         await upstream.close()
 

@@ -17,11 +17,11 @@ from gcs_server.isolation import Isolation
 from gcs_server.scene.dry_run_node import DryRunNode
 from gcs_server.scene.dry_runs import pose_at
 from gcs_server.scene.frames import enu_from_ned
-from gcs_server.scene.gizmo import PreviewNode
 from gcs_server.scene.labels import Board, Label
 from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
+from gcs_server.scene.preview_node import PreviewNode
 from gcs_server.scene.shapes import Shapes, shapes
 from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.strokes import scale_marks
@@ -154,8 +154,7 @@ class Stage:
 
     def _add_vehicle(self, fleet: Mapping[str, Track], followed_id: str | None) -> None:
         """Creates the nodes of one vehicle that has none, first those of the followed vehicle. This took 24
-        ms for one vehicle on a slow machine. For a whole fleet at once it would stall the event loop for
-        seconds, which would end all setpoint streams.
+        ms for one vehicle on a slow machine. A whole fleet at once would stop all views for seconds.
         """
         waiting = [v for v in fleet if v not in self._vehicles and fleet[v].smoother.pose is not None]
         if waiting:

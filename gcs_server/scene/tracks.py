@@ -1,7 +1,7 @@
 """State of each vehicle between two updates, kept while a view is open.
 
 Nothing is computed while no view is open. When a view opens, trails are built from the vehicles' history: one
-vehicle per update, so that a view of many vehicles does not stall the event loop.
+vehicle per update, so that the server does not have to decode the history of many vehicles at once.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from gcs_server.scene.placement import Placement, VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet, SceneVehicle
 from gcs_server.scene.pose import pose_of
 from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.snapshots import MAX_ALL_UPDATED, UPDATE_DIVISOR
 from gcs_server.scene.trail import Trail
 from missions.frames import Vector3
 
@@ -28,11 +29,6 @@ REMEMBERED_S = 290.0
 """Length of a trail built from the history [s]; the history contains five minutes."""
 PAUSE_S = 1.0
 """Time without an update after which the trail has a gap [s]."""
-MAX_ALL_UPDATED = 3
-"""Up to this number, all vehicles are updated each time."""
-UPDATE_DIVISOR = 3
-"""With more vehicles, each vehicle that no view follows is updated only at every n-th update, because drawing
-is expensive."""
 
 
 @dataclass(slots=True)
@@ -178,8 +174,13 @@ class Tracks:
 
     def _build_trail(self, vehicle: SceneVehicle, place: VehiclePlace) -> None:
         track = self._tracks[vehicle.id]
-        since_s, track.incomplete_since_s = track.incomplete_since_s, None
+        since_s = track.incomplete_since_s
         if since_s is not None and place.known:
             since_unix_s = vehicle.clock.unix_s() - (track.updated_s - since_s)
-            for point in self._placement.past(vehicle, place, since_unix_s):
+            points = self._placement.past(vehicle, place, since_unix_s)
+            if points is None:
+                return
+            track.incomplete_since_s = None
+            for point in points:
                 track.trail.add(point)
+        track.incomplete_since_s = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi.testclient import TestClient
 
 from gcs_server.app import create_app
-from gcs_server.scene import SceneClick
+from gcs_server.scene.clicks import SceneClick
 from gcs_server.settings import Settings
 
 

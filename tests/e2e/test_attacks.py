@@ -28,6 +28,7 @@ from websockets.typing import Subprotocol
 from zstandard import ZstdDecompressor
 
 from gcs_server.client import NotAllowed, SyncGcs
+from tests.bench.process import family
 from tests.e2e.fast_station import FAST
 from tests.station import end, free_port, running, server_command, vehicle, wait_until
 
@@ -272,7 +273,8 @@ def test_a_cookie_without_its_page_commands_nothing(exposed: Site) -> None:
 def test_straight_to_viser_is_refused(site: Site) -> None:
     listening = {
         int(local.rpartition(":")[2], 16)
-        for local, _, state in tcp_sockets(site.process.pid)
+        for pid in family(site.process.pid)
+        for local, _, state in tcp_sockets(pid)
         if state == "0A"
     }
     assert listening == {site.port}, "the only way in is ours"

@@ -18,7 +18,7 @@ from gcs_server.api.responses import answer, history_pieces, history_view, vehic
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload, full_payload
 from gcs_server.mavlink.tables import LAYOUTS
-from gcs_server.scene.labels import height_text
+from gcs_server.scene.texts import height_text
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
 from gcs_server.streamer.offboard.configuration import FAILSAFE_PARAMETERS

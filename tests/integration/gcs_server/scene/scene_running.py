@@ -5,33 +5,61 @@ from __future__ import annotations
 import asyncio
 from contextlib import asynccontextmanager
 
+import msgspec
 import uvicorn
 import viser
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.responses import JSONResponse
 from websockets.asyncio.client import connect
+from zstandard import ZstdDecompressor
 
 from gcs_server.clock import SystemClock
-from gcs_server.errors import Refused, UnknownVehicle
-from gcs_server.scene import SceneClick, SceneGizmo
+from gcs_server.errors import Refused
+from gcs_server.scene.clicks import ClickRequest, SceneClick
+from gcs_server.scene.gizmo import GROUND_HANDLE, SceneGizmo
 from gcs_server.scene.host import ViserHost
+from gcs_server.scene.messages import ViserAddress
+from gcs_server.scene.proxy import Bridges, ShownView, scene_router
 from gcs_server.scene.scene import Scene
+from gcs_server.scene.view_request import ViewRequest
 from gcs_server.supervise import Supervisor
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying
 
 
 class Running:
-    """A scene behind a server of its own, on a free port."""
+    """A scene behind a server of its own, on a free port; it draws in the test's own process."""
 
     def __init__(self) -> None:
         self.fleet = FakeFleet([flying("1"), flying("2")])
         self.clicks: list[SceneClick] = []
         self.gizmos: list[SceneGizmo] = []
+        self.bridges = Bridges(SystemClock())
         self.scene = Scene(
-            self.fleet, SystemClock(), on_click=self.clicks.append, on_gizmo=self.gizmos.append
+            self.fleet,
+            SystemClock(),
+            on_gizmo=self.gizmos.append,
+            stalled=lambda bridge: self.bridges.stalled(bridge),
         )
+        self.address: ViserAddress | None = None
         self.port = 0
         self.shares: list[str] = []
+
+    def router(self) -> APIRouter:
+        return scene_router(lambda: self.address, self._set_view, self._click, self.scene.drag, self.bridges)
+
+    async def draw(self) -> None:
+        while True:
+            self.scene.draw()
+            await asyncio.sleep(1 / 30)
+
+    async def _set_view(self, token: str, request: ViewRequest) -> ShownView:
+        view = self.scene.set_view(token, request)
+        return view.mode, view.vehicle, view.theme
+
+    async def _click(self, token: str, request: ClickRequest) -> SceneClick | None:
+        click = self.scene.click(token, request)
+        self.clicks += [] if click is None else [click]
+        return click
 
     @property
     def host(self) -> ViserHost:
@@ -51,16 +79,15 @@ async def serving(running: Running):
     clock = SystemClock()
     supervisor = Supervisor(clock)
     app = FastAPI()
-    app.include_router(running.scene.router())
-    app.exception_handler(UnknownVehicle)(lambda _r, e: JSONResponse({"detail": str(e)}, 404))
+    app.include_router(running.router())
     app.exception_handler(Refused)(lambda _r, e: JSONResponse({"detail": str(e)}, 409))
     server = uvicorn.Server(
         uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=1)
     )
     server.install_signal_handlers = lambda: None
     task = supervisor.spawn("http", server.serve())
-    await running.scene.start()
-    supervisor.start("scene", running.scene.run)
+    running.address = await running.scene.start()
+    supervisor.start("scene", running.draw)
     while not server.started:  # noqa: ASYNC110 uvicorn has no event for it
         await asyncio.sleep(0.01)
     running.port = server.servers[0].sockets[0].getsockname()[1]
@@ -92,6 +119,21 @@ CAMERA = {
     "look_at": (0.0, 0.0, 0.0),
     "up_direction": (0.0, 0.0, 1.0),
 }
+
+DOWN_NORTH = {"eye_enu_m": [0, 0, 10], "ray_enu": [0, 1, -1], "view_x": 0.5, "view_y": 0.6}
+MOVED = {
+    "type": "TransformControlsUpdateMessage",
+    "name": GROUND_HANDLE,
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (3.0, 4.0, 5.0),
+    "owner": "client:1",
+}
+
+
+def types_in(data: bytes) -> list[str]:
+    size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
+    inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
+    return [m["type"] for m in msgspec.msgpack.decode(inner)["messages"]]
 
 
 def open_stream(running: Running, query: str = "", **options):

@@ -12,10 +12,8 @@ from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused
 from gcs_server.scene.clicks import REACH_M, ground_point
 from gcs_server.scene.tracks import Tracks
-from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_running import CAMERA, DOWN_NORTH, eventually, open_stream
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying
-
-DOWN_NORTH = {"eye_enu_m": [0, 0, 10], "ray_enu": [0, 1, -1], "view_x": 0.5, "view_y": 0.6}
 
 
 def test_a_ray_meets_the_level_ground():

@@ -9,20 +9,14 @@ import httpx
 import msgspec
 import pytest
 
-from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, drag_label, dragged
+from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged
+from gcs_server.scene.preview_node import drag_label
 from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.views import HANDLES_FROM_M, HANDLES_WITHIN_RAD, Preview, framed
 from missions.frames import q_from_yaw
-from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_running import CAMERA, MOVED, eventually, open_stream
 
 pack = msgspec.msgpack.encode
-MOVED = {
-    "type": "TransformControlsUpdateMessage",
-    "name": GROUND_HANDLE,
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (3.0, 4.0, 5.0),
-    "owner": "client:1",
-}
 RELEASED = {"type": "TransformControlsDragEndMessage", "name": GROUND_HANDLE, "owner": "client:1"}
 PREVIEW = Preview((10.0, 0.0, -5.0), 0.0, handles=True, serial=1)
 

@@ -6,18 +6,16 @@ import asyncio
 import os
 import socket
 
-import httpx
 import msgspec
 import pytest
-from fastapi import FastAPI, HTTPException
 
-from gcs_server.clock import SystemClock
-from gcs_server.scene.host import SceneError, ViserHost
+from gcs_server.scene.host import ViserHost
+from gcs_server.scene.messages import SceneError
 from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.vehicle_node import VehicleNode
 from tests.integration.gcs_server.scene.scene_running import CAMERA, eventually, open_stream
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying
+from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying
 
 
 def test_viser_prints_nothing_and_leaves_no_files(capfd):
@@ -63,50 +61,8 @@ def test_a_scene_that_cannot_start_says_why(monkeypatch, tmp_path):
         asyncio.run(ViserHost().start())
 
 
-def test_before_the_start_the_scene_reports_an_error():
-    async def look():
-        scene = Scene(FakeFleet(), SystemClock())
-        app = FastAPI()
-        app.include_router(scene.router())
-        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://gcs") as client:
-            return await client.get("/scene/")
-
-    answer = asyncio.run(look())
-    assert answer.status_code == 503
-    assert "flying is not affected" in answer.text
-    with pytest.raises(SceneError):
-        _ = ViserHost().socket_path
-
-
-def test_a_failure_is_raised_and_the_next_run_draws_again(running):
-    """The supervisor starts `run` again; a browser that stayed gets a new scene."""
-
-    async def look():
-        async with open_stream(running) as stream:
-            await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: running.scene.viewers == 1)
-            first = next(iter(running.scene._stages.values()))[1]
-            good = running.fleet.vehicles[0].values["attitude"]
-            running.fleet.vehicles[0].values["attitude"] = None
-            broken: list[str] = []
-
-            def all_broken():
-                broken.append("called")
-                raise HTTPException(500, "fleet broke")
-
-            running.fleet.all, kept = all_broken, running.fleet.all
-            await eventually(lambda: broken)
-            running.fleet.all = kept
-            running.fleet.vehicles[0].values["attitude"] = good
-            await eventually(
-                lambda: running.scene._stages and next(iter(running.scene._stages.values()))[1] is not first
-            )
-
-    asyncio.run(look())
-
-
 def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monkeypatch):
-    """A browser that opens must not hold up the loop by which all vehicles are heard."""
+    """A browser that opens must not hold up the pictures of all others."""
     more = [flying(name) for name in ("31", "32", "33", "34")]
     step, steps, made = Scene._step, [], []
 
@@ -160,12 +116,14 @@ def test_for_a_browser_that_does_not_read_nothing_is_drawn_until_it_reads_again(
 def test_a_browser_counts_as_stalled_once_a_message_has_waited_for_a_second():
     clock = StillClock()
     bridges = Bridges(clock)
-    bridge, other = bridges.new(), bridges.new()
-    assert not bridges.stalled(bridge)
-    with bridges.sending(bridge):
-        clock.now_s += STALLED_AFTER_S
+    with bridges.opened() as bridge, bridges.opened() as other:
+        assert bridges.names() == {bridge, other}
         assert not bridges.stalled(bridge)
-        clock.now_s += 0.1
-        assert bridges.stalled(bridge)
-        assert not bridges.stalled(other)
-    assert not bridges.stalled(bridge)
+        with bridges.sending(bridge):
+            clock.now_s += STALLED_AFTER_S
+            assert not bridges.stalled(bridge)
+            clock.now_s += 0.1
+            assert bridges.stalled_names() == [bridge]
+            assert not bridges.stalled(other)
+        assert not bridges.stalled(bridge)
+    assert not bridges.names()

@@ -17,25 +17,18 @@ from viser import _messages
 from websockets.asyncio.client import unix_connect
 
 from gcs_server.origin import is_same_origin
-from gcs_server.scene.host import SECRET_HEADER
+from gcs_server.scene.messages import SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import parse_message
-from gcs_server.scene.scene import MAX_VIEWS
+from gcs_server.scene.view_request import MAX_VIEWS
 from tests.integration.gcs_server.scene.scene_running import (
     CAMERA,
     PROTOCOL,
     Running,
     eventually,
     open_stream,
+    types_in,
 )
-
-
-def types_in(data: bytes) -> list[str]:
-    from zstandard import ZstdDecompressor
-
-    size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
-    inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
-    return [m["type"] for m in msgspec.msgpack.decode(inner)["messages"]]
 
 
 def listening_tcp_ports() -> set[int]:
@@ -299,10 +292,6 @@ def test_an_invalid_view_request_names_its_field(running, body, field):
     answer = httpx.post(running.url + "view/page1", json=body)
     assert answer.status_code == 422
     assert field in answer.text
-
-
-def test_an_unknown_vehicle_is_404(running):
-    assert httpx.post(running.url + "view/page1", json={"vehicle": "9"}).status_code == 404
 
 
 def test_a_bad_token_is_refused(running):

@@ -59,6 +59,9 @@ class FakeVehicle:
         value = self.values.get(name)
         return None if value is None else Sample(name, None, 0.0, self.received_monotonic_s, value)
 
+    def topic_received_s(self, name: str) -> float | None:
+        return None if self.values.get(name) is None else self.received_monotonic_s
+
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
         self.asked += 1
         return [s for s in self.past if s.topic in topics and s.received_unix_s >= since_unix_s]

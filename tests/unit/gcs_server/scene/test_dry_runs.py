@@ -89,7 +89,7 @@ def test_of_several_vehicles_each_has_a_path_and_its_role_as_label():
 
 
 def shown(scene, **asked):
-    return scene._set_view("page", ViewRequest.model_validate(asked)).dry_run
+    return scene.set_view("page", ViewRequest.model_validate(asked)).dry_run
 
 
 def test_a_view_keeps_the_shown_time_until_a_new_request():
@@ -99,7 +99,7 @@ def test_a_view_keeps_the_shown_time_until_a_new_request():
         asked.append(dry_run)
         if dry_run not in ("1", "2"):
             raise UnknownDryRun(f"There is no result of a dry run {dry_run!r}.")
-        return FOUND if dry_run == "1" else NOT_FLOWN
+        return paths_of(FOUND if dry_run == "1" else NOT_FLOWN)
 
     scene = Scene(FakeFleet([flying("1")]), StillClock(), dry_runs=results)
     first = shown(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})

@@ -1,0 +1,132 @@
+"""What the server and the process of the 3D view send each other over their socket."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs_server.errors import GcsError
+from gcs_server.scene.clicks import ClickRequest
+from gcs_server.scene.dry_runs import DryRunPath
+from gcs_server.scene.gizmo import Drag, SceneGizmo
+from gcs_server.scene.view_request import ViewRequest
+
+SECRET_HEADER = "X-Scene-Secret"
+ACKNOWLEDGED_EVERY = 4
+"""The process reports at least after this many snapshots."""
+MAX_DRY_RUNS = 8
+"""Number of dry runs that both sides keep, the newest."""
+
+
+class SceneError(GcsError):
+    """The 3D view is not available; flying is not affected."""
+
+    code = "scene_unavailable"
+
+
+@dataclass(frozen=True, slots=True)
+class ViserAddress:
+    """Where viser listens, and the secret that its clients must know."""
+
+    socket_path: str
+    secret: str
+
+
+# --- from the process ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The 3D view is running."""
+
+    address: ViserAddress
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Result or error of the request with this number."""
+
+    number: int
+    result: object
+    error: GcsError | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """What has been drawn; sent when it changes, and for every few snapshots."""
+
+    snapshots: int
+    """Number of snapshots taken so far."""
+    viewers: int
+    """Number of connected browsers."""
+    followed: frozenset[str]
+    """Vehicles that views follow."""
+    faults: tuple[str, ...]
+    """Texts about everything that cannot be drawn now."""
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryRequest:
+    """Asks for the history of the vehicle with this number in the snapshots."""
+
+    vehicle: int
+    topics: tuple[str, ...]
+    since_unix_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class GizmoMoved:
+    """A browser has dragged a preview."""
+
+    gizmo: SceneGizmo
+
+
+# --- from the server ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A snapshot of all vehicles, encoded (`snapshots.py`)."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryAnswer:
+    """The history of a vehicle, encoded (`snapshots.py`)."""
+
+    vehicle: int
+    samples: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class SetView:
+    """Sets what a token's view shows; answered with (mode, vehicle, theme)."""
+
+    number: int
+    token: str
+    request: ViewRequest
+
+
+@dataclass(frozen=True, slots=True)
+class Click:
+    """A click in a token's view; answered with a SceneClick, or None if it was not on the ground."""
+
+    number: int
+    token: str
+    request: ClickRequest
+
+
+@dataclass(frozen=True, slots=True)
+class HandleDragged:
+    """A drag in the browser of this bridge."""
+
+    bridge: str
+    drag: Drag
+
+
+@dataclass(frozen=True, slots=True)
+class DryRunPaths:
+    """The paths of a dry run that a later request shows."""
+
+    id: str
+    paths: tuple[DryRunPath, ...]

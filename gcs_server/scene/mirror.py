@@ -1,0 +1,179 @@
+"""The server's vehicles as the process of the 3D view knows them, from snapshots."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import msgspec
+
+from gcs_server.clock import Clock, SystemClock
+from gcs_server.errors import UnknownVehicle
+from gcs_server.isolation import Isolation
+from gcs_server.scene.ports import OffboardTarget
+from gcs_server.scene.snapshots import SampleData, SnapshotData, TargetData, VehicleData
+from gcs_server.vehicle.samples import TOPICS, Sample
+
+log = logging.getLogger(__name__)
+
+PAUSE_S = 1.0
+"""After a pause of this length between two snapshots, a history that was requested before is not used."""
+_values = {topic: msgspec.msgpack.Decoder(kind) for topic, kind in TOPICS.items()}
+_snapshots = msgspec.msgpack.Decoder(SnapshotData)
+_histories = msgspec.msgpack.Decoder(list[SampleData])
+
+
+class VehicleClock:
+    """The vehicle's clock, which advances with each of its snapshots."""
+
+    def __init__(self) -> None:
+        self._monotonic_s = self._unix_s = 0.0
+
+    def set(self, monotonic_s: float, unix_s: float) -> None:
+        """Sets it to the times of a snapshot."""
+        self._monotonic_s, self._unix_s = monotonic_s, unix_s
+
+    def monotonic_s(self) -> float:
+        """Monotonic time of the newest snapshot [s]."""
+        return self._monotonic_s
+
+    def unix_s(self) -> float:
+        """The same as seconds since 1970."""
+        return self._unix_s
+
+    async def sleep(self, seconds: float) -> None:
+        """Not possible: a snapshot's time does not pass by itself."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True)
+class MirrorIdentity:
+    """The identity fields that must be shown."""
+
+    simulated: bool | None
+    replayed: bool
+
+
+class MirrorVehicle:
+    """One vehicle; see `SceneVehicle`.
+
+    Args:
+        number: its number in snapshots.
+        ask_history: called with number, topics and start time; the answer is `take_history`.
+    """
+
+    def __init__(
+        self, number: int, vehicle_id: str, ask_history: Callable[[int, tuple[str, ...], float], None]
+    ) -> None:
+        self.id = vehicle_id
+        self._time = VehicleClock()
+        self.clock: Clock = self._time
+        self.target: OffboardTarget | None = None
+        self._number = number
+        self._identity = MirrorIdentity(None, False)
+        self._samples: dict[str, Sample] = {}
+        self._ask_history = ask_history
+        self._asked: tuple[str, ...] | None = None
+        """Topics of the history that was requested and not yet used."""
+        self._history: list[Sample] | None = None
+
+    @property
+    def identity(self) -> MirrorIdentity:
+        """Identity as of the newest snapshot."""
+        return self._identity
+
+    def topic(self, name: str) -> Sample | None:
+        """The topic's newest sample."""
+        return self._samples.get(name)
+
+    def topic_received_s(self, name: str) -> float | None:
+        """When it was received [s, monotonic]."""
+        sample = self._samples.get(name)
+        return None if sample is None else sample.received_monotonic_s
+
+    def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample] | None:
+        """The history; None until the server has sent it."""
+        if self._asked != topics:
+            self._asked, self._history = topics, None
+            self._ask_history(self._number, topics, since_unix_s)
+        if self._history is not None:
+            self._asked = None
+        taken, self._history = self._history, None
+        return taken
+
+    def take_history(self, samples: list[Sample]) -> None:
+        """The history that was requested."""
+        self._history = samples
+
+    def update(self, data: VehicleData) -> None:
+        """Takes the changes of a snapshot."""
+        if data.monotonic_s - self._time.monotonic_s() > PAUSE_S:
+            self._asked = self._history = None
+        self._time.set(data.monotonic_s, data.unix_s)
+        if (data.simulated, data.replayed) != (self._identity.simulated, self._identity.replayed):
+            self._identity = MirrorIdentity(data.simulated, data.replayed)
+        self.target = None if data.target is None else OffboardTarget(*data.target)
+        for sample in data.samples:
+            self._samples[sample.topic] = _sample(sample)
+        for topic in data.absent:
+            self._samples.pop(topic, None)
+
+
+class MirrorFleet:
+    """All vehicles; see `SceneFleet`.
+
+    Args:
+        ask_history: see `MirrorVehicle`.
+    """
+
+    def __init__(self, ask_history: Callable[[int, tuple[str, ...], float], None]) -> None:
+        self._ask_history = ask_history
+        self._isolation = Isolation(SystemClock(), log, "The 3D view")
+        self._by_number: dict[int, MirrorVehicle] = {}
+        self.stalled: frozenset[str] = frozenset()
+        """Bridges of the browsers that do not read now."""
+
+    @property
+    def faults(self) -> list[str]:
+        """Texts about vehicles whose snapshot could not be read."""
+        return self._isolation.faults
+
+    def all(self) -> Sequence[MirrorVehicle]:
+        """In the order of the server's fleet."""
+        return list(self._by_number.values())
+
+    def get(self, vehicle_id: str) -> MirrorVehicle:
+        """Raises UnknownVehicle."""
+        for vehicle in self._by_number.values():
+            if vehicle.id == vehicle_id:
+                return vehicle
+        raise UnknownVehicle(vehicle_id, [v.id for v in self._by_number.values()])
+
+    def target(self, vehicle_id: str) -> TargetData | None:
+        """The setpoint that the server streams to a vehicle."""
+        return self.get(vehicle_id).target
+
+    def take(self, snapshot: bytes) -> None:
+        """Takes a snapshot."""
+        data = _snapshots.decode(snapshot)
+        for changed in data.changed:
+            vehicle = self._by_number.get(changed.number)
+            if vehicle is None:
+                vehicle = MirrorVehicle(changed.number, changed.id, self._ask_history)
+                self._by_number[changed.number] = vehicle
+            self._isolation.run(f"reading vehicle {changed.id}", vehicle.update, changed)
+        known = self._by_number
+        self._by_number = {number: known[number] for number in data.order if number in known}
+        self.stalled = frozenset(data.stalled)
+
+    def take_history(self, number: int, samples: bytes) -> None:
+        """The history of a vehicle, which may have been removed meanwhile."""
+        vehicle = self._by_number.get(number)
+        if vehicle is not None:
+            vehicle.take_history([_sample(data) for data in _histories.decode(samples)])
+
+
+def _sample(data: SampleData) -> Sample:
+    value = _values[data.topic].decode(data.value)
+    return Sample(data.topic, None, data.received_unix_s, data.received_monotonic_s, value)

@@ -1,0 +1,142 @@
+"""The preview of a setpoint in one browser's scene, and the two handles to drag it.
+
+The handles are viser's transform controls: one along the ground and about the vertical, one up and down, so
+that a position cannot be tilted. `gizmo.py` reads the browser's messages about them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import viser
+
+from gcs_server.scene.frames import enu_from_ned, yaw_enu_from_ned
+from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE
+from gcs_server.scene.labels import Label
+from gcs_server.scene.model import q_along
+from gcs_server.scene.palette import Palette, lit
+from gcs_server.scene.shapes import Shapes
+from gcs_server.scene.texts import height_text
+from gcs_server.scene.views import Preview
+from missions.frames import IDENTITY, Quaternion, Vector3, q_from_yaw
+
+HANDLE_PX = 96.0
+AWAY_M = 0.35
+LABEL_BELOW_M = 0.14
+
+
+def drag_label(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
+    """Distance, height above home and yaw."""
+    parts = [
+        f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m",
+        f"height {height_text(position_enu_m[2] - ground_z_m)}",
+    ]
+    if preview.yaw_ned_rad is not None:
+        parts.append(f"{round(math.degrees(preview.yaw_ned_rad)) % 360:03d}°")
+    return " · ".join(parts)
+
+
+class PreviewNode:
+    """The preview in one browser's scene; it exists only while the page shows a preview."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette, shapes: Shapes) -> None:
+        self._scene = client.scene
+        self._root = self._scene.add_frame("/world/preview", show_axes=False)
+        self._ghost = self._lines("/ghost", shapes.ghost, palette, 1.2)
+        self._way = self._lines("/way", shapes.dots, palette, 1.4)
+        self.label = Label(client, "/world/preview/label", palette.target, side="below")
+        self.label.text = "not sent"
+        self._handles: tuple[Any, Any] | None = None
+        self._serial = -1
+        self._drawn: Preview | None = None
+        self._held = GROUND_HANDLE
+
+    def remove(self) -> None:
+        """Removes the preview and its handles."""
+        self._remove_handles()
+        self._root.remove()
+
+    def update(
+        self,
+        preview: Preview,
+        origin_enu_m: Vector3,
+        vehicle_enu_m: Vector3,
+        ground_z_m: float,
+        *,
+        handles: bool,
+    ) -> None:
+        """Moves the preview. Moves the handles only if the position was set by the page and not by a drag in
+        this browser.
+
+        Args:
+            handles: whether handles can be dragged, which requires that the world of this view does not move.
+        """
+        east, north, up = enu_from_ned(preview.position_ned_m)
+        at = (origin_enu_m[0] + east, origin_enu_m[1] + north, origin_enu_m[2] + up)
+        yaw = preview.yaw_ned_rad
+        q = q_from_yaw(yaw_enu_from_ned(yaw)) if yaw is not None else IDENTITY
+        self._ghost.position, self._ghost.wxyz = at, q
+        self.label.move((at[0], at[1], at[2] - LABEL_BELOW_M))
+        self.label.note = drag_label(preview, at, vehicle_enu_m, ground_z_m)
+        self._stretch(vehicle_enu_m, at)
+        if not (handles and preview.handles):
+            self._remove_handles()
+        elif self._handles is None or preview.serial != self._serial:
+            self._remove_handles()
+            self._handles = self._add_handles(at, q, turns=yaw is not None)
+        elif self._drawn is not None and preview != self._drawn:
+            self._follow(at, q)
+        self._serial, self._drawn = preview.serial, preview
+
+    def _follow(self, at: Vector3, q: Quaternion) -> None:
+        """Moves the handle that is not being dragged; the browser moves the other one."""
+        assert self._handles is not None
+        ground, height = self._handles
+        if self._held == HEIGHT_HANDLE:
+            ground.position, ground.wxyz = at, q
+        else:
+            height.position = at
+
+    def held(self, turns: bool) -> None:
+        """Records which handle is being dragged."""
+        self._held = GROUND_HANDLE if turns else HEIGHT_HANDLE
+
+    def _add_handles(self, at: Vector3, q: Quaternion, *, turns: bool) -> tuple[Any, Any]:
+        common: dict[str, Any] = {
+            "scale": HANDLE_PX,
+            "fixed": True,
+            "line_width": 3.0,
+            "depth_test": False,
+            "opacity": 0.9,
+            "position": at,
+        }
+        ground = self._scene.add_transform_controls(
+            GROUND_HANDLE, active_axes=(True, True, False), disable_rotations=not turns, wxyz=q, **common
+        )
+        height = self._scene.add_transform_controls(
+            HEIGHT_HANDLE, active_axes=(False, False, True), disable_rotations=True, **common
+        )
+        return ground, height
+
+    def _remove_handles(self) -> None:
+        for handle in self._handles or ():
+            handle.remove()
+        self._handles = None
+
+    def _stretch(self, start: Vector3, end: Vector3) -> None:
+        length_m = math.dist(start, end)
+        self._way.visible = length_m > AWAY_M
+        if length_m > AWAY_M:
+            self._way.position = start
+            self._way.wxyz = q_along((end[0] - start[0], end[1] - start[1], end[2] - start[2]))
+            self._way.scale = (length_m, 1.0, 1.0)
+
+    def _lines(self, name: str, points: Any, palette: Palette, width_px: float) -> Any:
+        return self._scene.add_line_segments(
+            f"/world/preview{name}",
+            points,
+            lit(palette.target, palette),
+            thickness=width_px,
+            thickness_units="screen",
+        )

@@ -1,0 +1,258 @@
+"""The server's side of the 3D view, which a process of its own draws (`worker.py`).
+
+The event loop that carries the flight only reads the vehicles' newest samples for a snapshot and passes on
+bytes between viser and the browsers. While the process has not taken the last snapshots, no further one is
+sent: a slow view gets fewer pictures, and nothing waits for it. Measured in docs/performance.md.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
+
+from fastapi import APIRouter
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError
+from gcs_server.scene import messages as m
+from gcs_server.scene.clicks import ClickRequest, SceneClick
+from gcs_server.scene.dry_runs import DryRunResults, paths_of
+from gcs_server.scene.gizmo import Drag, SceneGizmo
+from gcs_server.scene.handle import REMEDY, SceneWorker
+from gcs_server.scene.ports import OffboardTargets, SceneFleet
+from gcs_server.scene.proxy import Bridges, ShownView, scene_router
+from gcs_server.scene.snapshots import SnapshotBuilder
+from gcs_server.scene.view_request import MAX_VIEWS, ViewRequest
+
+PERIOD_S = 1.0 / 30.0
+IDLE_PERIOD_S = 0.25
+"""Period while no view is open: only checks whether one has opened [s]."""
+MAX_AHEAD = 2 * m.ACKNOWLEDGED_EVERY
+"""Most snapshots that the process has not reported yet."""
+ANSWER_TIMEOUT_S = 5.0
+HUNG_AFTER_S = 20.0
+"""A process that takes no snapshot for longer than this is ended and started again [s]."""
+NOT_RUNNING = "The 3D view is not running; it is being started."
+
+
+class _Run:
+    """What belongs to one run of the process."""
+
+    def __init__(self, address: m.ViserAddress, worker: SceneWorker, builder: SnapshotBuilder) -> None:
+        self.address, self.post, self.builder = address, worker.post, builder
+        self.sent = 0
+        """Number of snapshots."""
+        self.newest = m.Drawn(0, 0, frozenset(), ())
+        self.dry_runs: OrderedDict[str, None] = OrderedDict()
+        """Dry runs whose paths the process has; it keeps the same number."""
+
+
+class SceneProcess:
+    """The 3D view.
+
+    Args:
+        fleet: the vehicles to draw; they are only read.
+        clock: clock for the period.
+        offboard: target of this server's stream; None: draw the target that the vehicle reports.
+        on_click: called with the clicked ground position and the view.
+        on_gizmo: called with the position to which a view's preview was dragged.
+        dry_runs: result of a dry run that a page shows; None: no dry runs.
+    """
+
+    def __init__(
+        self,
+        fleet: SceneFleet,
+        clock: Clock,
+        offboard: OffboardTargets | None = None,
+        on_click: Callable[[SceneClick], None] | None = None,
+        on_gizmo: Callable[[SceneGizmo], None] | None = None,
+        dry_runs: DryRunResults | None = None,
+    ) -> None:
+        self._fleet, self._clock, self._offboard = fleet, clock, offboard
+        self._on_click, self._on_gizmo, self._dry_runs = on_click, on_gizmo, dry_runs
+        self._bridges = Bridges(clock)
+        self._run: _Run | None = None
+        self._worker: SceneWorker | None = None
+        self._failed = False
+        self._views: OrderedDict[str, ViewRequest] = OrderedDict()
+        """What each token's view shows, for the process when it is started again."""
+        self._pending: dict[int, asyncio.Future[Any]] = {}
+        self._number = 0
+        self._router = scene_router(
+            lambda: None if self._run is None else self._run.address,
+            self._set_view,
+            self._click,
+            self._drag,
+            self._bridges,
+        )
+
+    def router(self) -> APIRouter:
+        """The routes `/scene/…`, to be included in the server's application."""
+        return self._router
+
+    @property
+    def pid(self) -> int | None:
+        """Process id; None while there is no process."""
+        return None if self._worker is None else self._worker.pid
+
+    @property
+    def viewers(self) -> int:
+        """Number of connected browsers."""
+        return 0 if self._run is None else self._run.newest.viewers
+
+    def faults(self) -> list[str]:
+        """Texts about everything that cannot be drawn now."""
+        return [] if self._run is None else [*self._run.builder.faults, *self._run.newest.faults]
+
+    def warning(self) -> str | None:
+        """A text while the process has ended and is not running again."""
+        if self._run is not None or not self._failed:
+            return None
+        return "The 3D view has stopped and is being started again. Flying is not affected."
+
+    async def run(self) -> None:
+        """Runs the process until cancelled; to be supervised, which starts it again.
+
+        Raises:
+            SceneError: it could not be started, has ended, or no longer draws.
+        """
+        self._worker = worker = SceneWorker(self._take)
+        try:
+            address = await worker.start()
+            run = self._run = _Run(address, worker, SnapshotBuilder(self._fleet, self._offboard, self._clock))
+            self._failed = False
+            self._restore_views(run)
+            async with asyncio.TaskGroup() as both:
+                both.create_task(self._feed(run), name="scene snapshots")
+                both.create_task(worker.wait(), name="scene process")
+        except* Exception as errors:
+            self._failed = True
+            raise errors.exceptions[0] from None
+        finally:
+            self._run = self._worker = None
+            pending, self._pending = self._pending, {}
+            for future in pending.values():
+                if not future.done():
+                    future.set_exception(m.SceneError(NOT_RUNNING, remedy=REMEDY))
+            await worker.end()
+
+    # --- pictures ---------------------------------------------------------------------------------
+
+    async def _feed(self, run: _Run) -> None:
+        next_s = moved_s = self._clock.monotonic_s()
+        while True:
+            opened, stalled = self._bridges.names(), self._bridges.stalled_names()
+            # When the last view has closed, one more snapshot lets the process remove its scene.
+            wanted = len(stalled) < len(opened) or (run.newest.viewers and not opened)
+            now_s = self._clock.monotonic_s()
+            if run.sent - run.newest.snapshots < MAX_AHEAD:
+                moved_s = now_s
+                if wanted:
+                    run.sent += 1
+                    run.post(m.Snapshot(run.builder.snapshot(run.newest.followed, stalled)))
+            elif now_s - moved_s > HUNG_AFTER_S:
+                raise m.SceneError("The 3D view no longer draws; it is ended.", remedy=REMEDY)
+            next_s = max(next_s + (PERIOD_S if opened else IDLE_PERIOD_S), now_s)
+            await self._clock.sleep(max(0.002, next_s - self._clock.monotonic_s()))
+
+    def _take(self, message: object) -> None:
+        run = self._run
+        if run is None:
+            return
+        match message:
+            case m.Drawn():
+                run.newest = message
+            case m.Answer(number, result, error):
+                future = self._pending.get(number)
+                if future is not None and not future.done():
+                    future.set_result(result) if error is None else future.set_exception(error)
+            case m.HistoryRequest(number, topics, since_unix_s):
+                run.post(m.HistoryAnswer(number, run.builder.history(number, topics, since_unix_s)))
+            case m.GizmoMoved(gizmo):
+                self._moved(gizmo)
+            case _:
+                raise TypeError(f"an unknown message: {message!r}")
+
+    # --- what pages request -----------------------------------------------------------------------
+
+    async def _set_view(self, token: str, wanted: ViewRequest) -> ShownView:
+        """Raises UnknownVehicle, UnknownDryRun, SceneError."""
+        if wanted.vehicle is not None:
+            self._fleet.get(wanted.vehicle)
+        run = self._running()
+        self._share_dry_run(run, wanted)
+        self._remember(token, wanted)
+        return await self._ask(run, lambda number: m.SetView(number, token, wanted))
+
+    async def _click(self, token: str, request: ClickRequest) -> SceneClick | None:
+        """Raises Refused if no vehicle has reported a global position, and SceneError."""
+        click: SceneClick | None = await self._ask(
+            self._running(), lambda number: m.Click(number, token, request)
+        )
+        if click is not None and self._on_click is not None:
+            self._on_click(click)
+        return click
+
+    def _drag(self, bridge: str, drag: Drag) -> None:
+        run = self._run
+        if run is not None and run.sent - run.newest.snapshots < MAX_AHEAD:  # else it is not drawing now
+            run.post(m.HandleDragged(bridge, drag))
+
+    def _running(self) -> _Run:
+        if self._run is None:
+            raise m.SceneError(NOT_RUNNING, remedy=REMEDY)
+        return self._run
+
+    async def _ask(self, run: _Run, message: Callable[[int], object]) -> Any:
+        self._number += 1
+        number = self._number
+        future = self._pending[number] = asyncio.get_running_loop().create_future()
+        try:
+            run.post(message(number))
+            async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                return await future
+        except TimeoutError:
+            raise m.SceneError("The 3D view does not answer.", remedy=REMEDY) from None
+        finally:
+            self._pending.pop(number, None)
+
+    def _share_dry_run(self, run: _Run, wanted: ViewRequest) -> None:
+        """Sends the paths of a dry run that the process does not have."""
+        requested = wanted.dry_run
+        if requested is None or self._dry_runs is None or requested.id in run.dry_runs:
+            return
+        run.post(m.DryRunPaths(requested.id, paths_of(self._dry_runs(requested.id))))
+        run.dry_runs[requested.id] = None
+        while len(run.dry_runs) > m.MAX_DRY_RUNS:
+            run.dry_runs.popitem(last=False)
+
+    # --- for the next run -------------------------------------------------------------------------
+
+    def _remember(self, token: str, wanted: ViewRequest) -> None:
+        old = self._views.get(token, ViewRequest())
+        changes = {field: getattr(wanted, field) for field in wanted.model_fields_set}
+        if wanted.vehicle not in (None, old.vehicle):
+            changes = {"preview": None, **changes}
+        self._views[token] = old.model_copy(update=changes)
+        self._views.move_to_end(token)
+        while len(self._views) > MAX_VIEWS:
+            self._views.popitem(last=False)
+
+    def _moved(self, gizmo: SceneGizmo) -> None:
+        view = self._views.get(gizmo.view)
+        if view is not None and view.preview is not None:
+            moved = {"position_ned_m": gizmo.position_ned_m, "yaw_ned_rad": gizmo.yaw_ned_rad}
+            preview = view.preview.model_copy(update=moved)
+            self._views[gizmo.view] = view.model_copy(update={"preview": preview})
+        if self._on_gizmo is not None:
+            self._on_gizmo(gizmo)
+
+    def _restore_views(self, run: _Run) -> None:
+        for token, request in self._views.items():
+            try:
+                self._share_dry_run(run, request)
+            except GcsError:  # it was dropped meanwhile
+                request = request.model_copy(update={"dry_run": None})
+            run.post(m.SetView(0, token, request))

@@ -1,0 +1,8 @@
+"""Numbers as the labels of the 3D view show them."""
+
+from __future__ import annotations
+
+
+def height_text(height_m: float) -> str:
+    """Height as text, without "-0.0", which would show estimator noise."""
+    return f"{height_m if abs(height_m) >= 0.05 else 0.0:.1f} m".replace("-", "\N{MINUS SIGN}")

@@ -1,0 +1,121 @@
+"""The process of the 3D view: viser, and all drawing.
+
+`handle.py` starts it with a socket. Each snapshot of the vehicles makes one picture; of snapshots that waited
+while it drew, only the last does. A failure in drawing ends the process, and the server starts it again. It
+ends with the server: when the socket closes. It runs at a lower priority than the server, so that flying
+comes first on a busy machine.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import select
+import signal
+import socket
+import sys
+from collections import OrderedDict
+from dataclasses import replace
+
+from gcs_server.clock import SystemClock
+from gcs_server.errors import GcsError
+from gcs_server.scene import messages as m
+from gcs_server.scene.dry_runs import DryRunPath
+from gcs_server.scene.mirror import MirrorFleet
+from gcs_server.scene.scene import Scene
+from gcs_server.streamer.process.message_pipe import MessagePipe
+
+NICENESS = 5
+MAX_WAITING_BYTES = 1_000_000
+"""Buffer for a stalled server; only answers wait, so a server that is alive never reaches this."""
+
+
+class Worker:
+    """Handles the server's messages.
+
+    Args:
+        pipe: to the server.
+    """
+
+    def __init__(self, pipe: MessagePipe) -> None:
+        self._pipe = pipe
+        self._fleet = MirrorFleet(self._ask_history)
+        self._dry_runs: OrderedDict[str, tuple[DryRunPath, ...]] = OrderedDict()
+        self._taken = 0
+        self._reported = m.Drawn(0, 0, frozenset(), ())
+        self.scene = Scene(
+            self._fleet,
+            SystemClock(),
+            self._fleet.target,
+            lambda gizmo: self._pipe.send(m.GizmoMoved(gizmo)),
+            self._dry_runs.__getitem__,
+            lambda bridge: bridge in self._fleet.stalled,
+        )
+
+    def run(self) -> None:
+        """Starts the 3D view, and draws until the server closes the socket."""
+        address = asyncio.run(self.scene.start())
+        try:
+            self._pipe.send(m.Started(address))
+            while True:
+                select.select([self._pipe], [self._pipe] if self._pipe.waits else [], [])
+                self._pipe.flush()
+                taken = self._taken
+                for message in self._pipe.receive():
+                    self._handle(message)
+                if self._taken > taken:
+                    self.scene.draw()
+                    self._report()
+        except EOFError:
+            pass
+        finally:
+            asyncio.run(self.scene.stop())
+
+    def _report(self) -> None:
+        faults = (*self._fleet.faults, *self.scene.faults())
+        drawn = m.Drawn(self._taken, self.scene.viewers, self.scene.followed, faults)
+        before = replace(self._reported, snapshots=self._taken)
+        if drawn != before or self._taken - self._reported.snapshots >= m.ACKNOWLEDGED_EVERY:
+            self._reported = drawn
+            self._pipe.send(drawn)
+
+    def _ask_history(self, vehicle: int, topics: tuple[str, ...], since_unix_s: float) -> None:
+        self._pipe.send(m.HistoryRequest(vehicle, topics, since_unix_s))
+
+    def _handle(self, message: object) -> None:
+        match message:
+            case m.Snapshot(data):
+                self._fleet.take(data)
+                self._taken += 1
+            case m.HistoryAnswer(vehicle, samples):
+                self._fleet.take_history(vehicle, samples)
+            case m.SetView(number, token, request):
+                view = self.scene.set_view(token, request)
+                self._pipe.send(m.Answer(number, (view.mode, view.vehicle, view.theme)))
+            case m.Click(number, token, request):
+                try:
+                    self._pipe.send(m.Answer(number, self.scene.click(token, request)))
+                except GcsError as error:
+                    self._pipe.send(m.Answer(number, None, error))
+            case m.HandleDragged(bridge, drag):
+                self.scene.drag(bridge, drag)
+            case m.DryRunPaths(dry_run, paths):
+                self._dry_runs[dry_run] = paths
+                while len(self._dry_runs) > m.MAX_DRY_RUNS:
+                    self._dry_runs.popitem(last=False)
+            case _:
+                raise TypeError(f"an unknown message: {message!r}")
+
+
+def main(arguments: list[str]) -> None:
+    """`worker SOCKET_FD`."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # for the server, which then closes the socket
+        signal.signal(number, signal.SIG_IGN)
+    os.nice(NICENESS)
+    logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
+    Worker(MessagePipe(socket.socket(fileno=int(arguments[0])), MAX_WAITING_BYTES)).run()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

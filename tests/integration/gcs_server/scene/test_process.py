@@ -1,0 +1,194 @@
+"""The process of the 3D view: what it draws, and what happens when it dies, hangs or cannot be started."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import time
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import httpx
+import msgspec
+import pytest
+import uvicorn
+from fastapi import FastAPI
+from fastapi.responses import JSONResponse
+from websockets.asyncio.client import connect
+
+from gcs_server.clock import SystemClock
+from gcs_server.errors import GcsError, UnknownVehicle
+from gcs_server.scene import process as scene_process
+from gcs_server.scene.messages import SceneError
+from gcs_server.scene.process import SceneProcess
+from gcs_server.supervise import Supervisor
+from tests.integration.gcs_server.scene.scene_running import (
+    CAMERA,
+    DOWN_NORTH,
+    MOVED,
+    PROTOCOL,
+    eventually,
+    types_in,
+)
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying, local
+
+pack = msgspec.msgpack.encode
+
+
+class Site:
+    """A server with the 3D view in its process."""
+
+    def __init__(self) -> None:
+        self.fleet = FakeFleet([flying("1"), flying("2")])
+        self.clicks, self.gizmos = [], []
+        self.scene = SceneProcess(
+            self.fleet, SystemClock(), on_click=self.clicks.append, on_gizmo=self.gizmos.append
+        )
+        self.address = ""
+
+    @property
+    def url(self) -> str:
+        return f"http://{self.address}/scene/"
+
+    def open(self, query: str = ""):
+        return connect(f"ws://{self.address}/scene/{query}", subprotocols=[PROTOCOL], max_size=None)
+
+    async def is_up(self, http: httpx.AsyncClient, before: int | None = None) -> None:
+        """Waits until the 3D view is available, in another process than `before`."""
+        async with asyncio.timeout(60):
+            # What is waited for has no event.
+            while self.scene.pid == before or (await http.get(self.url)).status_code != 200:  # noqa: ASYNC110
+                await asyncio.sleep(0.05)
+
+
+@asynccontextmanager
+async def serving():
+    site, supervisor, app = Site(), Supervisor(SystemClock()), FastAPI()
+    app.include_router(site.scene.router())
+    app.exception_handler(GcsError)(lambda _r, e: JSONResponse({"code": e.code, "detail": str(e)}, 409))
+    server = uvicorn.Server(
+        uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=1)
+    )
+    server.install_signal_handlers = lambda: None
+    task = supervisor.spawn("http", server.serve())
+    supervisor.start("scene", site.scene.run)
+    await eventually(lambda: server.started)
+    site.address = f"127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
+    try:
+        async with httpx.AsyncClient() as http:
+            yield site, http
+    finally:
+        server.should_exit = True
+        await task
+        await supervisor.close()
+
+
+def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
+    async def look():
+        async with serving() as (site, http):
+            assert (await http.get(site.url)).status_code == 503
+            assert site.scene.warning() is None, "it has not failed, it is starting"
+            await site.is_up(http)
+            async with site.open("?view=page&vehicle=2") as stream:
+                await stream.send(pack(CAMERA))
+                kinds: set[str] = set()
+                async with asyncio.timeout(30):
+                    while not {"MeshMessage", "LineSegmentsMessage"} <= kinds:
+                        kinds |= set(types_in(await stream.recv()))
+                await eventually(lambda: site.scene.viewers == 1)
+                answer = await http.post(site.url + "view/page/click", json=DOWN_NORTH)
+                assert answer.json() == {"ground": True}
+                assert (site.clicks[0].view, site.clicks[0].vehicle) == ("page", "2")
+                place = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
+                answer = await http.post(site.url + "view/page", json={"mode": "free", "preview": place})
+                assert answer.json() == {"mode": "free", "vehicle": "2", "theme": "dark"}
+                await stream.send(pack(MOVED))
+                await eventually(lambda: site.gizmos)
+                assert site.gizmos[0].vehicle == "2"
+                answer = await http.post(site.url + "view/page", json={"vehicle": "9"})
+                assert answer.json()["code"] == UnknownVehicle.code
+                for step in range(200):
+                    site.fleet.vehicles[1].values["local_position"] = local(step * 0.2, 0.0, -10.0)
+                    site.fleet.vehicles[1].received_monotonic_s += 0.1
+                    if step > 20 and "SetPositionMessage" in types_in(await stream.recv()):
+                        break
+                else:
+                    raise AssertionError("the vehicle does not move")
+            await eventually(lambda: site.scene.viewers == 0)
+
+    asyncio.run(look())
+
+
+def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder():
+    async def look():
+        async with serving() as (site, http):
+            await site.is_up(http)
+            await http.post(site.url + "view/page", json={"mode": "top", "vehicle": "2"})
+            first, folder = site.scene.pid, Path(site.scene._run.address.socket_path).parent
+            assert folder.exists()
+            async with site.open("?view=page") as stream:
+                await stream.send(pack(CAMERA))
+                os.kill(first, signal.SIGKILL)
+                async with asyncio.timeout(10):
+                    await stream.wait_closed()
+            await eventually(lambda: site.scene.warning() is not None)
+            assert "Flying is not affected" in site.scene.warning()
+            answer = await http.post(site.url + "view/page", json={"theme": "light"})
+            assert answer.json()["code"] == SceneError.code
+            await site.is_up(http, before=first)
+            assert site.scene.warning() is None
+            assert not folder.exists()
+            answer = await http.post(site.url + "view/page", json={"theme": "light"})
+            assert answer.json() == {"mode": "top", "vehicle": "2", "theme": "light"}
+
+    asyncio.run(look())
+
+
+def test_a_process_that_hangs_delays_nothing_and_is_replaced(monkeypatch):
+    monkeypatch.setattr(scene_process, "HUNG_AFTER_S", 1.0)
+    monkeypatch.setattr("gcs_server.scene.handle.END_TIMEOUT_S", 0.2)
+
+    async def look():
+        async with serving() as (site, http):
+            await site.is_up(http)
+            first = site.scene.pid
+            async with site.open() as stream:
+                await stream.send(pack(CAMERA))
+                await eventually(lambda: site.scene.viewers == 1)
+                os.kill(first, signal.SIGSTOP)
+                worst_s = 0.0
+                while site.scene.pid == first:
+                    began_s = time.monotonic()
+                    await asyncio.sleep(0.01)
+                    worst_s = max(worst_s, time.monotonic() - began_s - 0.01)
+            await site.is_up(http, before=first)
+            return first, worst_s
+
+    first, worst_s = asyncio.run(look())
+    assert not Path(f"/proc/{first}").exists()
+    assert worst_s < 0.5, "the event loop went on"
+
+
+def test_the_process_ends_with_the_server_and_removes_its_folder():
+    async def look():
+        async with serving() as (site, http):
+            await site.is_up(http)
+            return site.scene.pid, Path(site.scene._run.address.socket_path).parent
+
+    pid, folder = asyncio.run(look())
+    assert not Path(f"/proc/{pid}").exists()
+    assert not folder.exists()
+
+
+def test_a_process_that_cannot_start_is_reported_and_tried_again(monkeypatch):
+    monkeypatch.setattr("sys.executable", "/bin/false")
+
+    async def look():
+        scene = SceneProcess(FakeFleet(), SystemClock())
+        with pytest.raises(SceneError, match="3D view has ended"):
+            await scene.run()
+        assert scene.pid is None
+        return scene.warning()
+
+    assert "started again" in asyncio.run(look())
