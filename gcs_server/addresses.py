@@ -7,8 +7,8 @@ import socket
 from pathlib import Path
 from urllib.parse import quote
 
-EVERYWHERE = frozenset({"0.0.0.0", "::", "::0"})
-_SOMEWHERE_ELSE = (
+WILDCARD_HOSTS = frozenset({"0.0.0.0", "::", "::0"})
+_ROUTE_TARGETS = (
     (socket.AF_INET, "192.0.2.1"),
     (socket.AF_INET6, "2001:db8::1"),
 )
@@ -28,7 +28,7 @@ def links(
             default: detected.
     """
     names = [host]
-    if host in EVERYWHERE:
+    if host in WILDCARD_HOSTS:
         names = ["localhost"]
         if not (in_container() if contained is None else contained):
             names += own_addresses() if own is None else own
@@ -46,7 +46,7 @@ def in_container() -> bool:
 def own_addresses() -> list[str]:
     """This computer's address on each default route."""
     addresses: list[str] = []
-    for address_family, elsewhere in _SOMEWHERE_ELSE:
+    for address_family, elsewhere in _ROUTE_TARGETS:
         try:
             # Connecting a datagram socket sends nothing: it only looks up the route.
             with socket.socket(address_family, socket.SOCK_DGRAM) as probe:

@@ -1,4 +1,4 @@
-"""Owns all background tasks; has the only blanket `except`.
+"""Starts and monitors all background tasks; only this module catches all exceptions of a task.
 
 A task that fails unexpectedly is logged and restarted with increasing delay. Only this module may start
 tasks, so no task can fail unnoticed.
@@ -22,10 +22,10 @@ EQUAL_ERRORS_LOGGED = 5
 
 
 class Supervisor:
-    """Owns every background task of the server.
+    """All background tasks of the server.
 
     Args:
-        clock: measures the back-off.
+        clock: clock for the delays between restarts.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -33,16 +33,15 @@ class Supervisor:
         self._tasks: dict[asyncio.Task[Any], str] = {}
 
     def start(self, name: str, work: Callable[[], Awaitable[None]]) -> asyncio.Task[None]:
-        """Runs `work()` for the lifetime of the server, with restarts and back-off after failures.
-
-        Work that returns is not run again. Cancel the returned task to stop it.
+        """Runs `work()` for the lifetime of the server; after a failure it is restarted with increasing
+        delay. Work that returns is not run again. Cancel the returned task to stop it.
         """
         return self._own(self._supervised(name, work), name)
 
     def spawn(self, name: str, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         """Runs `work` once; a failure is logged, not raised."""
         task = self._own(self._once(name, work), name)
-        task.add_done_callback(lambda _: work.close())  # cancelled before its first step
+        task.add_done_callback(lambda _: work.close())  # the task was cancelled before its first step
         return task
 
     async def close(self) -> None:

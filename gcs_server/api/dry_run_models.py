@@ -114,7 +114,7 @@ class DryRunRequest(StrictBody):
     )
 
     @model_validator(mode="after")
-    def _one(self) -> DryRunRequest:
+    def _check_one_plan(self) -> DryRunRequest:
         if (self.plan_id is None) == (self.plan is None):
             raise ValueError("give exactly one of plan_id and plan")
         if self.version is not None and self.plan_id is None:

@@ -28,18 +28,18 @@ Device = Annotated[
     int | None,
     Query(ge=1, le=255, description="Gimbal device id, if the gimbal manager has several gimbals."),
 ]
-Which = tuple[int | None, int | None]
+WhichGimbal = tuple[int | None, int | None]
 
 
-def which_gimbal(component: Component = None, device: Device = None) -> Which:
+def which_gimbal(component: Component = None, device: Device = None) -> WhichGimbal:
     """The gimbal selected by a request."""
     return component, device
 
 
-WhichDep = Annotated[Which, Depends(which_gimbal)]
+WhichDep = Annotated[WhichGimbal, Depends(which_gimbal)]
 
 
-def _named(which: Which, **arguments: object) -> dict[str, object]:
+def _named(which: WhichGimbal, **arguments: object) -> dict[str, object]:
     """Arguments for the journal."""
     named = zip(("component", "device"), which, strict=True)
     return arguments | {name: value for name, value in named if value is not None}

@@ -29,7 +29,7 @@ GZIP_MAGIC = b"\x1f\x8b"
 @router.get("", response_model=responses.Maps)
 async def list_maps(station: StationDep) -> Response:
     """The map files in the data folder, sorted by name, and the files that cannot be read."""
-    maps, unreadable = await asyncio.to_thread(_look, station)
+    maps, unreadable = await asyncio.to_thread(_scan_folder, station)
     return answer({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
 
 
@@ -100,7 +100,7 @@ def _is_within(range_header: str, size: int) -> bool:
     return int(first) < size and (not last or int(last) >= int(first))
 
 
-def _look(station: Station) -> tuple[list[dict[str, object]], list[str]]:
+def _scan_folder(station: Station) -> tuple[list[dict[str, object]], list[str]]:
     maps: list[dict[str, object]] = []
     unreadable: list[str] = []
     if not station.maps.is_dir():

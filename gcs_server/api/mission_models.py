@@ -23,7 +23,7 @@ class WhichPlan(StrictBody):
     plan: PlanBody | None = Field(default=None, description="A plan that is not stored on the server.")
 
     @model_validator(mode="after")
-    def _one(self) -> WhichPlan:
+    def _check_one_plan(self) -> WhichPlan:
         if (self.plan_id is None) == (self.plan is None):
             raise ValueError("give exactly one of plan_id and plan")
         if self.version is not None and self.plan_id is None:

@@ -30,7 +30,7 @@ class WhichMission(StrictBody):
     )
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _check_one_plan(self) -> Self:
         if (self.plan_id is None) == (self.mission is None):
             raise ValueError("give exactly one of plan_id and mission")
         if self.version is not None and self.plan_id is None:

@@ -87,13 +87,15 @@ async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Respons
 
     In a mission of several vehicles, pause, resume and abort act on all of them.
     """
-    return steer(station, principal, "offboard_mission/pause", v, lambda flight: flight.pause(principal.name))
+    return command_mission(
+        station, principal, "offboard_mission/pause", v, lambda flight: flight.pause(principal.name)
+    )
 
 
 @router.post("/resume", response_model=m.OffboardMissionView)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Resumes the mission; the vehicle first flies straight back to the path."""
-    return steer(
+    return command_mission(
         station, principal, "offboard_mission/resume", v, lambda flight: flight.resume(principal.name)
     )
 
@@ -101,13 +103,17 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 @router.post("/skip", response_model=m.OffboardMissionView)
 async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Skips the current step; a suspended mission resumes at the next one."""
-    return steer(station, principal, "offboard_mission/skip", v, lambda flight: flight.skip(principal.name))
+    return command_mission(
+        station, principal, "offboard_mission/skip", v, lambda flight: flight.skip(principal.name)
+    )
 
 
 @router.post("/go_on", response_model=m.OffboardMissionView)
 async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Continues after a step that waits for the operator."""
-    return steer(station, principal, "offboard_mission/go_on", v, lambda flight: flight.go_on(principal.name))
+    return command_mission(
+        station, principal, "offboard_mission/go_on", v, lambda flight: flight.go_on(principal.name)
+    )
 
 
 @router.post("/abort", response_model=m.OffboardMissionView)
@@ -120,7 +126,7 @@ async def abort(
     """Ends the mission; the vehicle holds, returns or lands. If the mission does not control the vehicle, no
     command is sent."""
     then = (body or m.AbortMission()).then
-    return steer(
+    return command_mission(
         station,
         principal,
         "offboard_mission/abort",
@@ -133,7 +139,7 @@ async def abort(
 # --- the parts ----------------------------------------------------------------------------------------
 
 
-def steer(
+def command_mission(
     station: Station,
     principal: Principal,
     command: str,

@@ -32,7 +32,7 @@ ANSWERS_BYTES = 131_072
 """Total size of answers that wait to be read."""
 UNPARSED_BYTES = 2 << 20
 """Total size of messages that wait to be parsed."""
-LARGE = 4096
+LARGE_MESSAGE = 4096
 """A message with more characters is parsed in a separate turn of the event loop."""
 MAX_BACKLOG = 200
 """Maximum number of messages that wait to be parsed; older ones are superseded."""
@@ -116,7 +116,7 @@ class SetpointSocket:
                 if applied:
                     self._answer(_superseded(text))
                 else:
-                    if len(text) > LARGE:
+                    if len(text) > LARGE_MESSAGE:
                         await self._station.request_queue.wait(self._principal)
                     answer = await self._take(text)
                     applied = "error" not in answer

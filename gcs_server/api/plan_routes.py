@@ -55,7 +55,7 @@ async def create_plan(body: m.NewPlan, station: StationDep, principal: Principal
     """Stores a new plan as version 1."""
     with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
         head = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
-        return _kept(head, documents.write(documents.named(body.plan, head.name)), 201)
+        return _stored_plan(head, documents.write(documents.named(body.plan, head.name)), 201)
 
 
 @router.post("/check", response_model=m.PlanCheck)
@@ -205,7 +205,7 @@ async def get_plan(
     version: Annotated[int | None, Query(ge=1, description="Default: the newest.")] = None,
 ) -> Response:
     """A plan with its document."""
-    return _kept(*await station.plans.get(plan, version))
+    return _stored_plan(*await station.plans.get(plan, version))
 
 
 @router.get("/{plan}/versions", response_model=m.PlanVersions)
@@ -227,7 +227,7 @@ async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, princip
             base_version=body.base_version,
             by=(principal.name, principal.key),
         )
-        return _kept(head, documents.write(documents.named(body.plan, head.name)))
+        return _stored_plan(head, documents.write(documents.named(body.plan, head.name)))
 
 
 @router.delete("/{plan}", status_code=204)
@@ -246,5 +246,5 @@ async def delete_plan(
     return Response(status_code=204)
 
 
-def _kept(head: PlanVersion, document: bytes, status: int = 200) -> Response:
+def _stored_plan(head: PlanVersion, document: bytes, status: int = 200) -> Response:
     return answer({**fields_of(head), "plan": Raw(document)}, status)

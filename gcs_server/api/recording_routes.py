@@ -42,7 +42,7 @@ async def download_recording(name: str, station: StationDep) -> StreamingRespons
     path = station.replays.path(name)
     size = path.stat().st_size
     headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{_quoted(name)}"'}
-    return StreamingResponse(_pieces(path, size), media_type="application/octet-stream", headers=headers)
+    return StreamingResponse(_read_pieces(path, size), media_type="application/octet-stream", headers=headers)
 
 
 @router.get("/recordings/{name}/index", response_model=responses.RecordingIndexModel)
@@ -122,7 +122,7 @@ def _quoted(name: str) -> str:
     return "".join(c if c.isascii() and c.isprintable() and c not in '"\\' else "_" for c in name)
 
 
-async def _pieces(path: Path, size: int) -> AsyncGenerator[bytes]:
+async def _read_pieces(path: Path, size: int) -> AsyncGenerator[bytes]:
     """The first `size` bytes of the file in pieces; the file may be growing."""
     left = size
     async with await anyio.open_file(path, "rb") as file:

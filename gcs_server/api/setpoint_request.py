@@ -77,7 +77,7 @@ class SetpointRequest(Validity):
 
     @model_validator(mode="before")
     @classmethod
-    def _in_its_envelope(cls, data: Any) -> Any:
+    def _check_setpoint_given(cls, data: Any) -> Any:
         if isinstance(data, dict) and "type" in data and "setpoint" not in cast(dict[str, Any], data):
             raise ValueError(
                 "setpoint is missing: put type and the other fields of the setpoint into it, as in "

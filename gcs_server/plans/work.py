@@ -15,7 +15,7 @@ from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.process import WorkerFailed, run_process
 from gcs_server.plans import tasks
 
-AT_ONCE = 2
+MAX_PROCESSES = 2
 """Maximum number of processes; a small computer has two cores, and one is needed for the vehicles."""
 MAX_WAITING = 16
 MAX_ANSWER_BYTES = 32 * 1024 * 1024
@@ -34,7 +34,7 @@ class PlanWork:
         """
         self.elevation = elevation
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="plan work")
-        self._free = asyncio.Semaphore(AT_ONCE)
+        self._free = asyncio.Semaphore(MAX_PROCESSES)
         self._pending = 0
 
     async def run(

@@ -1,13 +1,14 @@
-"""Telemetry to WebSocket clients: the newest value per (vehicle, topic), each client at its own rate.
+"""Sends telemetry to WebSocket clients: the newest value of each topic of each vehicle, at the rate of each
+client.
 
-A sample is encoded once, when the first client needs it; the same bytes go to all. A slow client skips frames
-and then gets the newest values. Events are queued per client; when the queue is full the client is closed,
-so that no client misses events unnoticed. A topic that cannot be decoded or encoded is left out; all
-others are sent.
+A sample is encoded once, when the first client needs it, and the same bytes are sent to all clients. A slow
+client skips frames and then gets the newest values. Events are queued per client. If the queue is full, the
+client is disconnected, so that no client misses events unnoticed. A topic that cannot be decoded or encoded
+is left out; all others are sent.
 
-A vehicle's topic is sent with each of its messages, changed or not, because the time of the newest message
-shows the age of the value. A topic of the server (`PERIODS_S`, readiness) is sent after a subscription and
-when it changes, and is valid until then.
+A vehicle's topic is sent after each of its messages, even if it has not changed, because the time of the
+newest message shows the age of the value. A topic of the server (`PERIODS_S`, readiness) is sent after a
+subscription and when it changes; it is valid until the next change.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ log = logging.getLogger(__name__)
 
 EVENT_QUEUE_LENGTH = 500
 EVENT_QUEUE_CHARACTERS = 1 << 20
-"""Largest size of the events that wait for one client [characters]."""
+"""Maximum size of the events that wait for one client [characters]."""
 ERRORS_KEPT = 10
-"""Answers to invalid requests that wait for one client; further ones are dropped."""
+"""Maximum number of answers to invalid requests that wait for one client; more are dropped."""
 OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
@@ -52,7 +53,8 @@ PERIODS_S = {
     "components": IDENTITY_PERIOD_S,
     "control": CONTROL_PERIOD_S,
 }
-"""Topics of the server: how often each is checked for a change. Only a change makes a new sample."""
+"""Topics of the server, and the period at which each is checked for a change [s]. Only a change creates a new
+sample."""
 SERVER_TOPICS = frozenset(PERIODS_S) | {"readiness"}
 ALL_TOPICS = frozenset(TOPICS) | SERVER_TOPICS
 CLOSE_TOO_SLOW = 1013
@@ -67,7 +69,7 @@ class Socket(Protocol):
 
 
 class Encoded:
-    """Encoded samples, each encoded once."""
+    """The encoded samples; each is encoded once."""
 
     def __init__(self, clock: Clock, fleet: Fleet) -> None:
         self._clock = clock
@@ -75,7 +77,7 @@ class Encoded:
         self._bytes: dict[str, dict[str, tuple[float, bytes]]] = {}
         """By vehicle and topic."""
         self._looked: dict[tuple[str, str], tuple[float, object]] = {}
-        """The server's topics: time of the last check, and value."""
+        """Time of the last check and value of the server's topics."""
         self.replays: Callable[[], Sequence[object]] = tuple
         """Returns the open replays; set by the replay service."""
 
@@ -89,16 +91,16 @@ class Encoded:
         return self._fleet.all()
 
     def forget(self, vehicle_id: str) -> None:
-        """Drops everything about a vehicle that was removed."""
+        """Drops all data of a removed vehicle."""
         self._bytes.pop(vehicle_id, None)
         for key in [key for key in self._looked if key[0] == vehicle_id]:
             del self._looked[key]
 
     def news(self, vehicle: Vehicle, topics: Sequence[str], seen: dict[str, float]) -> Iterator[bytes]:
-        """JSON of the topics' newest samples that a client has not seen.
+        """JSON of the newest samples that a client does not have yet.
 
         Args:
-            seen: for each topic the number of the sample that the client has; updated here.
+            seen: number of the client's sample of each topic; updated by this call.
         """
         held = self._bytes.setdefault(vehicle.id, {})
         for topic in topics:
@@ -117,7 +119,7 @@ class Encoded:
     def _newest(
         self, vehicle: Vehicle, topic: str, all_held: dict[str, tuple[float, bytes]]
     ) -> tuple[float, bytes] | None:
-        """(a number that grows with each new sample, JSON); None before the first."""
+        """(number, which increases with each new sample; JSON); None before the first sample."""
         key = (vehicle.id, topic)
         held = all_held.get(topic)
         if topic == "readiness":
@@ -183,7 +185,7 @@ class Subscriber:
         self.overflown = False
 
     def offer_event(self, event: Event, text: str) -> None:
-        """Queues an event; a full queue closes the client."""
+        """Queues an event; if the queue is full, the client is disconnected."""
         wants = self._wants
         chosen = wants.vehicles if wants is not None and isinstance(wants.vehicles, list) else None
         if chosen is None or event.vehicle is None or event.vehicle in chosen:
@@ -205,7 +207,7 @@ class Subscriber:
             self.offer_text(error_frame(detail))
 
     def subscribe(self, request: Subscribe) -> None:
-        """Applies a subscription at once; all its values are sent again."""
+        """Applies a subscription immediately; all its values are sent again."""
         self._wants = request
         self._topics = tuple(sorted(ALL_TOPICS if isinstance(request.topics, str) else set(request.topics)))
         self._seen.clear()
@@ -213,7 +215,7 @@ class Subscriber:
         self._wake.set()
 
     async def send_for_ever(self) -> None:
-        """Sends until the socket closes or too many events wait; one frame at a time."""
+        """Sends one frame at a time, until the socket closes or too many events wait."""
         await self._socket.send_text(hello(self._clock.unix_s()))
         next_s = self._clock.monotonic_s()
         while not self.overflown:
@@ -229,7 +231,9 @@ class Subscriber:
                 if replays != self._seen_replays:
                     self._seen_replays = replays
                     await self._socket.send_text(replays or replays_frame([]))
-                    if self._events:  # events come first: a replaced vehicle is announced before its samples
+                    if (
+                        self._events
+                    ):  # events are sent first, so that a replaced vehicle is announced before its samples
                         continue
                 news = self._news(wants)
                 if news:

@@ -39,12 +39,12 @@ _subscribe = msgspec.json.Decoder(Subscribe)
 
 
 def encode(value: object) -> bytes:
-    """Any dataclass, mapping or sequence as JSON."""
+    """Encodes a dataclass, mapping or sequence as JSON."""
     return _encoder.encode(value)
 
 
 def plain(value: object) -> Any:
-    """As `encode`, for values that another encoder will write: dicts and lists, NaN as None."""
+    """Like `encode`, but returns dicts and lists for another encoder, with None instead of NaN."""
     return msgspec.json.decode(_encoder.encode(value))
 
 
@@ -87,7 +87,7 @@ def parse_subscribe(text: str | bytes, known_topics: frozenset[str]) -> Subscrib
     """Checks a client's request.
 
     Raises:
-        ValueError: names the field.
+        ValueError: a field is invalid; the error names it.
     """
     if len(text) > MAX_REQUEST_LENGTH:
         raise ValueError(f"Not a subscription: longer than {MAX_REQUEST_LENGTH} characters.")

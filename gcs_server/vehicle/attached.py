@@ -1,6 +1,6 @@
 """Interfaces of the objects that `streamer/` and `control/` attach to each vehicle.
 
-Code that needs more uses those packages: `Streamer.offboard`, `Authority.control`.
+Code that needs the full objects gets them from `Streamer.offboard` and `Authority.control`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class AttachedStream(Protocol):
         ...
 
     def requested_mode(self) -> str | None:
-        """The mode that an ending stream requests now; None if it requests none."""
+        """The mode that an ending stream is requesting; None if it requests none."""
         ...
 
 
@@ -42,12 +42,12 @@ class HolderStatus(Protocol):
 
     @property
     def holder(self) -> str | None:
-        """None: nobody has control."""
+        """Name of the client in control; None: no client has control."""
         ...
 
     @property
     def holder_key(self) -> str | None:
-        """Distinguishes clients of the same name."""
+        """Distinguishes clients with the same name."""
         ...
 
 

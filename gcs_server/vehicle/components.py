@@ -1,7 +1,6 @@
-"""The components of a vehicle (autopilot, gimbals, cameras, companion computers), known by their heartbeats.
-
-Only the autopilot's messages make the vehicle's state (`state.py`); a component that claims to be an
-autopilot is listed here and changes nothing.
+"""The components of a vehicle (autopilot, gimbals, cameras, companion computers), detected by their
+heartbeats. Only the autopilot's messages are used for the vehicle's state (`state.py`). Another component
+that claims to be an autopilot is listed here, but has no effect.
 """
 
 from __future__ import annotations
@@ -14,9 +13,10 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
 
 LOST_AFTER_S = 10.0
-"""A component is lost after this time without a heartbeat: ten lost ones, which no usable link loses."""
+"""Time without a heartbeat after which a component is lost [s]; no usable link loses ten heartbeats in a
+row."""
 MAX_COMPONENTS = 16
-"""Most components of one vehicle; more are not kept."""
+"""Maximum number of components of one vehicle; more are ignored."""
 KIND_OF_TYPE = {
     d.MAV_TYPE_GIMBAL: "gimbal",
     d.MAV_TYPE_CAMERA: "camera",
@@ -43,13 +43,13 @@ class Component:
     mav_type: int
     """MAV_TYPE of its heartbeat."""
     lost: bool
-    """No heartbeat for 10 s."""
+    """Whether the component is lost: no heartbeat for 10 s."""
     last_heard_unix_s: float | None
-    """When a lost one sent its last heartbeat [s since 1970 UTC]; null while it is connected."""
+    """Time of a lost component's last heartbeat [s since 1970 UTC]; null while it is connected."""
 
 
 def is_peripheral(component_id: int, mav_type: int) -> bool:
-    """Whether a component is no autopilot, whatever else its heartbeat says."""
+    """Whether a component is certainly not an autopilot, by its heartbeat."""
     return mav_type in KIND_OF_TYPE or component_id in KIND_OF_ID
 
 
@@ -59,8 +59,8 @@ class Components:
     Args:
         autopilot: the autopilot's component id.
         clock: the vehicle's.
-        report: called with (text, whether it is a loss) when another component than the autopilot appears,
-            is lost or is back; the autopilot's own connection is the vehicle's.
+        report: called with (text, whether it is a loss) when a component other than the autopilot appears, is
+            lost or is back. The autopilot's connection is reported as that of the vehicle.
     """
 
     def __init__(self, autopilot: int, clock: Clock, report: Callable[[str, bool], None]) -> None:
@@ -72,7 +72,7 @@ class Components:
         self._lost: set[int] = set()
 
     def heartbeat(self, frame: Frame) -> None:
-        """A heartbeat of one of them."""
+        """Handles a heartbeat of a component."""
         component_id, known = frame.component_id, frame.component_id in self._heard
         if not known and len(self._heard) >= MAX_COMPONENTS and component_id != self._autopilot:
             return
@@ -86,7 +86,7 @@ class Components:
             self._report(f"{self._name(component_id)}: connection restored", False)
 
     def tick(self) -> None:
-        """Called regularly: finds those that have been lost."""
+        """Called periodically: detects lost components."""
         for component_id in self._heard:
             if component_id not in self._lost and self._is_lost(component_id):
                 self._lost.add(component_id)
@@ -94,7 +94,7 @@ class Components:
                     self._report(f"{self._name(component_id)}: connection lost", True)
 
     def all(self) -> tuple[Component, ...]:
-        """The autopilot first, then by id."""
+        """All components: the autopilot first, then by id."""
         ids = sorted(self._heard, key=lambda each: (each != self._autopilot, each))
         return tuple(self._view(component_id) for component_id in ids)
 

@@ -2,8 +2,8 @@
 
 Every decoder gets full payloads (padded with zeros; several instances of a message: `instances.py`) and
 returns the value and, if the message has it, the vehicle's boot time. Returned numbers are finite and
-plausible (`numbers.py`): other values become None; if the sample is useless without them, the decoder raises
-Unusable. Formats are those of the dialect, which a test compares.
+plausible (`numbers.py`); other values become None. If the sample is useless without a value, the decoder
+raises Unusable. Formats are those of the dialect, which a test compares.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ FORMATS: dict[int, struct.Struct] = {
 }
 
 MAX_CELL_MV = 6000
-"""Larger values mark unused cells."""
+"""Larger values mean unused cells."""
 UNKNOWN_CURRENTS = (-1, -100)
 """[cA] MAVLink's -1, and PX4's -1 A."""
 IGNORE_AXES = (
@@ -141,7 +141,7 @@ def gps(payloads: Payloads) -> Decoded:
 
 
 def battery(payloads: Payloads) -> Decoded:
-    """BATTERY_STATUS, or SYS_STATUS until the first one came."""
+    """BATTERY_STATUS, or SYS_STATUS until the first BATTERY_STATUS is received."""
     status = d.MAVLINK_MSG_ID_BATTERY_STATUS
     all_ = [_one_battery(instance_of(k), p) for k, p in sorted(payloads.items()) if message_of(k) == status]
     if not all_:
@@ -181,7 +181,8 @@ def _one_battery(battery_id: int, payload: bytes) -> samples.BatteryReading:
 
 
 def _of_cells(millivolts: list[int]) -> tuple[float, ...] | None:
-    """One value is the sum; several values are also a sum if it is above 65.5 V and was split."""
+    """Cell voltages. A single value is the total voltage; a total above 65.5 V is split over several
+    values."""
     if len(millivolts) < 2 or max(millivolts) > MAX_CELL_MV:
         return None
     return tuple(mv / 1e3 for mv in millivolts)
@@ -219,7 +220,7 @@ def _in_use(outputs: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def target_local(payloads: Payloads) -> Decoded:
-    """POSITION_TARGET_LOCAL_NED: ignored fields and NaN are not controlled."""
+    """POSITION_TARGET_LOCAL_NED; ignored fields and NaN mean not controlled."""
     values = _target_local.unpack_from(payloads[d.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED])
     mask = values[12]
 

@@ -1,7 +1,7 @@
 """Decides whether two endpoints (link, peer, system id) are one vehicle.
 
-System ids are set by hand, and duplicates are common. So an endpoint joins a vehicle only by one of these
-rules:
+System ids are set by hand, and duplicates are common. Therefore an endpoint is assigned to a vehicle only by
+one of these rules:
 
 1. Both autopilots have a unique uid: equal uids are one vehicle, different ones two.
 2. On one link, two peers that both send are two vehicles (a vehicle has one address there). A peer that
@@ -10,7 +10,7 @@ sends after the other has stopped sending is the same vehicle with a new port.
 separates simulators, which all have the same uid.
 
 Until this is decided, at most `DECISION_TIMEOUT_S`, the endpoint's messages belong to no vehicle. If no rule
-applies, two vehicles are shown and never mixed. A uid that arrives late corrects the decision.
+applies, they are shown as two separate vehicles. A uid that arrives late corrects the decision.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 DECISION_TIMEOUT_S = 3.0
 UID_PATIENCE_S = 2.0
-"""How long to wait for a uid before the other rules decide."""
+"""Maximum wait for a uid before the other rules are applied [s]."""
 SILENT_AFTER_S = 3.5
 SAME_BOOT_S = 1.5
-"""Tolerance of boot times, radio delays included."""
+"""Tolerance of boot times, including radio delays [s]."""
 BOOT_TIME_EVERY_S = 0.5
 ASK_EVERY_S = 1.0
 ASK_TIMES = 5
@@ -52,7 +52,7 @@ _boot_ms = struct.Struct("<I")
 
 
 class SameVehicle(enum.Enum):
-    """Whether an endpoint belongs to a vehicle."""
+    """Result of the decision whether an endpoint belongs to a vehicle."""
 
     YES = enum.auto()
     NO = enum.auto()
@@ -79,10 +79,11 @@ class Endpoint:
     requests_sent: int = 0
     ask_next_s: float = 0.0
     refused_until_s: float = float("-inf")
-    """New vehicles of this endpoint are refused until then, because there is no room (`population.py`)."""
+    """Time until which new vehicles of this endpoint are refused, because there is no room
+    (`population.py`)."""
 
     def take_frame(self, frame: Frame) -> None:
-        """Stores what identifies the vehicle: heartbeat, version, boot time."""
+        """Stores the data that identify the vehicle: heartbeat, version, boot time."""
         self.received_s = frame.received_monotonic_s
         # a companion computer has its own boot clock
         from_autopilot = frame.component_id == self.component_id
@@ -91,7 +92,7 @@ class Endpoint:
             self.boot_at_s = self.received_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
 
     def ask_version(self, now_s: float) -> None:
-        """Requests AUTOPILOT_VERSION, which has the uid; sends nothing to a recording."""
+        """Requests AUTOPILOT_VERSION, which contains the uid; sends nothing to a recording."""
         if self.connection.link.replay:
             self.ask_next_s = float("inf")
             return
@@ -109,12 +110,12 @@ class Endpoint:
 
     @property
     def unique_uid(self) -> str | None:
-        """A uid that no other vehicle has."""
+        """The vehicle's uid, if it is unique."""
         return self.version.uid if self.version is not None and self.version.unique else None
 
 
 def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:
-    """Applies the rules above; pure."""
+    """Applies the rules of this module. No I/O."""
     known = [e for e in vehicle.endpoints if e is not new]
     uid = next((e.unique_uid for e in known if e.unique_uid), None)
     if uid and new.unique_uid:

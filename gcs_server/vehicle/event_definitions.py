@@ -1,6 +1,6 @@
 """The texts of events from the vehicle's metadata, with the values of an event filled in.
 
-`event_document.py` has already split each text into parts, so the work for one event is bounded.
+`event_document.py` has already split each text into parts, so that the work for one event is limited.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Argument:
 
     name: str
     format: str
-    """For `struct`."""
+    """Format character for `struct`."""
     enum: Mapping[int, str] | None = None
     """Labels by value, in the order of their values."""
     is_bitfield: bool = False
@@ -65,7 +65,7 @@ class Definition:
 
     @property
     def is_check(self) -> bool:
-        """Whether it is a finding of the arming checks or of a component's health."""
+        """Whether the event is a finding of the arming checks or about a component's health."""
         return self.group in CHECK_GROUPS
 
     def text(self, arguments: bytes) -> str:
@@ -73,7 +73,7 @@ class Definition:
         return self.message.filled(self.values(arguments))
 
     def remedy(self, arguments: bytes) -> str | None:
-        """The description, which says what to do; None if there is none."""
+        """The description, which contains the remedy; None if there is none."""
         return self.description.filled(self.values(arguments)) if self.description else None
 
     def values(self, arguments: bytes) -> list[tuple[Argument, int | float]]:

@@ -2,7 +2,7 @@
 
 Format: MAVLink's events metadata schema, version 2. Messages hold `{2}`, `{3:.1}`, `{3:.1m/s}`, tags such as
 `<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before literal characters. Each
-message is split here once, so that filling in its values takes work in proportion to its length.
+message is split once, so that the work to fill in the values is proportional to its length.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def parse(content: bytes | str) -> Document[int, Definition]:
     """Reads the metadata document. Keys: the event's id with the namespace's component in its top byte.
 
     Raises:
-        ValueError: not a document of a known version.
+        ValueError: the text is not a document of a known version.
     """
     document = _document.decode(content)
     if document.version != 2:
@@ -163,7 +163,7 @@ class _Reader:
         arguments: list[Argument] = []
         for each in event.arguments:
             argument = self._argument(each, space)
-            if argument is None:  # after an unknown type, the offsets of further arguments are not known
+            if argument is None:  # after an unknown type, the offsets of further arguments are unknown
                 break
             arguments.append(argument)
         name = cut(event.name, MAX_NAME_LENGTH)
@@ -194,7 +194,7 @@ def template(text: str, most: int) -> Template:
     """Splits a message into parts; the work grows only with its length.
 
     Args:
-        text: as the document has it.
+        text: text in the document.
         most: maximum number of characters to read.
     """
     text = cut(text, most)

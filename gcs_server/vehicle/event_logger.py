@@ -14,21 +14,22 @@ from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.texts import LineBudget, TextJoiner
 
 PAIR_WITHIN_S = 0.3
-"""PX4 sends a text that ends in a tab and its event within a few milliseconds."""
+"""Maximum time between a text that ends in a tab and its event [s]; PX4 sends both within a few
+milliseconds."""
 SAME_TEXT_S = 1.0
 REMEMBERED_SEQUENCES = 64
 LATE_PAIR_S = 5.0
-"""Longest delay between a text and its event, if the event was lost and requested again."""
+"""Maximum time between a text and its event if the event was lost and requested again [s]."""
 WARNING, NOTICE = 4, 5
 MAX_UNDESCRIBED = 20
-"""Events that wait for a description; further ones are logged without."""
+"""Maximum number of events that wait for a description; more are logged without one."""
 
 
 class EventLogger:
     """Writes one vehicle's event feed.
 
-    A text that ends in a tab repeats an event: the pair becomes one line with the text. A text or event
-    received on two links also becomes one line.
+    A text that ends in a tab has the same content as an event: the pair becomes one line with the text. A
+    text or event received on two links also becomes one line.
     """
 
     def __init__(self, feed: EventFeed, clock: Clock) -> None:
@@ -45,7 +46,8 @@ class EventLogger:
         """Events without a description: their text, or the vehicle's metadata, may still arrive."""
         self._budget = LineBudget()
         self.describe_again: Callable[[VehicleEvent, float], VehicleEvent | None] = lambda event, _: event
-        """(event, how long it has waited [s]) → the event with its description; None: it may still arrive."""
+        """(event, waiting time [s]) → the event with its description; None: the description may still
+        arrive."""
 
     def text(self, payload: bytes, source: object) -> None:
         """STATUSTEXT received from `source` (an endpoint)."""
@@ -63,7 +65,7 @@ class EventLogger:
         if event.level >= LEVEL_PROTOCOL:
             return
         if late and self._unpaired_texts and now_s - self._unpaired_texts.popleft() < LATE_PAIR_S:
-            return  # its text is already logged
+            return  # the text of this event is already logged
         held = self._take_waiting(now_s)
         if held is None and not event.is_described and len(self._undescribed) < MAX_UNDESCRIBED:
             self._undescribed.append((now_s, event))
@@ -122,7 +124,7 @@ class EventLogger:
             self._line("status_text", severity, text)
             return
         if self._unpaired_events and now_s - self._unpaired_events.popleft() <= PAIR_WITHIN_S:
-            return  # its event is already logged
+            return  # the event of this text is already logged
         if self._undescribed and now_s - self._undescribed[-1][0] <= PAIR_WITHIN_S:
             received_s, event = self._undescribed.pop()
             self._line("event", event.level, text.rstrip("\t"), event, ago_s=now_s - received_s)

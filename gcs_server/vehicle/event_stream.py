@@ -1,8 +1,7 @@
-"""Puts one vehicle's EVENT messages in order, drops repeats and finds those to request again; pure.
-
-The MAVLink guide's events interface: 16-bit sequence numbers that wrap. A gap is requested by REQUEST_EVENT;
-for an event that the vehicle no longer has it answers RESPONSE_EVENT_ERROR; CURRENT_EVENT_SEQUENCE has the
-newest number.
+"""Puts one vehicle's EVENT messages in order, drops repeats and finds missing events to request again. No
+I/O. This is the events interface of the MAVLink guide, with 16-bit sequence numbers that wrap. Missing events
+are requested with REQUEST_EVENT; if the vehicle no longer has an event, it answers RESPONSE_EVENT_ERROR.
+CURRENT_EVENT_SEQUENCE contains the newest number.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ from typing import Generic, TypeVar
 Item = TypeVar("Item")
 
 MAX_GAP = 64
-"""A larger gap means that the vehicle restarted or the link was lost: its events are not available any
-more."""
+"""A larger gap means that the vehicle restarted or the link was lost, so that the events are no longer
+available."""
 ASK_EVERY_S = 0.25
 ASK_TIMES = 12
 RESET_FLAG = 1
@@ -36,8 +35,8 @@ class EventStream(Generic[Item]):
     _next_ask_s: float = float("-inf")
 
     def take(self, sequence: int, item: Item) -> list[Item]:
-        """Takes an event; returns those now in order. Empty if it is a repeat or an earlier one is
-        missing."""
+        """Takes an event; returns the events that are now in order. Empty for a repeat, or if an earlier
+        event is missing."""
         if self.expected is None:
             self.expected, self._newest = sequence, (sequence - 1) & 0xFFFF
         ahead = _ahead(sequence, self.expected)
@@ -45,7 +44,7 @@ class EventStream(Generic[Item]):
             self._jump(sequence)
         elif ahead < 0:
             if ahead < -MAX_GAP:
-                self._jump(sequence)  # it has restarted
+                self._jump(sequence)  # the vehicle has restarted
             else:
                 return []
         self._held[sequence] = item
@@ -65,7 +64,7 @@ class EventStream(Generic[Item]):
             self._note(sequence)
 
     def gone(self, sequence: int, oldest: int) -> list[Item]:
-        """RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest is `oldest`."""
+        """RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest event is `oldest`."""
         if self.expected is None or _ahead(sequence, self.expected) != 0:
             return []
         return self._skip_to(oldest if 0 < _ahead(oldest, self.expected) <= MAX_GAP else sequence + 1)
@@ -88,14 +87,14 @@ class EventStream(Generic[Item]):
         return missing
 
     def give_up(self, now_s: float) -> list[Item]:
-        """Skips a gap once all requests for it failed; returns the events that are then in order."""
+        """Skips a gap after all requests for it have failed; returns the events that are then in order."""
         missing = self.missing
         if missing is None or self._requests < ASK_TIMES or now_s < self._next_ask_s:
             return []
         return self._skip_to(missing[1] + 1)
 
     def reset(self) -> None:
-        """Starts over: the vehicle restarted, or it is another vehicle."""
+        """Resets, because the vehicle restarted or is another vehicle."""
         self.expected = None
         self._held.clear()
         self._requests = 0

@@ -1,4 +1,4 @@
-"""Event feed of a vehicle: texts, events, acknowledgements and mode changes, in order."""
+"""The event list of a vehicle: texts, events, acknowledgements and mode changes, in order."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ FEED_LENGTH = 1000
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One line of the feed; events are never conflated."""
+    """One event; events are never merged or replaced."""
 
     index: int
-    """Counts up within its feed."""
+    """Number of the event in its list, increasing."""
     kind: str
     """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, progress,
     readiness, link, warning, group."""
@@ -30,7 +30,7 @@ class Event:
 
 
 class EventFeed:
-    """Bounded, newest last; subscribers are called at once, in the event loop."""
+    """A bounded list, newest event last; subscribers are called immediately, in the event loop."""
 
     def __init__(self, vehicle: str | None = None, length: int = FEED_LENGTH) -> None:
         self._vehicle = vehicle
@@ -49,8 +49,8 @@ class EventFeed:
         vehicle: str | None = None,
         kept: bool = True,
     ) -> Event:
-        """Appends an event and calls the subscribers. `vehicle`: if not the feed's own. If not `kept`, the
-        event goes to current subscribers only and is not stored.
+        """Appends an event and calls the subscribers. `vehicle` is given for events of another vehicle. An
+        event that is not `kept` is sent to the current subscribers only, and not stored.
         """
         event = Event(self._next_index, kind, vehicle or self._vehicle, unix_s, severity, text, data or {})
         self._next_index += 1
@@ -73,6 +73,6 @@ class EventFeed:
         return [e for e in self._events if e.index > index and (unix_s is None or e.unix_s >= unix_s)]
 
     def subscribe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
-        """Calls `callback` for each further event; returns a function that unsubscribes."""
+        """Calls `callback` for each new event; returns a function that unsubscribes."""
         self._subscribers.append(callback)
         return lambda: self._subscribers.remove(callback) if callback in self._subscribers else None

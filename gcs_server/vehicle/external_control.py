@@ -1,5 +1,5 @@
 """Detects external control of a vehicle: by another station, an RC transmitter, or a new owner of its gimbal.
-The server reports external control and never overrides it.
+The server reports external control and never interferes with it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class ExternalControl:
 
     Args:
         vehicle: the vehicle; its messages are evaluated.
-        command: knows which modes this server requested.
-        stream_asks: returns the mode that an ending setpoint stream requests now.
+        command: the command service, which has the modes that this server requested.
+        stream_asks: returns the mode that an ending setpoint stream is requesting.
     """
 
     def __init__(
@@ -43,12 +43,12 @@ class ExternalControl:
         self._stream_asks = stream_asks
         self._foreign_ack: ForeignAck | None = None
         self._gimbal_control: dict[tuple[int, int], tuple[int, int] | None] = {}
-        """By the manager's component and device id."""
+        """Primary controllers, by the manager's component and device id."""
         self.mode_cause: ModeCause | None = None
         """Cause of the current mode; None before the first mode change."""
 
     def mode(self, before: FlightState, after: FlightState) -> ModeCause | None:
-        """The cause of a mode change; None if the mode did not change, or is the first one reported."""
+        """The cause of a mode change; None if the mode did not change, or is the first reported mode."""
         vehicle = self._vehicle
         self._reclassify_as_failsafe(before, after)
         if after.custom_mode == before.custom_mode or before.heartbeat_s == float("-inf"):

@@ -28,14 +28,14 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 TICK_S = 0.25
 LOOK_AGAIN_S = 0.25
-"""Interval at which a full link is searched for a vehicle to remove."""
+"""Period at which a vehicle to remove is searched on a full link [s]."""
 OTHER_MARK = "~"
 VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One line of `GET /warnings`, shown until its cause is gone."""
+    """One warning of `GET /warnings`, shown until its cause has ended."""
 
     kind: str
     """link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
@@ -49,7 +49,7 @@ class Fleet(FrameSink):
     """Assigns frames to vehicles.
 
     Args:
-        router: source of frames; the fleet registers itself there.
+        router: source of frames; the fleet registers itself at the router.
     """
 
     def __init__(self, clock: Clock, supervisor: Supervisor, router: Router) -> None:
@@ -61,7 +61,7 @@ class Fleet(FrameSink):
         self._own_ids = (router.settings.system_id, router.settings.component_id)
         self._vehicles: dict[str, Vehicle] = {}
         self._full_until_s: dict[str, float] = {}
-        """By link: time until which new vehicles are ignored because there is no room."""
+        """Time by link until which new vehicles are ignored, because there is no room."""
         self._ordered: list[Vehicle] | None = None
         """Cached result of `all`, until a vehicle is added or removed."""
         self._endpoints: dict[tuple[Connection, str, int], Endpoint] = {}
@@ -97,21 +97,21 @@ class Fleet(FrameSink):
         return lambda: self._subscribers.remove(callback) if callback in self._subscribers else None
 
     def on_vehicle_added(self, callback: Callable[[Vehicle], None]) -> None:
-        """Calls back for each known and each future vehicle."""
+        """Sets a function that is called for each existing and each new vehicle."""
         self._on_added.append(callback)
         for vehicle in self.all():
             callback(vehicle)
 
     def on_vehicle_removed(self, callback: Callable[[Vehicle], None]) -> None:
-        """Calls back for each removed vehicle, so that references to it are dropped."""
+        """Sets a function that is called for each removed vehicle, to drop references to it."""
         self._on_removed.append(callback)
 
     def remove(self, vehicle_id: str, by: str) -> None:
-        """Removes a silent vehicle; if it is heard again, it is added again.
+        """Removes a vehicle that is not connected; if it connects again, it is added again.
 
         Raises:
             UnknownVehicle: there is none of that id.
-            Refused: it is heard, has a setpoint stream, or belongs to a recording.
+            Refused: the vehicle is connected, has a setpoint stream, or belongs to a recording.
         """
         vehicle = self.get(vehicle_id)
         if vehicle.identity.replayed:
@@ -148,14 +148,14 @@ class Fleet(FrameSink):
         return notices
 
     async def close(self) -> None:
-        """Fails everything pending with Disconnected."""
+        """Ends all pending requests with Disconnected."""
         for vehicle in self.all():
             vehicle.disconnected("the server is shutting down")
 
     # --- from the router ------------------------------------------------------------------------
 
     def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
-        """Passes a frame to the vehicle of its endpoint; drops it before that is known."""
+        """Passes a frame to the vehicle of its endpoint; drops it until the vehicle is decided."""
         endpoint = self._endpoints.get((connection, peer.name, frame.system_id))
         if endpoint is None:
             endpoint = self._discover(frame, connection, peer)
@@ -184,7 +184,7 @@ class Fleet(FrameSink):
                         self._remove(vehicle, "its recording was closed or jumped to another time")
 
     def tick(self) -> None:
-        """Four times a second."""
+        """Called four times a second: the periodic work."""
         now_s = self._clock.monotonic_s()
         for endpoint in list(self._endpoints.values()):
             if endpoint.vehicle is None:
@@ -263,7 +263,7 @@ class Fleet(FrameSink):
         for candidate in candidates:
             verdict = same_vehicle(endpoint, candidate, now_s)
             if verdict is SameVehicle.YES:
-                for old in candidate.endpoints:  # a silent endpoint is decided again when it sends again
+                for old in candidate.endpoints:  # a silent endpoint is assigned again when it sends again
                     if now_s - old.received_s > SILENT_AFTER_S:
                         self._forget(old)
                         candidate.detach(old)
@@ -333,7 +333,9 @@ class Fleet(FrameSink):
             return
         uid = endpoint.unique_uid
         if uid is not None and any(e.unique_uid not in (None, uid) for e in vehicle.endpoints):
-            vehicle.detach(endpoint)  # wrongly joined: assigned again, by its uid
+            vehicle.detach(
+                endpoint
+            )  # the endpoint was assigned to the wrong vehicle; assigned again by its uid
             return
         vehicle.set_version(endpoint.version)
         for other in self.all():

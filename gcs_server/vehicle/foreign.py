@@ -13,7 +13,7 @@ MAX_REASON_LENGTH = 160
 
 
 def cut(text: str, most: int) -> str:
-    """The text, cut to this many characters with an ellipsis."""
+    """The text, limited to this number of characters with an ellipsis."""
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
@@ -52,7 +52,7 @@ class Document(Mapping[Key, Entry]):
 
     Args:
         entries: entries within the limits.
-        left_out: what was dropped and why; None if nothing was.
+        left_out: dropped entries and the reasons; None if nothing was dropped.
         size_bytes: size of the encoded entries, as a measure of their memory.
     """
 

@@ -48,9 +48,9 @@ def gimbal(
     """One gimbal and its boot time; None before the first attitude (285 or 265).
 
     Args:
-        payloads: of this gimbal, by message id.
-        component_id: its manager's.
-        device_id: as the manager calls it.
+        payloads: payloads of this gimbal, by message id.
+        component_id: component id of the gimbal's manager.
+        device_id: device id at the manager.
 
     The vehicle's attitude (31 or 30) is used as well, to convert yaw between the two frames.
 

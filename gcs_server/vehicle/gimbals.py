@@ -1,4 +1,4 @@
-"""Which gimbals a vehicle has, and which messages belong to which.
+"""Finds the gimbals of a vehicle, and the messages that belong to each.
 
 A gimbal is commanded at its manager (a component, usually the autopilot) by the device id that the manager
 gives it. Device ids 1 to 6 are devices without a MAVLink component of their own, attached to the component
@@ -16,7 +16,7 @@ from gcs_server.vehicle.instances import component_of, instance_of
 
 MAX_ATTACHED_ID = 6
 SILENT_AFTER_S = 3.0
-"""A gimbal whose attitude is silent for this long is left out while another gimbal is heard."""
+"""Time without an attitude after which a gimbal is left out, while another gimbal is connected [s]."""
 MANAGER_IDS = (d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS, d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
 ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 ATTITUDE_IDS = (ATTITUDE_ID, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
@@ -27,24 +27,23 @@ Device = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class GimbalAddress:
-    """Where a gimbal is commanded."""
+    """The address at which a gimbal is commanded."""
 
     component_id: int
     """The gimbal manager's component."""
     device_id: int
-    """As the manager calls the device; 0 if the manager does not say."""
+    """Device id at the manager; 0 if the manager does not report it."""
 
 
 def device_of(component_id: int, device_id: int) -> Device:
-    """The device that a component means by a device id."""
+    """The device to which a device id refers in a component's messages."""
     return (component_id, device_id) if device_id <= MAX_ATTACHED_ID else (device_id, 0)
 
 
 def by_gimbal(frames: Mapping[int, Frame], autopilot: int) -> list[tuple[GimbalAddress, dict[int, Frame]]]:
-    """Each gimbal whose attitude is heard, with its newest frame of each message; the autopilot's first.
-
-    Where several components send the same of one device, the autopilot's counts, then the lowest component's;
-    of attitudes the next once that one is silent.
+    """The gimbals whose attitude is received, with the newest frame of each message; the autopilot's gimbals
+    are first. If several components send the same message about one device, the autopilot's is used, or else
+    that of the lowest component id. If the used attitude is no longer received, the next one is used.
 
     Args:
         frames: the gimbal messages (`gimbal_decoder.IDS`), by key.

@@ -1,7 +1,7 @@
 """The last minutes of a vehicle as raw frames, decoded only on request.
 
-Frames are stored as plain tuples of numbers and bytes, which Python's garbage collector does not track. As
-objects, the history of fifty vehicles would make each full collection stall the whole process.
+Frames are stored as tuples of numbers and bytes, which Python's garbage collector does not track. With
+objects, the history of fifty vehicles would make each full collection stall the process.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class History:
     def keep(self, latest: dict[int, Frame], now_s: float) -> None:
         """Stores new frames, and drops frames older than `HISTORY_S`.
 
-        One older frame of each message stays, because it was valid when the stored time began. A message that
-        has fallen silent keeps its history until it is sent again.
+        One older frame of each message is kept, because it was valid at the start of the stored time. A
+        message that is no longer received keeps its history until it is sent again.
         """
         before_s, kept, last = now_s - HISTORY_S, self._kept, self._last
         for key, frame in latest.items():

@@ -1,7 +1,7 @@
 """Identity of a vehicle, and whether this server may command it.
 
-PX4 takes its uid from the processor; every PX4 built for Linux (its simulator among them) reports the same
-constant instead. So this uid means "simulator" and does not distinguish vehicles.
+PX4 reads its uid from the processor. PX4 on Linux, including its simulator, reports a constant instead.
+Therefore this constant means "simulator" and does not distinguish vehicles.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _version = struct.Struct("<QQIIIIHH24s18s")
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Data of a vehicle that do not change in flight, as far as they are known."""
+    """Data of a vehicle that do not change in flight; unknown data are None."""
 
     system_id: int
     component_id: int
@@ -40,7 +40,8 @@ class Identity:
     vehicle_type: int
     """MAV_TYPE: 2 is a quadrotor."""
     uid: str | None
-    """Hexadecimal, from AUTOPILOT_VERSION (uid2, else uid); None until received, and if there is none."""
+    """Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if there is
+    none."""
     simulated: bool | None
     """None until AUTOPILOT_VERSION is received, and for other autopilots than PX4."""
     replayed: bool
@@ -53,7 +54,7 @@ class Identity:
 
     @property
     def autopilot_name(self) -> str:
-        """For people."""
+        """Name of the vehicle type on the page."""
         return AUTOPILOT_NAMES.get(self.autopilot, f"autopilot type {self.autopilot}")
 
     @property
@@ -68,7 +69,7 @@ class Version:
 
     uid: str | None
     unique: bool
-    """False for the constant that all simulators share."""
+    """Whether the uid is unique; false for the constant that all simulators report."""
     firmware: str
     capabilities: int
     is_sitl: bool

@@ -1,4 +1,4 @@
-"""Keeps the instances of a message apart: batteries 0 and 1, main and auxiliary outputs, several gimbals.
+"""Distinguishes the instances of a message: batteries 0 and 1, main and auxiliary outputs, several gimbals.
 
 A message is kept by (component, message, instance), so that neither two batteries nor two components ever
 overwrite each other. A key is the message's id, with the instance in bits 24 to 31 and the component above
@@ -23,12 +23,13 @@ INSTANCE_AT = {
 }
 """Offset of the instance's byte in the payload; a test compares them with the dialect."""
 ANY_COMPONENT = frozenset(gimbal_decoder.IDS)
-"""Messages that are kept of every component; of all others only the autopilot's."""
+"""Messages that are stored from every component; all other messages are stored from the autopilot only."""
 MAX_INSTANCES = 8
-"""Most instances of one message of the autopilot, and of all other components together; PX4 has four
-batteries at most. More are not kept, so that no other component can take the autopilot's place."""
+"""Maximum number of instances of one message from the autopilot, and from all other components together; PX4
+has at most four batteries. More are ignored, so that other components cannot displace the autopilot's
+instances."""
 SILENT_AFTER_S = 10.0
-"""An instance silent for this long is dropped while another instance is heard."""
+"""Time after which a silent instance is dropped, while another instance is received [s]."""
 ID_MASK = 0xFFFFFF
 
 
@@ -77,12 +78,12 @@ class Instances:
         return key
 
     def keys(self, msg_ids: Iterable[int]) -> tuple[int, ...]:
-        """All keys of these messages: the autopilot's first, the lowest instance of each first."""
+        """All keys of these messages, sorted by component (the autopilot first) and instance."""
         return tuple([k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,))])
 
 
 def heard(frames: Iterable[tuple[int, Frame]]) -> dict[int, Frame]:
-    """Frames by key, without silent instances of which another instance is heard."""
+    """Frames by key, without instances that are silent while another instance is received."""
     kept = dict(frames)
     newest: dict[int, float] = {}
     for key, frame in kept.items():

@@ -20,17 +20,17 @@ from gcs_server.vehicle.param_metadata import ParamMetadata
 PARAMETERS, EVENTS = 1, 4
 """COMP_METADATA_TYPE."""
 MAX_PACKED_BYTES, MAX_BYTES = 2_000_000, 8_000_000
-"""Limits of a file; PX4's largest has 60 kB, unpacked 0.8 MB."""
+"""Limits of a file; PX4's largest file has 60 kB, and 0.8 MB unpacked."""
 MAX_GENERAL_PACKED_BYTES, MAX_GENERAL_BYTES = 16_000, 64_000
 MAX_GENERAL_ENTRIES, MAX_URI_LENGTH = 32, 200
 MAX_ANSWER_BYTES = 3_000_000
 """Size of the encoded answer; it takes about three times as much memory in the server. PX4's largest has 0.6
 MB."""
 BATCH = 50
-"""Entries decoded at a time: the event loop waits meanwhile."""
+"""Number of entries decoded at a time while the event loop waits."""
 MAX_PROBLEM_LENGTH = 200
 DICTIONARY_BYTES = 100_000_000
-"""xz -9 requests 65 MB; only as much as the content needs is used."""
+"""Memory limit of the decoder; xz -9 requests 65 MB, but only the memory for the content is used."""
 XZ_MAGIC = b"\xfd7zXZ\0"
 
 
@@ -40,7 +40,7 @@ class Damaged(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class FileEntry:
-    """One line of the general file."""
+    """One entry of the general file."""
 
     kind: int
     """COMP_METADATA_TYPE."""
@@ -92,12 +92,12 @@ def unpacked(packed: bytes, crc: int, most_bytes: int = MAX_BYTES) -> bytes:
 
     Args:
         packed: the file.
-        crc: of the file or, as for PX4's general one, of its content; 0: no checksum.
+        crc: checksum of the file, or of its content as in PX4's general file; 0: no checksum.
         most_bytes: larger content is refused before it is completely unpacked.
 
     Raises:
         Damaged: the checksum differs, or the file cannot be unpacked.
-        ValueError: it is too large.
+        ValueError: the content is too large.
     """
     content = packed
     if packed.startswith(XZ_MAGIC):
@@ -120,7 +120,7 @@ def read_general(packed: bytes, crc: int) -> list[FileEntry]:
 
     Raises:
         Damaged: see `unpacked`.
-        ValueError: it is not a general file.
+        ValueError: the text is not a general file.
     """
     content = unpacked(packed, crc, MAX_GENERAL_BYTES)
     found: list[FileEntry] = []
@@ -164,7 +164,7 @@ def read_answer(kind: int, data: bytes) -> Document[Any, Any]:
 
     Raises:
         Damaged: the file differs from the announced one.
-        ValueError: it cannot be read; the text says why.
+        ValueError: the file cannot be read; the text is the reason.
     """
     given = _answer.decode(data)
     if given.problem is not None:

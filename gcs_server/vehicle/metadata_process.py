@@ -1,4 +1,4 @@
-"""Reads a metadata file in a process of its own (`python -m gcs_server.vehicle.metadata_process KIND CRC`).
+"""Reads a metadata file in a separate process (`python -m gcs_server.vehicle.metadata_process KIND CRC`).
 
 The file comes from a vehicle and is untrusted. The process has limits of memory, computing time and total
 time; if it exceeds one, it ends and the server reports it. The file comes on its standard input, the answer
@@ -25,12 +25,12 @@ COMPUTING_S = 5
 TIMEOUT_S = 20.0
 """Time limit for one document, on a busy machine."""
 MAX_BUFFERED_BYTES = 24_000_000
-"""Limit of all vehicles' encoded documents; ten different firmwares have 8 MB."""
+"""Maximum total size of the encoded documents of all vehicles; those of ten different firmwares have 8 MB."""
 BROKEN_OFF = "reading it took more memory or time than allowed"
 
 
 class DocumentReader:
-    """Reads files one after the other, each in a process of its own."""
+    """Reads files one after the other, each in a separate process."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="vehicle metadata")
@@ -41,7 +41,7 @@ class DocumentReader:
 
         Raises:
             metadata_files.Damaged: the file differs from the announced one.
-            ValueError: it cannot be used; the text says why.
+            ValueError: the file cannot be used; the text is the reason.
         """
         job = _Job(kind, packed, crc)
         try:

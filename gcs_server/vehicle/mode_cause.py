@@ -15,7 +15,8 @@ from gcs_server.vehicle.modes import BY_CUSTOM_MODE
 from gcs_server.vehicle.reducers import FlightState
 
 FOREIGN_ACK_S = 3.0
-"""A mode change within this time after an acknowledgement to another station was commanded by it."""
+"""Time after an acknowledgement to another station within which a mode change counts as commanded by that
+station [s]."""
 MODE_COMMANDS = frozenset(
     {
         d.MAV_CMD_DO_SET_MODE,
@@ -47,7 +48,7 @@ class ForeignAck:
 
 @dataclass(frozen=True, slots=True)
 class ModeCause:
-    """Cause of the current mode, as far as it can be known."""
+    """The inferred cause of the current mode."""
 
     source: Source
     """command (this server's), vehicle (the vehicle itself), failsafe, pilot (its transmitter), station
@@ -55,12 +56,12 @@ class ModeCause:
     who: str | None
     """Client or other station."""
     text: str
-    """For people."""
+    """Message for the operator."""
     since_unix_s: float
 
     @property
     def from_outside(self) -> bool:
-        """Whether the cause is outside this server and the vehicle, as far as it can be known."""
+        """Whether the inferred cause is neither this server nor the vehicle itself."""
         return self.source in ("pilot", "station", "unknown")
 
 
@@ -83,7 +84,7 @@ def cause_of(
         foreign: newest acknowledgement to another station.
         has_transmitter: whether an RC transmitter is connected.
         now_s: monotonic.
-        unix_s: for people.
+        unix_s: time for the display.
     """
     if requested is not None:
         what, client = requested

@@ -1,7 +1,7 @@
-"""Checks of a vehicle's numbers before they are used: finite, and of a plausible size.
+"""Checks that a vehicle's numbers are finite and plausible before they are used.
 
-MAVLink's floats may be NaN ("not set"), infinite, or of any size. Each is checked once, when it is
-decoded. `MAX_MAGNITUDE` keeps every later square, sum and conversion to a whole number far from overflow.
+MAVLink's floats may be NaN ("not set"), infinite, or of any size. Each number is checked once, when it is
+decoded. Up to `MAX_MAGNITUDE`, no later square, sum or conversion to an integer can overflow.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ ROTATION_WITHIN = 0.1
 
 
 class Unusable(Exception):
-    """Values of a message cannot be used; the text says which."""
+    """Values of a message cannot be used; the text names them."""
 
 
 def number(value: float) -> float | None:

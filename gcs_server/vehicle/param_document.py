@@ -1,7 +1,7 @@
 """Reads the metadata document of a vehicle's parameters, entry by entry, within limits.
 
-Format: MAVLink's parameter metadata schema, version 1. An entry that does not fit the schema is left out
-with the reason; long texts are cut.
+Format: MAVLink's parameter metadata schema, version 1. An entry that does not conform to the schema is left
+out and the reason recorded; long texts are shortened.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def parse(content: bytes) -> Document[str, ParamMetadata]:
     """Reads the metadata document; returns the parameters by name.
 
     Raises:
-        ValueError: not a document of a known version.
+        ValueError: the text is not a document of a known version.
     """
     document = _document.decode(content)  # msgspec's errors are ValueErrors
     if document.version != 1:

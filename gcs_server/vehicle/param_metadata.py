@@ -10,13 +10,13 @@ from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.foreign import Document, cut
 
 MAX_NAMED, MAX_NAMED_LENGTH = 20, 60
-"""Number of choices in an error text, and characters of each."""
+"""Maximum number of choices in an error text, and maximum number of characters of each."""
 FORCE = 'Send "force": true to set it anyway.'
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """One value, or one bit, that has a name."""
+    """A value or a bit with a name."""
 
     value: int | float
     """The value; of a bit mask, the bit's number."""
@@ -47,7 +47,7 @@ class ParamMetadata:
     max: int | float | None = None
     """Largest recommended value."""
     unit: str | None = None
-    """As the metadata writes it."""
+    """Unit, as in the metadata."""
     decimals: int | None = None
     """Number of decimals to show."""
     increment: float | None = None
@@ -59,13 +59,13 @@ class ParamMetadata:
     reboot_required: bool = False
     """Whether a change takes effect only after a restart."""
     volatile: bool = False
-    """Whether the vehicle changes it by itself."""
+    """Whether the vehicle changes the parameter by itself."""
 
     def check(self, value: float) -> None:
         """Checks a value against range and choices.
 
         Raises:
-            InvalidRequest: names the range or the choices.
+            InvalidRequest: the value does not fit; the error contains the range or the choices.
         """
         if self.choices:
             if not any(_same(value, choice.value) for choice in self.choices):
@@ -90,7 +90,7 @@ class ParamMetadata:
             )
 
     def range_text(self) -> str:
-        """The range for people."""
+        """The range as text."""
         unit = f" {self.unit}" if self.unit else ""
         if self.min is None:
             return f"at most {self.max:g}{unit}"

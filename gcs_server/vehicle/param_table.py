@@ -1,4 +1,4 @@
-"""All known parameters of a vehicle; pure."""
+"""All known parameters of a vehicle. No I/O."""
 
 from __future__ import annotations
 
@@ -81,11 +81,11 @@ class ParamTable:
         return len(self._values)
 
     def get(self, name: str) -> Param | None:
-        """The parameter; None if it was not received."""
+        """A parameter; None if it was not received."""
         return self._values.get(name)
 
     def all(self) -> list[Param]:
-        """By name."""
+        """All parameters by name."""
         return [self._values[name] for name in sorted(self._values)]
 
     @property
@@ -109,7 +109,8 @@ class ParamTable:
         return found
 
     def put(self, report: ParamReport) -> bool:
-        """Stores a value; False if the list's length has changed, so that indexes have moved."""
+        """Stores a value; returns False if the length of the list has changed, because the indexes have then
+        changed, too."""
         name = report.param.name
         if name == HASH_NAME:
             self.hash = checksum_of(report.param)

@@ -1,8 +1,7 @@
-"""Limits the number of vehicles, and selects which one makes room for another.
-
-Whoever can send datagrams can claim any system id from any port. So the number of vehicles is limited: known
-vehicles stay, and a new one is refused if there is no room. Only vehicles that have never answered a request
-and have long been silent make room; no vehicle in use is like that.
+"""Limits the number of vehicles, and selects a vehicle to remove for a new one. Any sender of datagrams can
+claim any system id from any port, so the number of vehicles is limited. Known vehicles stay, and a new one is
+refused if there is no room. Only a vehicle that has never answered a request and has been silent for a long
+time is removed for a new one; this never applies to a vehicle in use.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ if TYPE_CHECKING:
 MAX_VEHICLES = 200
 MAX_ON_LINK = 120
 MAX_OF_ONE_ID = 6
-"""Vehicles with the same system id; even two are a configuration error."""
+"""Maximum number of vehicles with the same system id; even two are a configuration error."""
 MAX_ENDPOINTS_ON_LINK = 400
-"""Endpoints (peer, system id), also those without a vehicle."""
+"""Maximum number of endpoints (peer, system id), including those without a vehicle."""
 TRY_AGAIN_S = 5.0
 """Period after which a refused endpoint is tried again."""
 FORGETTABLE_AFTER_S = 60.0
 WARNED_FOR_S = 60.0
-"""How long a refusal is shown in the warnings."""
+"""Time for which a refusal is shown in the warnings [s]."""
 
 
 def no_room(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, list[Vehicle]] | None:
@@ -52,7 +51,7 @@ def forgettable(vehicles: Iterable[Vehicle], now_s: float) -> Vehicle | None:
         v
         for v in vehicles
         if not v.identity.replayed
-        and v.identity.firmware is None  # it has never answered
+        and v.identity.firmware is None  # the vehicle has never answered
         and not v.flight_state.armed
         and now_s - last_received_s(v) > FORGETTABLE_AFTER_S
         and not v.in_use

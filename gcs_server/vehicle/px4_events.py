@@ -1,4 +1,4 @@
-"""Texts of PX4's EVENT messages: from the vehicle's metadata if available, else this server's.
+"""Texts of PX4's EVENT messages, from the vehicle's metadata if available, or else from this server.
 
 The ids are PX4 v1.16's (component 1 of the event's namespace included in the top byte). Arming checks
 carry the modes they concern as a bit mask and the health component as their first arguments.
@@ -106,7 +106,8 @@ def has_description(event_id: int, definitions: Definitions | None) -> bool:
 def describe(
     event_id: int, arguments: bytes, definitions: Definitions | None = None
 ) -> tuple[str, str, str | None]:
-    """(text, name, remedy) of an event: from the vehicle's metadata, else this server's, else only the id."""
+    """(text, name, remedy) of an event, from the vehicle's metadata, or else from this server, or else with
+    the id only."""
     check = CHECKS.get(event_id)
     defined = definitions.get(event_id) if definitions else None
     if defined is not None:

@@ -1,7 +1,7 @@
 """Decodes distance measurements: DISTANCE_SENSOR of each sensor, and OBSTACLE_DISTANCE all around.
 
 A distance beyond the sensor's range means that there is no obstacle within it; an unknown one is None.
-Directions are relative to the body (FRD), or to north if the vehicle says so.
+Directions are relative to the body (FRD), or to north if the message states this.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def obstacle_distance(payloads: Mapping[int, bytes]) -> tuple[ObstacleDistance, 
     """OBSTACLE_DISTANCE.
 
     Raises:
-        Unusable: its sectors have no width, or it has no range.
+        Unusable: the message has no range, or its sectors have no width.
     """
     values = _around.unpack_from(payloads[d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE])
     measured, (least_cm, most_cm, _, step, step_f, offset, frame) = values[1:73], values[73:80]

@@ -1,8 +1,8 @@
-"""Why a vehicle cannot arm or fly each of its modes: its health and arming report, joined and described.
+"""Joins and describes the health and arming report of a vehicle: why it cannot arm or fly each of its modes.
 
 A report is a summary, its findings and a second summary (PX4 sends it after a change, or on request). A long
-one comes in chunks of the same form, numbered from 0; their restrictions add up. The size of a report is
-limited; further findings are dropped and counted.
+report is sent in chunks of the same form, numbered from 0; the restrictions of all chunks apply. The size of
+a report is limited; further findings are dropped and counted.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ class Finding:
     level: int
     """MAV_SEVERITY: up to 3 is an error, 4 a warning, above it information."""
     modes_mask: int
-    """Modes concerned: bit mask over nav states."""
+    """Affected modes: bit mask over nav states."""
     component: str | None
-    """Part of the vehicle concerned."""
+    """The affected part of the vehicle."""
     cause: str
-    """What is wrong."""
+    """Text of the problem."""
     remedy: str | None
-    """What to do about it."""
+    """The remedy."""
     arguments: bytes = b""
     """Raw arguments, for a later description."""
 
@@ -185,11 +185,11 @@ class Cause:
     modes: tuple[str, ...] | None
     """Modes concerned; null: all."""
     component: str | None
-    """Part of the vehicle concerned."""
+    """The affected part of the vehicle."""
     cause: str
     """What is wrong, as a sentence."""
     remedy: str | None
-    """What to do about it."""
+    """The remedy."""
 
 
 @dataclass(frozen=True, slots=True)

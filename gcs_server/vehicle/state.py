@@ -65,7 +65,7 @@ class VehicleState:
         self._clock = clock
         self._cache: dict[str, Sample | None] = {}
         self._decoded: set[str] = set()
-        """Topics without a new message since they were decoded."""
+        """Decoded topics without a new message since then."""
         self._history = History({msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids})
         self._received_s = float("-inf")
         """Time of the last heartbeat, or of later messages without a gap."""
@@ -117,7 +117,7 @@ class VehicleState:
         return f"no heartbeat for {now_s - self.flight_state.heartbeat_s:.0f} s"
 
     def status(self) -> Status:
-        """Status of the vehicle now."""
+        """Current status of the vehicle."""
         flight_state = self.flight_state
         name, label = name_and_label(flight_state.custom_mode, flight_state.autopilot)
         return Status(

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 _text = struct.Struct("<B50sHB")
 WAIT_FOR_CHUNKS_S = 1.0
 MAX_PENDING = 8
-"""Texts whose chunks are awaited at the same time; the oldest is finished for a further one."""
+"""Maximum number of texts whose chunks are awaited; for another one, the oldest is completed as it is."""
 MAX_CHUNKS = 20
-"""Most chunks of 50 bytes in one text; further ones are ignored."""
+"""Maximum number of chunks of 50 bytes in one text; more are ignored."""
 LINES_AT_ONCE, LINES_PER_S = 200.0, 20.0
-"""Lines of one vehicle. PX4 sends about 60 when it starts."""
+"""Maximum number of lines of one vehicle; PX4 sends about 60 when it starts."""
 
 
 @dataclass(slots=True)
@@ -79,7 +79,7 @@ class LineBudget:
         self._left_out = 0
 
     def spend(self, now_s: float) -> bool:
-        """Counts one line; False if there are too many."""
+        """Counts one line; returns False if there are too many."""
         if self._filled_s is not None:
             self._left = min(LINES_AT_ONCE, self._left + (now_s - self._filled_s) * LINES_PER_S)
         self._filled_s = now_s

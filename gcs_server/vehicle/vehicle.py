@@ -44,7 +44,7 @@ setpoint stream (COM_OF_LOSS_T, 1 s)."""
 
 
 class Vehicle:
-    """A small aggregate; only calls of the router write its state.
+    """One vehicle; only calls by the router change its state.
 
     Args:
         vehicle_id: "1", or "1~2" for a second one that claims system 1.
@@ -310,7 +310,7 @@ class Vehicle:
         self.events.add("component", self.clock.unix_s(), text, severity=severity)
 
     def disconnected(self, why: str) -> None:
-        """Fails everything pending, at once."""
+        """Ends all pending requests immediately with an error."""
         self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost while waiting for it: {why}."))
 
     def _heartbeat(self) -> None:

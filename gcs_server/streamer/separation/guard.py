@@ -1,13 +1,13 @@
-"""Keeps a group's vehicles apart in flight, and starts them together. Pure; the scheduler runs it.
+"""Keeps a group's vehicles apart in flight, and starts them together. No I/O; the scheduler runs the guard.
 
     waiting ── the instant ──► flying ── setpoints ──┐
        │                         │ ▲                 │
        └── trouble ──► over ◄────┘ └─────────────────┘
 
-It uses no clock, thread or socket: `check` gets the time and a view of each member, and returns which orders
-to start and which members to stop. A problem is: two vehicles come too near (braking distance included), a
-member's position is not known, or a member no longer follows its setpoints. Before the common start any
-problem stops all members; none has moved then.
+It uses no clock, thread or socket: `check` gets the time and a view of each member, and returns the orders to
+start and the members to stop. There are three problems: two vehicles come too close (including braking
+distance), a member's position is unknown, or a member no longer follows its setpoints. Before the common
+start, when no member has moved, any problem stops all members.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from missions.setpoints import Acceleration, Attitude, Rates, Setpoint
 
 CHECK_PERIOD_S = 0.05
 LATE_S = 1.0
-"""If the guard runs later than this after the common start, no member starts."""
+"""Maximum delay of the guard after the common start; later, no member starts [s]."""
 EXPIRY_WITHIN_S = 0.1
-"""A member whose setpoints end this near to the group's expiry has expired with the group."""
+"""A member whose setpoints end within this time of the group's expiry has expired with the group [s]."""
 FOLLOWS_ORDER = ("starting", "streaming")
 
 
@@ -55,7 +55,7 @@ class MemberView:
     order: Order | None
     snapshot: Snapshot
     ended: str | None
-    """Why its stream ended; None while it runs."""
+    """Reason for the end of the stream; None while it runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class Finding:
 
 @dataclass(slots=True)
 class Actions:
-    """What the streams must do now."""
+    """The actions that the streams must execute now."""
 
     take: dict[str, Order] = field(default_factory=dict[str, Order])
     hold: dict[str, str] = field(default_factory=dict[str, str])
@@ -90,7 +90,7 @@ class GuardState:
     phase: str
     """waiting, flying, over."""
     until_s: float
-    """When all setpoints expire, monotonic."""
+    """Time at which all setpoints expire [s, monotonic]."""
     held: frozenset[str] = frozenset()
     """Members that no longer follow the group's orders."""
     nearest: tuple[str, str, float] | None = None
@@ -100,16 +100,16 @@ class GuardState:
 
 
 class GroupGuard:
-    """Watches one group; the module's drawing shows its phases.
+    """Monitors one group; the module's docstring shows the phases.
 
     Args:
         name: name of the group.
-        waits: the order of each member until the common start.
+        waits: the order of each member before the common start.
         orders: the first order of each member.
         minimum_m: the minimum separation.
         start_s: the common start, monotonic.
         duration_s: time from the common start until all setpoints expire.
-        others_go_on: members that a problem does not concern fly on.
+        others_go_on: whether members without a problem continue if one has a problem.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class GroupGuard:
 
     @property
     def due_s(self) -> float:
-        """When `check` must be called next."""
+        """Time at which `check` must be called next."""
         if self.phase == "over":
             return math.inf
         return min(self._next_look_s, self.start_s) if self.phase == "waiting" else self._next_look_s
@@ -162,17 +162,18 @@ class GroupGuard:
         return self._orders[vehicle] if self.phase == "waiting" else None
 
     def renewed(self, until_s: float) -> None:
-        """New setpoints were accepted: all expire at this time."""
+        """Called when new setpoints were accepted: all setpoints expire at this time."""
         self.until_s = until_s
 
     def disable_guard(self) -> None:
-        """All members are being stopped: no order starts any more, and an ended stream is not a finding."""
+        """Called when all members are being stopped: no more orders start, and an ended stream is not a
+        finding."""
         self.held.update(self.members)
         if self.phase == "waiting":
             self.phase = "flying"
 
     def check(self, now_s: float, views: Mapping[str, MemberView]) -> Actions:
-        """Returns what to do now.
+        """Returns the actions to execute now.
 
         Args:
             now_s: monotonic.
@@ -203,11 +204,11 @@ class GroupGuard:
         return actions
 
     def skip_check(self, now_s: float) -> None:
-        """A check failed: the next one is due at its normal time."""
+        """Called when a check failed: the next check is due at its normal time."""
         self._next_look_s = now_s + CHECK_PERIOD_S
 
     def fault(self, now_s: float, why: str) -> Actions:
-        """An unexpected error: stops all members."""
+        """Stops all members after an unexpected error."""
         actions = Actions()
         self._others_go_on = False
         self._stop(now_s, actions, "fault", self.members, why)
@@ -216,11 +217,12 @@ class GroupGuard:
     # --- inside -----------------------------------------------------------------------------------
 
     def _counts(self, views: MemberView) -> bool:
-        """Whether a member is kept apart from the others now."""
+        """Whether a member is currently kept apart from the others."""
         return True
 
     def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
-        """Whether no member follows the group's orders any more, or all expire now: nothing to stop."""
+        """Whether there is nothing to stop, because no member follows the group's orders or all expire
+        now."""
         if self.phase == "over":
             return True
         going = [v for v in flying if views[v].phase in FOLLOWS_ORDER]
@@ -319,7 +321,7 @@ class GroupGuard:
         actions.code = "separation" if code == "separation" else "group"
         actions.hold |= dict.fromkeys(stopped, why)
         if self.phase == "waiting":
-            self.phase = "flying"  # no order starts any more: the guard ends when all members have stopped
+            self.phase = "flying"  # no more orders start, and the guard ends when all members have stopped
         self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
 
 

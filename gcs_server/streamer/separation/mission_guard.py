@@ -1,8 +1,8 @@
 """The guard of a group, for the vehicles of one offboard mission.
 
-They have no common setpoint stream: each vehicle has its own stream between take-off and landing, and no
-vehicle counts as having left. A vehicle is checked while it is armed, also in PX4's own take-off and
-landing. The mission gets each finding and stops the vehicles that have no stream.
+The vehicles have no common setpoint stream: each has its own stream between take-off and landing, so no
+vehicle counts as having left. A vehicle is checked while it is armed, including PX4's own take-off and
+landing. The mission gets each finding, and stops the vehicles that have no stream.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class MissionGuard(GroupGuard):
         return self._vehicles
 
     def pending_order(self, vehicle: str) -> Order | None:
-        """None: the mission sets each vehicle's setpoints."""
+        """Always None, because the mission sets each vehicle's setpoints."""
         return None
 
     def _counts(self, views: MemberView) -> bool:

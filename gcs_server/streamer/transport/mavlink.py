@@ -2,7 +2,7 @@
 
 PX4 v1.16 follows local frames 1 (LOCAL_NED) and 8 (BODY_NED) and global frames 5, 6 and 11; of the global
 ones only 5 (altitude above mean sea level) does not depend on home. In frame 8 it ignores positions, and
-drops the whole velocity if one of its ignore bits is set. The *ignore* bits say which fields are used.
+drops the whole velocity if one of its ignore bits is set. The *ignore* bits select the fields that are used.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ PX4_AUTO_SUB_MODES = {"hold": 3, "land": 6}
 
 
 def mode_command(mode: str, target: tuple[int, int], attempt: int) -> bytes:
-    """The COMMAND_LONG payload that asks for Hold or Land; `attempt` becomes its confirmation field."""
+    """The COMMAND_LONG payload that requests Hold or Land; `attempt` is the confirmation field."""
     return _command_long.pack(
         MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
         PX4_MAIN_MODE_AUTO,

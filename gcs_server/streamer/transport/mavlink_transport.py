@@ -1,4 +1,4 @@
-"""The last step of a setpoint: packed as a MAVLink message and handed to the vehicle's sender."""
+"""Packs setpoints as MAVLink messages and passes them to the vehicle's sender."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MavlinkTransport:
         self._packed = encode(setpoint, self._target)
 
     def send(self, outgoing: Outgoing) -> bool:
-        """False if nothing was sent."""
+        """Sends; returns False if nothing was sent."""
         if isinstance(outgoing, ModeRequest):
             payload = mode_command(outgoing.mode, self._target, outgoing.attempt)
             return self.sender.send_payload(MSG_COMMAND_LONG, payload)

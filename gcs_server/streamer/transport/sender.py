@@ -1,4 +1,4 @@
-"""How the bytes of a stream are sent: over a vehicle's link, to its peer."""
+"""The interface for sending the bytes of a stream over a vehicle's link."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class PayloadSender(Protocol):
     """Sends payloads to one vehicle; may be called from any thread."""
 
     def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
-        """False if nothing was sent. `created_s`: when the payload was made (monotonic); its lifetime counts
-        from then."""
+        """Sends a payload; returns False if nothing was sent. The lifetime starts at `created_s`, the
+        monotonic time at which the payload was created."""
         ...
 
     def send_path(self) -> SendPath | None:
-        """Link and peer in use now; None if there are none."""
+        """Current link and peer; None if there are none."""
         ...
 
 
 class NoSender(PayloadSender):
-    """The sender of a removed vehicle: sends nothing."""
+    """The sender of a removed vehicle, which sends nothing."""
 
     def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
         return False

@@ -1,4 +1,5 @@
-"""Which setpoint types this vehicle on this link can fly now, and why it cannot fly the others."""
+"""The setpoint types that a vehicle can fly now over its link, and the reasons why it cannot fly the
+others."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
 CARRIED_BY: dict[str, frozenset[str]] = {
     "MAVLink": MAVLINK_CARRIES | RESOLVED_KINDS,
 }
-"""Setpoint types by link protocol: types that its messages carry, or that are resolved into such."""
+"""Setpoint types by link protocol: types that its messages can carry, directly or after conversion."""
 WAIT_REMEDY = "Wait for GPS and the estimator (see the vehicle's messages), then try again."
 _MISSING = {
     "position": "The vehicle has no fresh position estimate, which a {type} setpoint needs.",
@@ -31,13 +32,13 @@ class Available:
 
     can: bool
     why_not: str | None
-    """Which estimate, home position or link is missing; null if it can be flown."""
+    """The missing estimate, home position or link; null if the type can be flown."""
     needs: tuple[str, ...]
     """Estimates that this type needs: position, velocity, heading, global_position, home."""
 
 
 class EstimateSource(Protocol):
-    """Tells which of a vehicle's estimates are valid and fresh."""
+    """The interface to a vehicle's estimates: which are valid and fresh."""
 
     def has_position(self) -> bool: ...
 
@@ -51,7 +52,7 @@ class EstimateSource(Protocol):
 
 
 def why_not_carried(setpoint_type: str, protocol: str) -> str | None:
-    """Why links of a protocol do not carry a type; None if they do."""
+    """Why links with a protocol cannot carry a type; None if they can."""
     if setpoint_type in CARRIED_BY.get(protocol, frozenset()):
         return None
     others = ", ".join(sorted(CARRIED_BY.get(protocol, frozenset()))) or "none"

@@ -1,6 +1,5 @@
-"""Which combinations of axes PX4 follows: with the others it descends level, or stops.
-
-Its position controller needs north and east of a quantity together or neither, and a value on every axis.
+"""The combinations of axes that PX4 can fly; with other combinations it descends level, or stops. PX4's
+position controller needs north and east of a quantity together or neither, and a value on every axis.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ MAVLINK_ONLY_FIELDS = {
     **dict.fromkeys(("force", "force_ned_n", "is_force", "use_force"), FORCE),
     **dict.fromkeys(("type_mask", "mask"), MASK),
 }
-"""MAVLink fields that a client may try, and why the API does not have them."""
+"""MAVLink fields that a client may send, and why the API does not have them."""
 _AXES = ("north", "east", "down")
 
 

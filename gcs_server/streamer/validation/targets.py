@@ -40,9 +40,9 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
     """Checks that a mission, or a part of it, stays inside the position limits.
 
     Args:
-        segments: in the local frame.
+        segments: segments of the mission, in the local frame.
         snapshot: the vehicle, with its bounds.
-        has_position_limits: the operator has set position limits.
+        has_position_limits: whether the operator has set position limits.
 
     Raises:
         Refused: the path leaves the limits, or this cannot be checked.
@@ -54,7 +54,7 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
     for segment in segments:
         places = _places(segment)
         if isinstance(segment, WaitSegment) and segment.kind == "land":
-            places = places[:0]  # the landing goes down to the ground, whose altitude is not known
+            places = places[:0]  # the landing descends to the ground, whose altitude is unknown
         outside = region.are_outside(places[:, :2]) | (places[:, 2] < region.down_min_m)
         outside |= places[:, 2] > region.down_max_m
         for index in np.flatnonzero(outside)[:1]:
@@ -81,13 +81,13 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
     """Checks that the vehicle may fly to the target.
 
     Args:
-        setpoint: the estimates that it needs are valid.
+        setpoint: the setpoint; the estimates that it needs are valid.
         now_s: monotonic.
         snapshot: the vehicle, with its bounds.
-        has_position_limits: the operator has set position limits.
+        has_position_limits: whether the operator has set position limits.
 
     Raises:
-        Refused: too far, outside, too fast, or cannot be checked.
+        Refused: the target is too far, outside, too fast, or cannot be checked.
     """
     bounds, position_now = snapshot.bounds, snapshot.position_at(now_s)
     if has_position_limits and (bounds.unknown is not None or position_now is None):
@@ -100,7 +100,7 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
         return
     if isinstance(setpoint, Path):
         check_path(setpoint, position_now, bounds)
-    elif not isinstance(setpoint, Follow):  # the leader's path is not known: the limits apply in flight
+    elif not isinstance(setpoint, Follow):  # the leader's path is unknown; the limits apply in flight
         target = _target_of(ResolvedSetpoint(setpoint, now_s, snapshot, 0.0).at(now_s, snapshot), bounds)
         if target is not None:
             _check_distance(target, position_now, "The target")

@@ -68,14 +68,14 @@ def bounds_of(
     origin: LocalOrigin | None,
     gains: tuple[float | None, float | None] = (None, None),
 ) -> Bounds:
-    """Combines both: the narrower of each pair.
+    """Combines both limits; the stricter one of each pair applies.
 
     Args:
         vehicle: limits from the vehicle's parameters.
         operator: limits set by API.
         home: reference of altitudes and distances.
-        origin: of the local frame, for a fence in latitude and longitude.
-        gains: MPC_XY_P and MPC_Z_P, where known.
+        origin: origin of the local frame, for a fence in latitude and longitude.
+        gains: MPC_XY_P and MPC_Z_P, if known.
     """
     region, unknown = _region(vehicle, operator, home, origin)
     return Bounds(

@@ -1,4 +1,4 @@
-"""Events of a stream for people."""
+"""Events of a stream, with messages for the operator."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ WARNING, NOTICE, INFO = 4, 5, 6
 
 @dataclass(frozen=True, slots=True)
 class StreamEvent:
-    """Something that happened to a stream."""
+    """One event of a stream."""
 
     code: str
     """expired, lost, jumped, leader_lost, fence, limited, held, landing, commanded, left_offboard, disarmed,

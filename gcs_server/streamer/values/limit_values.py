@@ -60,7 +60,7 @@ class VehicleLimits:
 
 
 MIN_FENCE_M = 1e-3
-"""PX4 treats a fence radius of zero as off; less than a millimetre counts as off as well."""
+"""PX4 treats a fence radius of zero as off; a radius below this counts as off as well [m]."""
 
 
 def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
@@ -115,7 +115,7 @@ class OperatorLimits:
 
     @property
     def needs_position(self) -> bool:
-        """Whether applying these needs the vehicle's position."""
+        """Whether these limits need the vehicle's position."""
         return any(
             limit is not None
             for limit in (self.height_min_m, self.height_max_m, self.distance_max_m, self.fence)

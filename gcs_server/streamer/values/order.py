@@ -14,17 +14,18 @@ StreamOwner = Literal["operator", "group", "mission"]
 
 @dataclass(frozen=True, slots=True)
 class OnExpiry:
-    """What the stream does by itself when a setpoint has expired."""
+    """The action of the stream when a setpoint has expired."""
 
     action: str = "hold"
     """hold, land, stop_stream."""
     hold_for_s: float = 5.0
-    """With `hold`: how long position setpoints hold the position before PX4's Hold mode is requested."""
+    """For `hold`: time for which the position is held by setpoints before PX4's Hold mode is requested
+    [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A setpoint with its validity, as a client ordered it."""
+    """A setpoint with its validity, as requested by a client."""
 
     setpoint: Setpoint | Script
     """The setpoint, or the script of an offboard mission."""
@@ -32,10 +33,11 @@ class Order:
     on_expiry: OnExpiry = OnExpiry()
     client: str = ""
     client_key: str = ""
-    """Distinguishes clients of the same name; empty if there is no client."""
+    """Distinguishes clients with the same name; empty if there is no client."""
     owner: StreamOwner = "operator"
 
     @property
     def duration_s(self) -> float:
-        """Time from its start until it expires: the validity of a path counts from the path's end."""
+        """Time from the start of the setpoint until it expires [s]; the validity of a path starts at the
+        path's end."""
         return self.valid_for_s + (self.setpoint.duration_s if isinstance(self.setpoint, Path) else 0.0)

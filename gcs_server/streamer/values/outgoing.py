@@ -33,7 +33,7 @@ class SetpointLoader(Protocol):
     """The pipeline's interface to the transport."""
 
     def load(self, setpoint: DirectSetpoint) -> None:
-        """Packs the setpoint that is sent from now on; called only when it changes.
+        """Packs the setpoint to send; called only when the setpoint changes.
 
         Raises:
             ValueError: the transport cannot carry it.

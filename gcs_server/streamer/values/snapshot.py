@@ -1,4 +1,4 @@
-"""A stream's view of its vehicle: a frozen value that the event loop hands over ten times a second."""
+"""The state of a vehicle for its stream: a frozen value that the event loop passes ten times a second."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from missions.avoidance.values import AvoidanceWay
 from missions.frames import Quaternion, Vector3
 
 MAX_EXTRAPOLATION_S = 1.0
-"""An estimate older than this is not extrapolated."""
+"""Maximum age of an estimate that is extrapolated [s]."""
 MAX_DISTANCE_M = 1e6
 """A local position beyond this is not plausible."""
 MAX_SPEED_M_S = 500.0
@@ -30,7 +30,7 @@ class Leader:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The vehicle's newest state in the event loop."""
+    """The newest state of the vehicle."""
 
     taken_s: float
     mode: str
@@ -38,14 +38,14 @@ class Snapshot:
     """None if there is no fresh estimate."""
     velocity_ned_m_s: Vector3 | None
     yaw_ned_rad: float | None
-    """None if no attitude is received: the vehicle is silent."""
+    """None if no attitude is received."""
     mode_asked_by: str | None = None
     """The command of this server that caused the current mode, and its client."""
     estimate_s: float | None = None
-    """When the position was received; the snapshot's time unless given."""
+    """Time at which the position was received; default: the time of the snapshot."""
     armed: bool = False
     lost: bool = False
-    """Whether the connection counts as lost."""
+    """Whether the link is lost."""
     home_alt_amsl_m: float | None = None
     hover_thrust: float | None = None
     """MPC_THR_HOVER, if known."""
@@ -59,17 +59,17 @@ class Snapshot:
     scans: tuple[Scan, ...] = ()
     """Newest scans of its distance sensors."""
     avoidance: AvoidanceWay | None = None
-    """Direction that avoidance tries first; None: off."""
+    """What avoidance tries first (over or around); None: off."""
     mission_avoidance: AvoidanceWay | None = None
-    """Direction that avoidance tries first in the mission's steps with avoidance; None: off."""
+    """What avoidance tries first in the mission's steps with avoidance; None: off."""
 
     @property
     def received_s(self) -> float:
-        """When the position was received."""
+        """Time at which the position was received."""
         return self.taken_s if self.estimate_s is None else self.estimate_s
 
     def plausible(self) -> Snapshot:
-        """A copy in which implausible numbers count as unknown."""
+        """A copy without implausible numbers, which become unknown."""
         position, velocity, leader = self.position_ned_m, self.velocity_ned_m_s, self.leader
         scalars = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, self.accuracy_m)
         numbers = (*scalars, *(self.q_ned_frd or ()))

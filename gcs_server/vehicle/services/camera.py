@@ -25,7 +25,7 @@ class CameraService:
     async def take_picture(self, component: int | None = None) -> None:
         """Takes one picture; returns once the camera has acknowledged it.
 
-        The request carries a number, so that a camera does not take the same picture twice.
+        The request contains a number, so that a camera does not take the same picture twice.
 
         Args:
             component: MAVLink component id of the camera; default: the lowest that is connected.

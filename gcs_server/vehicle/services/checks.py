@@ -13,10 +13,10 @@ FRESH_S = 3.0
 
 
 def number(field: str, value: float, low: float, high: float) -> float:
-    """`value`, if it is a number within the range.
+    """Returns `value` if it is a number within the range.
 
     Raises:
-        InvalidRequest: naming the field.
+        InvalidRequest: the value is invalid; the error names the field.
     """
     if not math.isfinite(value):
         raise InvalidRequest(field, f"{field} must be a number, not {value}.")
@@ -26,10 +26,10 @@ def number(field: str, value: float, low: float, high: float) -> float:
 
 
 def position_of(vehicle: VehiclePort) -> GlobalPosition:
-    """The vehicle's present position.
+    """The vehicle's current position.
 
     Raises:
-        Refused: it has no global position estimate.
+        Refused: the vehicle has no global position estimate.
     """
     sample = vehicle.topic("global_position")
     age_s = None if sample is None else vehicle.clock.monotonic_s() - sample.received_monotonic_s
@@ -43,10 +43,10 @@ def position_of(vehicle: VehiclePort) -> GlobalPosition:
 
 
 def home_of(vehicle: VehiclePort) -> Home:
-    """Its home position.
+    """The vehicle's home position.
 
     Raises:
-        Refused: it has none yet, so that an altitude above home is undefined.
+        Refused: the vehicle has no home position yet, so that an altitude above home is undefined.
     """
     sample = vehicle.topic("home")
     if sample is None:

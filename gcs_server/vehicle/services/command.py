@@ -1,4 +1,4 @@
-"""Commands to a vehicle: each succeeds when the vehicle's own state shows it.
+"""Commands to a vehicle; each succeeds when the vehicle's own state shows the result.
 
 Deadlines are sufficient at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every
 repeated message requests a state or names a target, so a second copy changes nothing. A newer command ends an
@@ -30,7 +30,7 @@ STATE_DEADLINE_S = 6.0
 LIFT_DEADLINE_S = 12.0
 HOME_DEADLINE_S = 3.0
 MODE_CHANGE_WITHIN_S = STATE_DEADLINE_S + HOME_DEADLINE_S
-"""Longest time between a command and its mode change."""
+"""Maximum time between a command and its mode change [s]."""
 NAN = math.nan
 REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
@@ -43,7 +43,7 @@ class ModeCommand:
     """This server's newest command that changes the mode; a mode change within its time is caused by it."""
 
     what: str
-    """For people."""
+    """Label of the command for messages."""
     mode: str
     """As in `Status.mode`."""
     by: str | None
@@ -54,8 +54,9 @@ class ModeCommand:
 class CommandService:
     """Arm, modes, take-off, go-to.
 
-    Every method raises Refused (NotVerified) without sending, InvalidRequest for bad values, Rejected
-    with the vehicle's reasons, NoReply at the deadline, Disconnected when the vehicle or its link was lost.
+    Every method may raise Refused or NotVerified (nothing was sent), InvalidRequest (an invalid value),
+    Rejected (with the vehicle's reasons), NoReply (at the deadline), or Disconnected (the vehicle or its link
+    was lost).
     """
 
     def __init__(self, vehicle: VehiclePort) -> None:
@@ -64,7 +65,7 @@ class CommandService:
         self._newest_what = ""
         self._newest_command: ModeCommand | None = None
         self.on_mode_command: Callable[[], object] = lambda: None
-        """Called before a mode other than Offboard is requested, so that the stream requests none
+        """Called before a mode other than Offboard is requested, so that the stream does not request a mode
         meanwhile."""
         self._stop_motors = StopMotors(vehicle)
         self._waiting: list[int] = []
@@ -125,7 +126,7 @@ class CommandService:
             except GcsError:
                 await self._into_hold_disarmed(token)
                 raise
-            # once more: PX4 may drop an altitude that it got while disarmed
+            # sent again, because PX4 may drop an altitude that it received while disarmed
             again = Goal("take off to that altitude", _never, STATE_DEADLINE_S, asks=(), ack_is_enough=True)
             await self._run(token, request, again, progress)
         lifted = Goal(
@@ -217,11 +218,9 @@ class CommandService:
         await self._run(token, request, goal, progress)
 
     async def kill(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
-        """Stops the motors at once, in flight too: the vehicle falls.
-
-        Ends every waiting command, and refuses all others until it is over. Returns once the vehicle reports
-        that it is disarmed; the command is repeated until then or until the deadline, even if the vehicle
-        refuses or the link is lost.
+        """Stops the motors immediately, even in flight: the vehicle falls. Ends every waiting command, and
+        refuses all others until it has ended. Returns once the vehicle reports that it is disarmed; the
+        command is repeated until then or until the deadline, even if the vehicle refuses or the link is lost.
         """
         with suppress(Disconnected):  # also sent on a lost link
             self._vehicle.require_commandable()
@@ -231,11 +230,11 @@ class CommandService:
         await self._stop_motors.run(by=by, arming=arming, progress=progress)
 
     def require_no_kill(self, what: str) -> None:
-        """Raises Refused while Stop motors is not confirmed: `what` is not sent."""
+        """Raises Refused for `what` while Stop motors is not confirmed."""
         self._stop_motors.require_none(what)
 
     async def kill_over(self) -> None:
-        """Returns once no Stop motors command waits for confirmation."""
+        """Returns once no Stop motors command is waiting for confirmation."""
         await self._stop_motors.over()
 
     # --- the parts ------------------------------------------------------------------------------

@@ -28,16 +28,16 @@ MAX_PATIENCE_S = 1.5
 TRIES = 12
 """With 20 % loss each way, one request in 200,000 fails."""
 BURST_SILENCE_S = 0.6
-"""After this pause a burst is over, or its end was lost."""
+"""Pause after which a burst has ended, or its end was lost [s]."""
 BURSTS_WITHOUT_NEWS = 3
 BUSY_TRIES, BUSY_PAUSE_S = 4, 3.0
-"""PX4 closes a session that was not used for 10 s."""
+"""Time after which PX4 closes an unused session [s]."""
 MAX_BYTES = 8_000_000
 MAX_ENTRIES = 10_000
 ANSWERS_PER_FULL_PIECE, ANSWERS_SPARE = 16, 256
-"""Most answers per 239 bytes of a file; with 20 % loss it takes two."""
+"""Maximum number of answers per 239 bytes of a file; two are needed with 20 % loss."""
 MIN_BYTES_S, TIME_SPARE_S = 400, 60.0
-"""A transfer slower than this on average fails [bytes/s]."""
+"""Minimum average speed of a transfer [bytes/s]."""
 LIST_TIMEOUT_S = 120.0
 TURN_AFTER_ANSWERS = 32
 """Waiting answers handled at a time, before the event loop does other work."""
@@ -64,7 +64,7 @@ class FtpService:
 
         Raises:
             FtpFailed: the vehicle refused, or sends an endless list.
-            NoReply: it stopped answering.
+            NoReply: the vehicle stopped answering.
         """
         self._vehicle.require_commandable()
         async with self._lock, _within(LIST_TIMEOUT_S, path, "Listing"):
@@ -92,7 +92,7 @@ class FtpService:
         Raises:
             FtpFailed: the vehicle refused, the file is too large, or it arrives in too many pieces, too
                 slowly, or from another offset than requested.
-            NoReply: it stopped answering.
+            NoReply: the vehicle stopped answering.
         """
         self._vehicle.require_commandable()
         async with self._lock:

@@ -33,7 +33,7 @@ from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort
 
 ASK_FIRST_AFTER_S = 2.0
-"""Time in which a vehicle may report by itself."""
+"""Time for which a report from the vehicle itself is awaited [s]."""
 ASK_AGAIN_S, ASK_TIMES = 2.0, 4
 RESTART_S = 10.0
 """If the boot clock goes back by more, the vehicle has restarted."""
@@ -142,10 +142,10 @@ class HealthService:
         return replace(event, text=text, name=name, remedy=remedy, is_described=is_described)
 
     async def check(self) -> Readiness:
-        """Has the vehicle run its checks now, and returns the report.
+        """Requests the vehicle to run its checks now, and returns the report.
 
         Raises:
-            NoReply: no report came.
+            NoReply: no report was received.
         """
         vehicle = self._vehicle
         vehicle.require_commandable()
@@ -203,7 +203,7 @@ class HealthService:
         self._requests, self._next_ask_s = 0, self._vehicle.clock.monotonic_s() + ASK_FIRST_AFTER_S
 
     def tick(self) -> None:
-        """A few times a second."""
+        """Called a few times a second."""
         now_s = self._vehicle.clock.monotonic_s()
         lost = self._stream.lost
         self._take_in_order(self._stream.give_up(now_s), lost)

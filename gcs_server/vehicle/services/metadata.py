@@ -41,7 +41,7 @@ ReadDocument = Callable[[int, bytes, int], Awaitable[Document[Any, Any]]]
 Result = TypeVar("Result")
 
 _reader = DocumentReader()
-"""One for the whole server: files of all vehicles are read one after the other."""
+"""One reader for the whole server, which reads the files of all vehicles one after the other."""
 
 
 class MetadataMissing(GcsError):
@@ -79,7 +79,7 @@ class MetadataService:
         """By kind: (checksum, document)."""
 
     def keep_in(self, cache: Cache) -> None:
-        """Uses this cache from now on."""
+        """Sets the cache."""
         self.cache = cache
 
     async def parameters(self) -> MetadataByName:

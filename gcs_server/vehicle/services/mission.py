@@ -179,7 +179,7 @@ class MissionService:
 
     @contextmanager
     def _transfer(self, what: str) -> Generator[None]:
-        """Allows only one transfer at a time."""
+        """Ensures that only one transfer runs at a time."""
         self._vehicle.require_commandable()
         if self._doing is not None:
             raise Refused(
@@ -251,7 +251,7 @@ class MissionService:
                 self._send(dialogue.cancel())
 
     async def _fresh_ids(self) -> Ids | None:
-        """The ids that the vehicle reports now; None if it reports none."""
+        """The ids that the vehicle currently reports; None if it reports none."""
         found = await self._ask_current(lambda _: True, IDS_DEADLINE_S, None)
         return None if found is None else ids_of(found)
 
@@ -338,5 +338,5 @@ class _Shares:
         self._before += count
 
     def restart(self) -> None:
-        """Forgets the total."""
+        """Resets the total."""
         self._total = 0

@@ -29,7 +29,7 @@ TYPE_OF: dict[Part, int] = {
     "rally": d.MAV_MISSION_TYPE_RALLY,
 }
 NAME_OF: dict[Part, str] = {"mission": "mission", "fence": "geofence", "rally": "rally points"}
-"""For people."""
+"""Names for messages."""
 
 RESEND_S = 0.5
 """Period of the first message of a dialogue until the vehicle answers."""

@@ -41,7 +41,7 @@ PARAM_ERRORS = {
     d.MAV_PARAM_ERROR_COMPONENT_NOT_FOUND: "it has no such component",
     d.MAV_PARAM_ERROR_READ_ONLY: "it can only be read",
 }
-"""What PARAM_ERROR says, which PX4 sends from v1.17 on."""
+"""Texts for the errors of PARAM_ERROR, which PX4 sends from v1.17 on."""
 
 _int32 = struct.Struct("<i")
 
@@ -135,7 +135,7 @@ class ParamService:
             progress: called during the reading.
 
         Raises:
-            NoReply: the vehicle did not send all; received ones are kept.
+            NoReply: the vehicle did not send all parameters; the received ones are kept.
         """
         if self._reading.locked():
             async with self._reading:
@@ -252,7 +252,7 @@ class ParamService:
         return await self._exchange(name, request.id, encode_payload(request), lambda _: True)
 
     async def set(self, name: str, value: float, *, force: bool = False) -> Param:
-        """Sets one parameter and returns the value that the vehicle then reports.
+        """Sets one parameter and returns the value that the vehicle reports afterwards.
 
         Args:
             name: the parameter.

@@ -1,9 +1,9 @@
 """Runs one command from the request until the vehicle's state shows the result, over a link that loses
 packets.
 
-PX4 acknowledges at once and may refuse milliseconds later. So a command has succeeded only when the state
-that the vehicle reports after the request shows it; an acknowledgement just speeds this up. A repeated
-message requests a state (armed, a mode, a target), so it changes nothing twice.
+PX4 acknowledges immediately and may refuse milliseconds later. Therefore a command has succeeded only when
+the state that the vehicle reports after the request shows the result; an acknowledgement only speeds this up.
+A repeated message requests a state (armed, a mode, a target), so that a repetition has no further effect.
 """
 
 from __future__ import annotations

@@ -2365,7 +2365,7 @@ export interface components {
             readonly can: boolean;
             /**
              * Why Not
-             * @description Which estimate, home position or link is missing; null if it can be flown.
+             * @description The missing estimate, home position or link; null if the type can be flown.
              */
             readonly why_not: string | null;
             /**
@@ -2981,12 +2981,12 @@ export interface components {
             readonly mav_type: number;
             /**
              * Lost
-             * @description No heartbeat for 10 s.
+             * @description Whether the component is lost: no heartbeat for 10 s.
              */
             readonly lost: boolean;
             /**
              * Last Heard Unix S
-             * @description When a lost one sent its last heartbeat [s since 1970 UTC]; null while it is connected.
+             * @description Time of a lost component's last heartbeat [s since 1970 UTC]; null while it is connected.
              */
             readonly last_heard_unix_s: number | null;
         };
@@ -6249,7 +6249,7 @@ export interface components {
         };
         /**
          * Identity
-         * @description Data of a vehicle that do not change in flight, as far as they are known.
+         * @description Data of a vehicle that do not change in flight; unknown data are None.
          */
         readonly Identity: {
             /**
@@ -6274,7 +6274,8 @@ export interface components {
             readonly vehicle_type: number;
             /**
              * Uid
-             * @description Hexadecimal, from AUTOPILOT_VERSION (uid2, else uid); None until received, and if there is none.
+             * @description Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if there is
+             *     none.
              */
             readonly uid: string | null;
             /**
@@ -7461,7 +7462,7 @@ export interface components {
         };
         /**
          * ModeCause
-         * @description Cause of the current mode, as far as it can be known.
+         * @description The inferred cause of the current mode.
          */
         readonly ModeCause: {
             /**
@@ -7478,7 +7479,7 @@ export interface components {
             readonly who: string | null;
             /**
              * Text
-             * @description For people.
+             * @description Message for the operator.
              */
             readonly text: string;
             /**
@@ -7744,7 +7745,7 @@ export interface components {
         };
         /**
          * Notice
-         * @description One line of `GET /warnings`, shown until its cause is gone.
+         * @description One warning of `GET /warnings`, shown until its cause has ended.
          */
         readonly Notice: {
             /**
@@ -8779,7 +8780,7 @@ export interface components {
         };
         /**
          * ParameterBit
-         * @description One value, or one bit, that has a name.
+         * @description A value or a bit with a name.
          */
         readonly ParameterBit: {
             /**
@@ -8795,7 +8796,7 @@ export interface components {
         };
         /**
          * ParameterChoice
-         * @description One value, or one bit, that has a name.
+         * @description A value or a bit with a name.
          */
         readonly ParameterChoice: {
             /**
@@ -8861,7 +8862,7 @@ export interface components {
             readonly max: number | null;
             /**
              * Unit
-             * @description As the metadata writes it.
+             * @description Unit, as in the metadata.
              */
             readonly unit: string | null;
             /**
@@ -8891,7 +8892,7 @@ export interface components {
             readonly reboot_required: boolean;
             /**
              * Volatile
-             * @description Whether the vehicle changes it by itself.
+             * @description Whether the vehicle changes the parameter by itself.
              */
             readonly volatile: boolean;
         };
@@ -10105,7 +10106,7 @@ export interface components {
             readonly modes: readonly string[] | null;
             /**
              * Component
-             * @description Part of the vehicle concerned.
+             * @description The affected part of the vehicle.
              */
             readonly component: string | null;
             /**
@@ -10115,7 +10116,7 @@ export interface components {
             readonly cause: string;
             /**
              * Remedy
-             * @description What to do about it.
+             * @description The remedy.
              */
             readonly remedy: string | null;
         };
