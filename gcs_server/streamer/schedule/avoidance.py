@@ -1,4 +1,4 @@
-"""Obstacle avoidance of one stream: runs between resolving a setpoint and limiting it."""
+"""Obstacle avoidance of one stream; runs after a setpoint is resolved and before it is limited."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from missions.setpoints import (
 )
 
 AHEAD_S = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-"""How far ahead a path is checked."""
+"""Times ahead at which a path is checked [s]."""
 NOT_AVOIDED = "Avoidance does not apply to setpoints of this type; the obstacle brake still acts."
 Later = Callable[[float], DirectSetpoint | None]
-"""Returns the setpoint at another time; for setpoints that change with time."""
+"""Returns the setpoint at a later time, for setpoints that change with time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +41,11 @@ class Avoiding:
 
     state: AvoidanceState
     text: str
-    """Empty while the vehicle flies as ordered."""
+    """Message for the pilot; empty while the vehicle flies the requested setpoint."""
 
 
 class AvoidanceStage:
-    """Avoidance of one stream; off until a snapshot or an order switches it on."""
+    """Avoidance of one stream; off until a snapshot or a mission switches it on."""
 
     def __init__(self) -> None:
         self._avoider: Avoider | None = None
@@ -55,11 +55,11 @@ class AvoidanceStage:
 
     @property
     def on_a_detour(self) -> bool:
-        """Whether the vehicle flies a detour instead of the ordered path."""
+        """Whether the vehicle flies a detour instead of the requested path."""
         return self.avoiding is not None and self.avoiding.state != "clear"
 
     def forget(self) -> None:
-        """Resets: a new stream begins, or no order is followed any more."""
+        """Resets, because a new stream begins or no setpoint is flown any more."""
         self._avoider = self.avoiding = None
 
     def take_reports(self) -> list[StreamEvent]:
@@ -76,14 +76,14 @@ class AvoidanceStage:
         way: AvoidanceWay | None,
         fence: FenceArea | None = None,
     ) -> DirectSetpoint:
-        """The setpoint to send instead of the ordered one.
+        """The setpoint to send instead of the requested one.
 
         Args:
-            now_s: the moment.
+            now_s: monotonic time.
             snapshot: the vehicle, with its sensors' scans.
-            ordered: the ordered setpoint now.
-            later: returns the ordered setpoint at other times; None: it does not change.
-            way: direction that is tried first; None: avoidance is off.
+            ordered: the currently requested setpoint.
+            later: returns the requested setpoint at later times; None: it does not change.
+            way: what to try first (over or around); None: avoidance is off.
             fence: geofence of the mission being flown.
         """
         if way is None:

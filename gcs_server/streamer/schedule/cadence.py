@@ -1,4 +1,5 @@
-"""When setpoints are sent: a fixed time grid, also if a thread is late; and the achieved rate."""
+"""The times at which setpoints are sent (a fixed time grid, even if a thread is late), and the achieved
+rate."""
 
 from __future__ import annotations
 
@@ -7,9 +8,10 @@ from collections import deque
 
 _REMEMBERED = 101
 RECENT_S = 2.0
-"""Time over which the achieved rate is measured."""
+"""Time over which the achieved rate is measured [s]."""
 PAUSE_S = 0.5
-"""A longer gap (at slow rates, more than two periods) is a pause: PX4 needs two setpoints a second."""
+"""Gap between setpoints above which streaming has paused [s], at slow rates two periods; PX4 needs two
+setpoints per second."""
 
 
 class Cadence:
@@ -18,7 +20,7 @@ class Cadence:
     def __init__(self) -> None:
         self.rate_hz = 50.0
         self.next_s = 0.0
-        """When the next setpoint is due."""
+        """Time at which the next setpoint is due."""
         self._sent_at: deque[float] = deque(maxlen=_REMEMBERED)
         self._steady_from_s = 0.0
 

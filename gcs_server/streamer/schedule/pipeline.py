@@ -1,4 +1,5 @@
-"""Computes what is sent to one vehicle now: resolves, limits and packs the order's setpoint."""
+"""Computes the setpoint that is sent to one vehicle: resolves, limits and packs the setpoint of the current
+order."""
 
 from __future__ import annotations
 
@@ -19,11 +20,11 @@ from missions.runner.script import Played, Script, Steering
 from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
 
 REPORT_PERIOD_S = 10.0
-"""Shortest time between two reports of the same limit."""
+"""Minimum time between two reports of the same limit [s]."""
 
 
 class SetpointPipeline:
-    """Follows an order, or holds the position.
+    """Sends the setpoint of an order, or holds the position.
 
     Args:
         loader: the transport; packs each setpoint that is to be sent.
@@ -35,7 +36,7 @@ class SetpointPipeline:
         self.limited: tuple[str, ...] = ()
         self._resolved: ResolvedSetpoint | None = None
         self._held_setpoint: DirectSetpoint | None = None
-        """Sent when no order is followed any more."""
+        """Setpoint that is sent when no order is flown any more."""
         self._yaw_kept = False
         self._unlimited: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
@@ -55,7 +56,7 @@ class SetpointPipeline:
         self._avoidance.forget()
 
     def take(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
-        """Follows this order from now on."""
+        """Starts flying a new order."""
         keeps_yaw = keeps_heading(setpoint)
         before = getattr(self.sent, "yaw_ned_rad", None) if keeps_yaw and self._yaw_kept else None
         resolved = ResolvedSetpoint(
@@ -73,12 +74,12 @@ class SetpointPipeline:
         self._load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
 
     def restart_path(self, now_s: float) -> None:
-        """Starts the path now; before, only its first point was sent."""
+        """Starts the path now. Before this call, only its first point was sent."""
         if self._resolved is not None:
             self._resolved.restart_path(now_s)
 
     def steer(self, steering: Steering) -> bool:
-        """Controls the mission being flown; False if there is none."""
+        """Updates the mission that is being flown; returns False if there is none."""
         player = None if self._resolved is None else self._resolved.player
         if player is None:
             return False
@@ -92,10 +93,9 @@ class SetpointPipeline:
         return None if player is None else player.played
 
     def hold_position(self, now_s: float, snapshot: Snapshot) -> None:
-        """Stops following an order and holds the position.
-
-        Sends the current position; without a position estimate, zero velocity; in a flight by attitude or
-        rates, where a velocity estimate may be missing too, level attitude with hover thrust.
+        """Ends the current order and holds the position. Sends the current position, or zero velocity without
+        a position estimate. In a flight by attitude or rates, where the velocity estimate may be missing as
+        well, sends level attitude with hover thrust.
         """
         position, yaw, sent = snapshot.position_at(now_s), snapshot.yaw_ned_rad, self.sent
         if position is not None:
@@ -116,12 +116,12 @@ class SetpointPipeline:
         self._load(now_s, snapshot, held_setpoint)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
-        """Updates the setpoint to send; returns why the order must not be followed any further, or None.
+        """Updates the setpoint to send; returns the reason why the order must no longer be flown, or None.
 
         Args:
-            now_s: the moment.
+            now_s: monotonic time.
             snapshot: the newest snapshot of the vehicle.
-            waiting: Offboard has not been confirmed yet.
+            waiting: whether Offboard is not confirmed yet.
         """
         wanted = (
             self._held_setpoint
@@ -180,8 +180,8 @@ class SetpointPipeline:
         )  # fmt: skip
 
     def _way(self, snapshot: Snapshot) -> AvoidanceWay | None:
-        """The direction that avoidance tries first; None: avoidance is off. Avoidance that a mission step
-        requests ends with the step, but never during a detour.
+        """What avoidance tries first; None: avoidance is off. Avoidance that a mission step requests ends
+        with the step, but never during a detour.
         """
         player = None if self._resolved is None else self._resolved.player
         if snapshot.avoidance is not None or player is None:
@@ -244,7 +244,7 @@ def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:
 
 
 def _motion(now_s: float, snapshot: Snapshot) -> VehicleMotion | None:
-    """Motion of the vehicle now; None if its position is not known."""
+    """Current motion of the vehicle; None if its position is unknown."""
     position = snapshot.position_at(now_s)
     if position is None:
         return None

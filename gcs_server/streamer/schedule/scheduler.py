@@ -1,6 +1,7 @@
-"""All vehicles' setpoint streams and groups: `step` sends what is due and returns when to call it again.
+"""The setpoint streams and groups of all vehicles: `step` sends due setpoints and returns the time of the
+next call.
 
-It uses no thread, socket or process: `process/worker.py` runs it in a process of its own, tests call it
+It uses no thread, socket or process: `process/worker.py` runs it in a separate process, and tests call it
 directly.
 """
 
@@ -31,7 +32,7 @@ class _Stream:
     snapshot: Snapshot
     sends_failed: int = 0
     number: int = 0
-    """Number of the newest `begin`: calls that name an earlier stream have no effect."""
+    """Number of the newest stream; calls for an earlier stream have no effect."""
 
 
 class StreamScheduler:
@@ -42,7 +43,7 @@ class StreamScheduler:
 
     Args:
         clock: only `monotonic_s` is used.
-        server_silent_limit_s: silence of the event loop after which sending stops.
+        server_silent_limit_s: time without a message from the event loop after which sending stops.
     """
 
     def __init__(self, clock: Clock, *, server_silent_limit_s: float = 1.5) -> None:
@@ -252,7 +253,7 @@ class StreamScheduler:
         if guard.phase != "flying" or not flying or not phases <= {"streaming", "holding"}:
             return False
         if not set(orders) <= set(flying) or ("holding" in phases and set(orders) != set(flying)):
-            return False  # an expired order is not renewed: a path would begin again
+            return False  # an expired order is not renewed, because a path would start again
         for vehicle_id in orders:
             self._streams[vehicle_id].snapshot = snapshots[vehicle_id].plausible()
         self._carry_out(guard, now_s, Actions(take=dict(orders)), until_s)
@@ -278,7 +279,7 @@ class StreamScheduler:
         return MemberView(core.phase, core.order if core.streaming else None, stream.snapshot, ended)
 
     def _carry_out(self, guard: GroupGuard, now_s: float, actions: Actions, until_s: float) -> None:
-        """Applies all actions before any member is sent anything else."""
+        """Applies all actions before anything else is sent to any member."""
         refused = None
         for vehicle_id, order in actions.take.items():
             stream = self._streams[vehicle_id]
@@ -310,8 +311,8 @@ class StreamScheduler:
         self._streams[vehicle_id].core.end("fault", text, WARNING)
 
     def _loop_alive(self, now_s: float) -> None:
-        """The event loop is alive. If this process stalled, streams that should have ended meanwhile,
-        because the event loop was silent, end first.
+        """Records a message from the event loop. If this process stalled, streams that should have ended
+        meanwhile end first.
         """
         if now_s - self._beat_s >= self._silent_limit_s:
             for vehicle_id, stream in self._streams.items():

@@ -1,4 +1,4 @@
-"""One vehicle's stream as a pure state machine: what is sent now, and when to stop.
+"""One vehicle's stream as a state machine without I/O: the setpoint to send, and the time to stop.
 
     idle ── begin ──► starting ── engage ──► streaming ◄── change ──┐
       ▲                                         │ expiry            │
@@ -6,8 +6,8 @@
       │              landing                 holding ── time ──► to_hold
       └── end ◄─────────┴───────────────────────┴───────────────────┘
 
-A start that fails after Offboard was requested is `undoing` for a while: the vehicle may switch to Offboard
-late, and the stream must still be there then.
+After a failed start, the stream stays in the phase `undoing` for a while: the vehicle may still switch to
+Offboard, and must then be put into Hold.
 
 It uses no clock, thread or socket: `tick` gets the time and an immutable snapshot of the vehicle.
 """
@@ -31,35 +31,35 @@ from missions.setpoints import DirectSetpoint
 
 MODE_REQUEST_PERIOD_S = 1.0
 MAX_MODE_REQUESTS = 5
-"""After this many unconfirmed mode requests the stream stops and PX4's own failsafe takes over."""
+"""Number of unconfirmed mode requests after which the stream stops; PX4's own failsafe then takes over."""
 MAX_START_S = 20.0
 STOP_TIMEOUT_S = 7.0
-"""If the event loop has not completed a stop by then, the stream stops by itself."""
+"""Time after which the stream stops by itself, if the event loop has not completed a stop [s]."""
 UNDO_S = 2.5
-"""How long a vehicle may still report Offboard after a failed start: two heartbeats, one of them lost."""
+"""Time for which a vehicle may still report Offboard after a failed start [s]: two heartbeats, one lost."""
 INHIBIT_MODE_REQUESTS_S = 6.5
-"""How long a person's mode command has before the stream requests a mode itself."""
+"""Time for a pilot's mode command before the stream requests a mode itself [s]."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
-"""A local position that changes by more than this (and faster than this) was not flown: its origin moved."""
+"""If the local position changes by more and faster than this, its origin has moved."""
 
 
 class VehicleStream:
-    """The stream of one vehicle; the module's drawing shows its phases.
+    """The stream of one vehicle; the module's docstring shows its phases.
 
     Args:
         loader: the transport; packs each setpoint that is to be sent.
-        server_silent_limit_s: how long the event loop may be silent before the stream stops.
+        server_silent_limit_s: time without a message from the event loop after which the stream stops.
     """
 
     def __init__(self, loader: SetpointLoader, *, server_silent_limit_s: float = 1.5) -> None:
         self._silent_limit_s = server_silent_limit_s
         self._pipeline = SetpointPipeline(loader)
         self._why = ""
-        """Why the stream ended the flight by itself; reported when it ends."""
+        """Why the stream ended the flight by itself; reported at the end of the stream."""
         self.phase = "idle"
         self.order: Order | None = None
         self.cadence = Cadence()
-        """Times of setpoints; those of the last stream while idle."""
+        """Times of the setpoints; while idle, those of the last stream."""
         self.reports: deque[StreamEvent] = deque(maxlen=50)
         self.last_end: StreamEvent | None = None
         self._since_s = 0.0
@@ -75,7 +75,7 @@ class VehicleStream:
     # --- calls of the event loop ------------------------------------------------------------------
 
     def begin(self, now_s: float, order: Order, rate_hz: float, snapshot: Snapshot) -> None:
-        """Starts streaming before Offboard is requested; validity counts from `engage`."""
+        """Starts streaming before Offboard is requested; the validity starts with `engage`."""
         self.cadence.begin(rate_hz)
         self._requested_mode, self.last_end = None, None
         self._engaged_s = math.inf
@@ -85,7 +85,7 @@ class VehicleStream:
         self._take(now_s, order, snapshot)
 
     def engage(self, now_s: float) -> bool:
-        """The vehicle reports Offboard: validity counts from now. False if the stream has ended meanwhile."""
+        """The validity starts, because the vehicle reports Offboard. False if the stream has ended."""
         if self.phase != "starting" or self.order is None:
             return False
         self._engaged_s = self._since_s = now_s
@@ -94,7 +94,7 @@ class VehicleStream:
         return True
 
     def change(self, now_s: float, order: Order, snapshot: Snapshot) -> bool:
-        """Applies a new setpoint at once; False if there is no stream that can take it."""
+        """Applies a new setpoint immediately; returns False if no stream accepts setpoints."""
         if self.phase not in ("starting", "streaming", "holding") or self._requested_mode is not None:
             return False
         self._take(now_s, order, snapshot)
@@ -103,29 +103,28 @@ class VehicleStream:
         return True
 
     def steer(self, now_s: float, steering: Steering) -> None:
-        """Controls the mission being flown, and renews its validity."""
+        """Updates the mission that is being flown, and renews its validity."""
         if self.phase in ("starting", "streaming") and self._pipeline.steer(steering):
             self._since_s = now_s
             if self.order is not None and self.phase == "streaming":
                 self._enter("streaming", now_s, self.order.duration_s)
 
     def prolong(self, until_s: float) -> None:
-        """Sets when the order expires; used by groups, whose orders expire together."""
+        """Sets the expiry time of the order; used by groups, whose orders expire together."""
         if self.phase == "streaming" and self.order is not None:
             own_s = self.order.duration_s - self.order.valid_for_s
             self.order = replace(self.order, valid_for_s=max(0.0, until_s - self._since_s - own_s))
             self._phase_until_s = self._since_s + self.order.duration_s
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Stops at once and requests Hold, or Land if no position can be held; `on_expiry` does not apply."""
+        """Stops the vehicle and requests Hold, or Land if no position can be held, not `on_expiry`."""
         if self.phase in ("streaming", "holding") and self._requested_mode is None:
             self._why = why
             self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
 
     def request_stop(self, now_s: float, snapshot: Snapshot) -> None:
-        """A client requested a stop: holds the position while the event loop requests Hold.
-
-        If the event loop fails to do so, the stream requests Hold itself, as after an expiry.
+        """Holds the position while the event loop requests Hold for a client. If the event loop does not, the
+        stream requests Hold itself, as after an expiry.
         """
         if self.phase in ("streaming", "holding"):
             self._hold_position(now_s, snapshot)
@@ -133,14 +132,14 @@ class VehicleStream:
             self._requested_mode = "hold"
 
     def cancel_start(self, now_s: float, snapshot: Snapshot) -> None:
-        """Offboard was not confirmed: if the vehicle still switches to it, it is put into Hold."""
+        """Called when Offboard was not confirmed; a late switch to Offboard then ends in Hold."""
         if self.phase == "starting":
             self._since_s = now_s
             self._hold_position(now_s, snapshot)
             self._enter("undoing", now_s, UNDO_S)
 
     def inhibit_mode_requests(self, now_s: float) -> None:
-        """A mode is being commanded: for a while the stream requests none, which would undo the command."""
+        """For a while the stream requests no mode, which would undo the mode command of a pilot."""
         self._inhibited_until_s = now_s + INHIBIT_MODE_REQUESTS_S
 
     def end(self, code: str, text: str, severity: int = NOTICE, *, report: bool = True) -> None:
@@ -156,18 +155,18 @@ class VehicleStream:
     # --- calls of the scheduler -------------------------------------------------------------------
 
     def due_s(self, beat_s: float) -> float:
-        """When `tick` must be called next; infinity while idle."""
+        """Time at which `tick` must be called next; infinity while idle."""
         if self.phase == "idle":
             return math.inf
         return min(self.cadence.next_s, self._phase_until_s, beat_s + self._silent_limit_s)
 
     def tick(self, now_s: float, snapshot: Snapshot, beat_s: float) -> list[Outgoing]:
-        """Returns what to send now.
+        """Returns the messages to send now.
 
         Args:
             now_s: monotonic time.
-            snapshot: the newest one.
-            beat_s: time of the event loop's last beat.
+            snapshot: the newest snapshot.
+            beat_s: time of the last message from the event loop.
         """
         if self.phase == "idle":
             return []
@@ -199,12 +198,13 @@ class VehicleStream:
 
     @property
     def sent(self) -> DirectSetpoint | None:
-        """The setpoint sent now: the ordered one, limited, or the position held after expiry."""
+        """The setpoint that is being sent: the requested one within all limits, or the position held after
+        expiry."""
         return self._pipeline.sent
 
     @property
     def limited(self) -> tuple[str, ...]:
-        """Texts of what the limits reduce now."""
+        """Current reductions by the limits, as texts."""
         return self._pipeline.limited
 
     @property
@@ -214,7 +214,7 @@ class VehicleStream:
 
     @property
     def played(self) -> Played | None:
-        """Progress of the mission being flown; None if there is none."""
+        """Progress of the mission that is being flown; None if there is none."""
         return self._pipeline.played if self.streaming else None
 
     @property
@@ -247,7 +247,7 @@ class VehicleStream:
         self.cadence.at_once(now_s)
 
     def _refresh_setpoint(self, now_s: float, snapshot: Snapshot) -> None:
-        """Updates the setpoint that is sent now."""
+        """Updates the setpoint to send."""
         follows_order = self.phase in ("starting", "streaming")
         stop = self._pipeline.refresh(now_s, snapshot, waiting=self.phase == "starting")
         self.reports.extend(self._pipeline.take_reports())
@@ -265,7 +265,7 @@ class VehicleStream:
         if snapshot.mode == "offboard":
             disarmed = self._was_armed and not snapshot.armed
             self._was_armed = snapshot.armed
-            if disarmed:  # if armed again, the vehicle would fly off at once
+            if disarmed:  # if armed again, the vehicle would start to fly immediately
                 self.end("disarmed", "The vehicle disarmed; the setpoint stream has ended.")
             return disarmed
         if snapshot.mode == self._requested_mode:
@@ -287,7 +287,7 @@ class VehicleStream:
         """Reacts to a lost link, a lost leader and a moved origin."""
         jumped_m = self._jumped_m(snapshot)
         if self.phase == "undoing" and snapshot.taken_s > self._since_s:
-            # the connection is lost: Offboard must not be the last command that the vehicle received
+            # the link is lost; Offboard must not be the last command that the vehicle received
             if snapshot.mode == "offboard" or snapshot.lost:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
@@ -305,7 +305,7 @@ class VehicleStream:
                 self._hold_position(now_s, snapshot)
 
     def _jumped_m(self, snapshot: Snapshot) -> float | None:
-        """How far the local position jumped; None if it did not."""
+        """Distance by which the local position jumped; None if it did not jump."""
         if snapshot.position_ned_m is None:
             return None
         before, self._last_estimate = self._last_estimate, (snapshot.received_s, snapshot.position_ned_m)
@@ -346,7 +346,7 @@ class VehicleStream:
             self._end_flight(now_s, snapshot, code, why)
 
     def _end_flight(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
-        """Executes the order's expiry action when setpoints cannot hold the position."""
+        """Executes the order's expiry action if the position cannot be held by setpoints."""
         assert self.order is not None
         self._why = why
         action = self.order.on_expiry.action

@@ -1,4 +1,4 @@
-"""The interface between the event loop and whatever runs the setpoint streams."""
+"""The interface between the event loop and the setpoint streams."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from missions.setpoints import DirectSetpoint
 
 @dataclass(frozen=True, slots=True)
 class StreamState:
-    """The state of a stream at one moment."""
+    """The state of a stream at one time."""
 
     phase: str = "idle"
     order: Order | None = None
     sent: DirectSetpoint | None = None
     """The sent setpoint; None while nothing is sent."""
     limited: tuple[str, ...] = ()
-    """Texts of what the limits reduce now."""
+    """Current reductions by the limits, as texts."""
     rate_hz: float = 50.0
     rate_achieved_hz: float | None = None
     age_s: float | None = None
@@ -34,9 +34,9 @@ class StreamState:
     sends_failed: int = 0
     last_end: StreamEvent | None = None
     number: int = 0
-    """Number of this stream; counts per vehicle."""
+    """Number of this stream, counted for each vehicle."""
     steady_s: float = 0.0
-    """How long setpoints have been sent without a pause."""
+    """Time for which setpoints have been sent without a pause [s]."""
     avoiding: Avoiding | None = None
     """State of obstacle avoidance; None: it is off."""
     played: Played | None = None
@@ -46,33 +46,34 @@ class StreamState:
 class Streams(Protocol):
     """All streams of the server.
 
-    In a running server they run in a process of their own (`process/stream_process.py`); tests run the
-    scheduler directly. Only the event loop calls this. A plain method never waits for that process; a
-    coroutine waits for its answer.
+    In the server they run in a separate process (`process/stream_process.py`); tests run the scheduler
+    directly. Only the event loop calls these methods. A method that is not a coroutine never waits for the
+    process; a coroutine waits for its answer.
     """
 
     def start(self) -> None:
-        """Starts; nothing is sent before a `begin`."""
+        """Starts the streams; nothing is sent before `begin`."""
         ...
 
     def close(self) -> None:
-        """Closes; nothing is sent afterwards."""
+        """Ends the streams; nothing is sent afterwards."""
         ...
 
     def beat(self, snapshots: Mapping[str, Snapshot]) -> None:
-        """The event loop is alive; passes on snapshots of the vehicles with a stream."""
+        """Called periodically by the event loop: shows that it is running, and passes the snapshots of
+        vehicles with a stream."""
         ...
 
     def links_changed(self) -> None:
-        """A link was opened or closed: sockets of closed links are released."""
+        """Called when a link was opened or closed: sockets of closed links are released."""
         ...
 
     def attach(self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int]) -> None:
-        """Makes a vehicle known by its (system, component) id; sends nothing."""
+        """Adds a vehicle with its (system, component) id; sends nothing."""
         ...
 
     def forget(self, vehicle_id: str) -> None:
-        """The vehicle was removed and has no stream: its route is dropped."""
+        """Removes a vehicle without a stream, and drops its route."""
         ...
 
     def active(self) -> list[str]:
@@ -95,7 +96,7 @@ class Streams(Protocol):
         """Starts a stream and returns its number; 0 if there is already one.
 
         Raises:
-            Refused: the streams' process is being restarted.
+            Refused: the stream process is being restarted.
             ValueError: the order cannot be flown.
         """
         ...
@@ -105,15 +106,15 @@ class Streams(Protocol):
         ...
 
     async def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
-        """The vehicle reports Offboard; False if this stream has ended meanwhile."""
+        """Called when the vehicle reports Offboard; returns False if this stream has ended meanwhile."""
         ...
 
     def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
-        """The start of this stream failed after Offboard had been requested."""
+        """Called when the start of this stream has failed after Offboard was requested."""
         ...
 
     async def change(self, vehicle_id: str, order: Order, snapshot: Snapshot) -> bool:
-        """Sets a new setpoint, sent at once; False if there is no stream.
+        """Sets a new setpoint and sends it immediately; returns False if there is no stream.
 
         Raises:
             ValueError: the order cannot be flown; the previous one continues.
@@ -121,7 +122,7 @@ class Streams(Protocol):
         ...
 
     def steer(self, vehicle_id: str, steering: Steering) -> None:
-        """Controls the offboard mission being flown, and renews it."""
+        """Updates the offboard mission that is being flown, and renews it."""
         ...
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
@@ -129,7 +130,7 @@ class Streams(Protocol):
         ...
 
     def inhibit_mode_requests(self, vehicle_id: str) -> None:
-        """A mode is being commanded: the stream requests none meanwhile."""
+        """Called when a mode is commanded: the stream requests no mode meanwhile."""
         ...
 
     def force_hold(self, vehicle_id: str, why: str) -> None:
@@ -137,7 +138,7 @@ class Streams(Protocol):
         ...
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
-        """Stops sending now (only the stream with this number, if given); the caller reports it."""
+        """Ends a stream immediately (only the one with this number, if given); the caller reports the end."""
         ...
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
@@ -145,15 +146,15 @@ class Streams(Protocol):
         ...
 
     def watch(self, guard: GroupGuard) -> None:
-        """From now on the guard keeps a group's vehicles apart and starts them together."""
+        """Adds a guard, which keeps a group's vehicles apart and starts them together."""
         ...
 
     def unwatch(self, name: str) -> None:
-        """A group has ended: its guard is dropped."""
+        """Removes the guard of a group that has ended."""
         ...
 
     def disable_guard(self, name: str) -> None:
-        """A whole group is being stopped: its guard does not act any more."""
+        """Disables the guard of a group that is being stopped."""
         ...
 
     def guard(self, name: str) -> GuardState | None:
@@ -163,8 +164,8 @@ class Streams(Protocol):
     async def change_together(
         self, name: str, orders: Mapping[str, Order], snapshots: Mapping[str, Snapshot], until_s: float
     ) -> bool:
-        """Sets new setpoints for members of a group, sent at once and expiring together; False if none was
-        accepted."""
+        """Sets new setpoints for members of a group, which are sent immediately and expire together. Returns
+        False if none was accepted."""
         ...
 
     def watched(self) -> dict[str, Order | None]:
