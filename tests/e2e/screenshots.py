@@ -18,28 +18,39 @@ from gcs_server.client import SyncGcs, SyncVehicle
 from tests.e2e import plan_pictures
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, same_client
 from tests.e2e.fast_station import FAST
-from tests.e2e.pictures import CLIENT_ID, SCHEMES, SIZE, TABLET, Set, save, shoot, still, until_pill
+from tests.e2e.pictures import (
+    CLIENT_ID,
+    SCHEMES,
+    SIZE,
+    TABLET,
+    PictureSetup,
+    save,
+    shoot,
+    until_pill,
+    until_still,
+)
 from tests.station import free_port, server, vehicle, wait_until
 from tools import build_page
 
 IMAGES = REPOSITORY / "docs" / "images"
 
 
-def flying(at: Set) -> None:
+def flying(at: PictureSetup) -> None:
     """Under way in Hold, with a trail behind it."""
     home = at.drone.topic("home")
+    assert home is not None
     at.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
     at.drone.until(lambda v: (v["topics"]["hud"]["value"]["groundspeed_m_s"] or 0) > 4, what="its speed")
-    still(at.page, 2)
+    until_still(at.page, 2)
     shoot(at.page, at.folder, "fly")
 
 
-def places(at: Set) -> None:
+def places(at: PictureSetup) -> None:
     """The map fills the stage; a click asks what to do at that place."""
     page = at.page
     page.keyboard.press("m")
     page.get_by_role("toolbar", name="Map").wait_for()
-    still(page, 3)
+    until_still(page, 3)
     page.mouse.click(SIZE[0] * 0.5, SIZE[1] * 0.34)
     page.get_by_role("dialog").wait_for()
     shoot(page, at.folder, "map")
@@ -47,13 +58,13 @@ def places(at: Set) -> None:
     page.keyboard.press("m")
 
 
-def confirmation(at: Set) -> None:
+def confirmation(at: PictureSetup) -> None:
     """Return is asked for and not yet confirmed."""
     shoot(at.page, at.folder, "confirm", lambda: at.page.keyboard.press("r"))
     at.page.keyboard.press("Escape")
 
 
-def offboard(at: Set) -> None:
+def offboard(at: PictureSetup) -> None:
     """The server streams, the target has been nudged ahead."""
     page = at.page
     page.keyboard.press("o")
@@ -71,7 +82,7 @@ def offboard(at: Set) -> None:
     until_pill(page, "Holding")
 
 
-def room(at: Set) -> None:
+def room(at: PictureSetup) -> None:
     """Setpoints by form: what is streamed and flown, what is not sent yet."""
     page = at.page
     page.keyboard.press("m")
@@ -84,12 +95,12 @@ def room(at: Set) -> None:
     dock.get_by_role("button", name="Start…").click()
     hold_space(page)
     until_pill(page, "Offboard")
-    still(page, 4)
+    until_still(page, 4)
     north.fill("2")
     east.fill("14")
     up.fill("10")
     dock.get_by_role("button", name="Send").click()
-    still(page, 5)
+    until_still(page, 5)
     north.fill("16")
     east.fill("4")
     up.fill("14")
@@ -100,7 +111,7 @@ def room(at: Set) -> None:
     page.keyboard.press("m")
 
 
-def drag(at: Set) -> None:
+def drag(at: PictureSetup) -> None:
     """A place dragged by handles in 3D, not sent yet."""
     page = at.page
     until_pill(page, "Holding")
@@ -110,12 +121,12 @@ def drag(at: Set) -> None:
     dock.get_by_role("button", name="Back to vehicle").click()
     for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
         dock.get_by_role("button", name=name).click()
-    still(page, 5)
+    until_still(page, 5)
     shoot(page, at.folder, "drag")
     page.get_by_role("button", name="Close the offboard room").click()
 
 
-def gimbal(at: Set) -> None:
+def gimbal(at: PictureSetup) -> None:
     """The camera is steered from here."""
     page = at.page
     card = page.get_by_label("Gimbal", exact=True)
@@ -128,7 +139,7 @@ def gimbal(at: Set) -> None:
     shoot(page, at.folder, "gimbal")
 
 
-def refused(at: Set) -> None:
+def refused(at: PictureSetup) -> None:
     """The vehicle does not disarm in the air and says why."""
     page = at.page
     page.keyboard.press("Shift+A")
@@ -138,7 +149,7 @@ def refused(at: Set) -> None:
     page.keyboard.press("Escape")
 
 
-def tablet(at: Set) -> None:
+def tablet(at: PictureSetup) -> None:
     """A touch screen, held in two hands."""
     at.page.goto("about:blank")  # two 3D views at once are too much for drawing in software
     for theme in SCHEMES:
@@ -149,7 +160,7 @@ def tablet(at: Set) -> None:
         page.add_init_script(same_client(CLIENT_ID))
         page.goto(at.url)
         until_pill(page, "Holding")
-        still(page, 6)  # its 3D view loads anew
+        until_still(page, 6)  # its 3D view loads anew
         save(page, at.folder / f"tablet-{theme}.webp")
         context.close()
     at.page.goto(at.url)
@@ -157,7 +168,7 @@ def tablet(at: Set) -> None:
 
 
 @contextlib.contextmanager
-def beside(at: Set) -> Generator[SyncVehicle]:
+def beside(at: PictureSetup) -> Generator[SyncVehicle]:
     """A second vehicle takes off, and lands at the end; its simulator stays."""
     with SyncGcs(at.url, client="pictures", client_id=CLIENT_ID) as gcs:
         if len(gcs.request("GET", "/vehicles")) < 2:
@@ -170,19 +181,20 @@ def beside(at: Set) -> Generator[SyncVehicle]:
         second.until_disarmed()
 
 
-def two(at: Set) -> None:
+def two(at: PictureSetup) -> None:
     """A second vehicle is heard and flies."""
     with beside(at):
         shoot(at.page, at.folder, "two")
 
 
-def group(at: Set) -> None:
+def group(at: PictureSetup) -> None:
     """Both fly as one: state, members, the nearest two, what is left of the validity."""
     page = at.page
     with beside(at) as second:
         home = at.drone.topic("home")
+        assert home is not None
         second.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)
-        still(page, 4)
+        until_still(page, 4)
         page.keyboard.press("m")
         page.keyboard.press("p")
         dock = page.get_by_role("region", name="Offboard room")
@@ -194,7 +206,7 @@ def group(at: Set) -> None:
         dock.get_by_role("button", name="Start group…").click()
         hold_space(page)
         dock.get_by_text("Flying", exact=True).wait_for()
-        still(page, 3)
+        until_still(page, 3)
         shoot(page, at.folder, "group")
         dock.get_by_role("button", name="Hold group").click()
         until_pill(page, "Holding")
@@ -202,18 +214,18 @@ def group(at: Set) -> None:
         page.keyboard.press("m")
 
 
-def lost(at: Set) -> None:
+def lost(at: PictureSetup) -> None:
     """The simulator is stopped: nothing is heard of the vehicle."""
     os.killpg(at.simulator.pid, signal.SIGSTOP)
     try:
         until_pill(at.page, "Connection lost")
-        still(at.page, 3)
+        until_still(at.page, 3)
         shoot(at.page, at.folder, "lost")
     finally:
         os.killpg(at.simulator.pid, signal.SIGCONT)
 
 
-def replay(at: Set) -> None:
+def replay(at: PictureSetup) -> None:
     """The flight just flown, opened from the list and gone into half way."""
     page = at.page
     page.get_by_role("button", name="Recorded flights").click()
@@ -224,11 +236,11 @@ def replay(at: Set) -> None:
     assert box is not None
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
     page.mouse.move(0, 0)
-    still(page, 4)
+    until_still(page, 4)
     shoot(page, at.folder, "replay")
 
 
-STATES: tuple[Callable[[Set], None], ...] = (
+STATES: tuple[Callable[[PictureSetup], None], ...] = (
     flying,
     places,
     confirmation,
@@ -249,7 +261,7 @@ STATES: tuple[Callable[[Set], None], ...] = (
 
 
 @contextlib.contextmanager
-def airborne(folder: Path) -> Generator[Set]:
+def airborne(folder: Path) -> Generator[PictureSetup]:
     """A station with one vehicle in the air and the page open on it."""
     port = free_port()
     with contextlib.ExitStack() as stack:
@@ -265,7 +277,7 @@ def airborne(folder: Path) -> Generator[Set]:
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=60)
         drone.takeoff(12)
         until_pill(page, "Holding")
-        yield Set(browser, page, url, drone, simulator, port, folder, stack)
+        yield PictureSetup(browser, page, url, drone, simulator, port, folder, stack)
 
 
 def main() -> int:
