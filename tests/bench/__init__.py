@@ -1,1 +1,1 @@
-"""Measurements, not assertions: `make bench` prints the table. Ratios within one run are what counts."""
+"""Measurements without assertions: `make bench` prints the tables. Compare only ratios within one run."""

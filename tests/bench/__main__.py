@@ -1,4 +1,4 @@
-"""Prints the table of measurements: `make bench`, or `python -m tests.bench NAME …` for some of it."""
+"""Prints the tables of measurements: `make bench`, or `python -m tests.bench NAME …` for some of them."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),
     "ros2": ("Flights from ROS 2 messages, simulated PX4 / real PX4", ros2_flights.table),
     "faults": ("Faults, simulated PX4 / real PX4", faults.table),
-    "spread": ("Simulated flights beside each other / real PX4's", flight_spread.table),
+    "spread": ("Spread of simulated flights / of real PX4's", flight_spread.table),
     "dry_run": ("Dry runs", dry_run.table),
     "consumers": ("Server CPU compared with pymavlink and MAVProxy, same feed", consumers.table),
     "browser_cost": ("What one open browser costs the server", browser_cost.table),
     "slow_browser": ("A browser that does not read", slow_browser.table),
     "telemetry": ("Telemetry of one vehicle", telemetry_bytes.table),
-    "trajectories": ("Trajectories, our solver beside libraries", trajectories.table),
+    "trajectories": ("Trajectories, this solver compared with libraries", trajectories.table),
     "page": ("The page in a browser", page.table),
     "fleet_page": ("The page with a hundred vehicles", fleet_page.table),
 }

@@ -1,8 +1,8 @@
-"""What one open browser costs the server, beside another version of the project in the same run.
+"""CPU time of the server for one open browser, compared with another version of the project in the same run.
 
 `python -m tests.bench.browser_cost [ROUNDS [OTHER_TREE]]`: OTHER_TREE is a checkout with its own `.venv`.
 Both servers get the same moving feed at the same time, and their processor time is read over the same
-windows, so that the machine's other work changes both alike.
+windows, so that the machine's other load affects both equally.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _shares(versions: Sequence[Version], opened: str) -> dict[str, float]:
 
 
 def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, float]]]:
-    """For each round and each case: the CPU share of each version."""
+    """CPU share of each version, for each round and each case."""
     trees = {"now": (sys.executable, None)}
     if other is not None:
         trees = {"before": (str(other / ".venv/bin/python"), other), **trees}
@@ -97,7 +97,7 @@ def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, flo
         ]
         sending = stack.enter_context(running([*feed, "moving"], stdout=subprocess.PIPE))
         assert sending.stdout is not None
-        sending.stdout.readline()  # it has encoded its frames and begins
+        sending.stdout.readline()  # the feed is encoded and starts
         for _ in range(rounds):
             yield {opened: _shares(versions, opened) for opened in OPENS}
 

@@ -1,4 +1,4 @@
-"""The server's CPU share on a feed, beside its peers on the same feed in the same run."""
+"""The server's CPU share on a feed, compared with other programs on the same feed in the same run."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ while True:
 
 
 @dataclass(frozen=True, slots=True)
-class Consumer:
-    """A running one."""
+class RunningConsumer:
+    """A running consumer."""
 
     pid: int
     received: Callable[[], int] | None = None
-    """Messages it has counted itself; None where it does not tell."""
+    """Messages that it has counted itself; None if it does not report them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,36 +44,36 @@ class Measured:
     """One cell of the table."""
 
     share: float
-    """Of one core."""
+    """CPU share of one core."""
     dropped: int
-    """Datagrams that the kernel threw away before the consumer read them."""
+    """Datagrams that the kernel dropped before the consumer read them."""
     received: int | None
-    """By the consumer's own count, of `sent`."""
+    """Received messages by the consumer's own count, out of `sent`."""
     sent: int
 
 
 @contextmanager
-def gcs(udp_port: int) -> Generator[Consumer]:
-    """Our server, whole: recording, history and 3D scene on, nobody looking."""
+def gcs(udp_port: int) -> Generator[RunningConsumer]:
+    """The whole server: recording, history and 3D scene on, without a browser."""
     with server([f"udpin://127.0.0.1:{udp_port}"]) as (url, process):
 
         def received() -> int:
             (link,) = httpx.get(f"{url}/api/v1/links").raise_for_status().json()["links"]
             return int(link["frames_received"])
 
-        yield Consumer(process.pid, received)
+        yield RunningConsumer(process.pid, received)
 
 
 @contextmanager
-def mavutil(udp_port: int) -> Generator[Consumer]:
-    """The loop that most scripts are: every message made into an object."""
+def mavutil(udp_port: int) -> Generator[RunningConsumer]:
+    """The loop of most scripts: each message becomes an object."""
     with running([sys.executable, "-c", _MAVUTIL_LOOP, str(udp_port)]) as process:
         time.sleep(1.5)
-        yield Consumer(process.pid)
+        yield RunningConsumer(process.pid)
 
 
 @contextmanager
-def mavproxy(udp_port: int) -> Generator[Consumer]:
+def mavproxy(udp_port: int) -> Generator[RunningConsumer]:
     """MAVProxy without modules, console or log."""
     program = Path(sys.executable).parent / "mavproxy.py"
     with tempfile.TemporaryDirectory() as state:
@@ -81,7 +81,7 @@ def mavproxy(udp_port: int) -> Generator[Consumer]:
         command += ["--non-interactive", f"--state-basedir={state}", "--default-modules="]
         with running(command, cwd=state, stdin=subprocess.DEVNULL) as process:
             time.sleep(3)
-            yield Consumer(process.pid)
+            yield RunningConsumer(process.pid)
 
 
 CONSUMERS = {"this server": gcs, "pymavlink.mavutil loop": mavutil, "MAVProxy": mavproxy}
@@ -95,17 +95,17 @@ def measure(name: str, vehicles: int) -> Measured:
         command = [sys.executable, "-m", "tests.bench.feed", str(port), str(vehicles), seconds]
         with running(command, stdout=subprocess.PIPE) as feed:
             assert feed.stdout is not None
-            feed.stdout.readline()  # it has encoded its frames and begins
+            feed.stdout.readline()  # the feed is encoded and starts
             time.sleep(WARM_UP_S)
             share = cpu_share(consumer.pid, WINDOW_S)
-            sent = int(feed.stdout.readline())  # it has ended
+            sent = int(feed.stdout.readline())  # the feed has ended
             time.sleep(0.2)
             received = consumer.received() if consumer.received is not None else None
             return Measured(share, udp_drops(port), received, sent)
 
 
 def table() -> Iterator[str]:
-    """Rows of Markdown, as they become known."""
+    """Rows of Markdown, as they are measured."""
     yield f"| consumer | CPU at 1 × {MESSAGES_PER_S} msg/s | 10 × | 50 × | dropped at 50 × | received |"
     yield "|---|---|---|---|---|---|"
     at_most: dict[str, float] = {}
@@ -114,7 +114,7 @@ def table() -> Iterator[str]:
         last = measured[-1]
         at_most[name] = last.share
         shares = " | ".join(f"{one.share:.1%}" for one in measured)
-        counted = "it does not tell" if last.received is None else f"{last.received} of {last.sent}"
+        counted = "not reported" if last.received is None else f"{last.received} of {last.sent}"
         yield f"| {name} | {shares} | {last.dropped} | {counted} |"
     ours, *peers = at_most.items()
     ratios = ", ".join(f"{ours[1] / share:.2f} of {name}'s" for name, share in peers if share)

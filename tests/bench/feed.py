@@ -1,7 +1,7 @@
-"""A feed of many vehicles' telemetry, encoded beforehand so that sending costs next to nothing.
+"""A feed of many vehicles' telemetry, encoded in advance so that sending takes little CPU time.
 
-`python -m tests.bench.feed PORT[,PORT …] VEHICLES SECONDS [moving]` sends from a process of its own and
-prints how many frames it sent to each port; every consumer of a comparison is given the same one. With
+`python -m tests.bench.feed PORT[,PORT …] VEHICLES SECONDS [moving]` sends from a separate process and
+prints how many frames it sent to each port; every consumer of a comparison gets the same feed. With
 `moving` each vehicle flies a circle, so that a 3D view has something to draw.
 """
 
@@ -16,10 +16,11 @@ import fastcrc
 from pymavlink.dialects.v20 import common as mavlink
 
 MESSAGES_PER_S = 100
-"""A vehicle's rate: the mix below, as a ground-station link of PX4 sends it, thinned to 100 a second."""
+"""Messages per second of a vehicle: the mix below, as on PX4's ground-station link, reduced to 100 per
+second."""
 
 BURST = 2
-"""PX4's 50 Hz streams come out together: of 100 messages a second, two every 20 ms."""
+"""PX4 sends its 50 Hz streams together: of 100 messages per second, two every 20 ms."""
 PERIOD_S = BURST / MESSAGES_PER_S
 RADIUS_M = 12.0
 LOOP_S = 64
@@ -96,10 +97,10 @@ def _restamped(frame: bytes, sequence: int) -> bytes:
 
 
 def send(ports: list[int], vehicles: int, seconds: float, *, moving: bool = False) -> int:
-    """Sends the feed, each vehicle from a socket of its own as vehicles do.
+    """Sends the feed; each vehicle has its own socket, as real vehicles do.
 
     Returns:
-        How many frames each port was sent.
+        Number of frames sent to each port.
     """
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(vehicles)]
     frames = [encode(1 + vehicle, moving=moving) for vehicle in range(vehicles)]

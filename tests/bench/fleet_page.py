@@ -1,4 +1,4 @@
-"""The page with a hundred simulated vehicles: what list, selection, Hold for all and the 3D view cost it."""
+"""The page with a hundred simulated vehicles: CPU time of list, selection, Hold for all and the 3D view."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ VEHICLES = 100
 ALT_HOME_M = 10.0
 SETTLE_S, WINDOW_S = 5.0, 15.0
 AT_ONCE = 8
-"""Vehicles that are armed and sent up side by side."""
+"""Number of vehicles that are armed and take off at the same time."""
 
 
 @contextlib.contextmanager
 def flying(count: int) -> Generator[tuple[str, int]]:
-    """So many vehicles in the air: the page's address, and the server's process id."""
+    """Flies this many vehicles; yields the page's address and the server's process id."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
@@ -64,7 +64,7 @@ class Meter:
         self._server_pid = server_pid
 
     def row(self, title: str) -> str:
-        """A row of the table, of what is shown now."""
+        """A row of the table for the currently displayed view."""
         time.sleep(SETTLE_S)
         before, began_s = self._used_s(), time.monotonic()
         server_share = cpu_share(self._server_pid, WINDOW_S)
@@ -77,7 +77,7 @@ class Meter:
 
 
 def _took_ms(page: Page, act: Callable[[], None], shown: str) -> float:
-    """From an act until the page shows what `shown` (JavaScript) asks for [ms]."""
+    """Time from an action until the page shows what `shown` (JavaScript) checks [ms]."""
     began_s = time.monotonic()
     act()
     page.wait_for_function(shown, timeout=60_000, polling=20)
@@ -85,7 +85,7 @@ def _took_ms(page: Page, act: Callable[[], None], shown: str) -> float:
 
 
 def table(count: int = VEHICLES) -> Iterator[str]:
-    """Rows of Markdown, as they become known."""
+    """Rows of Markdown, as they are measured."""
     yield f"{count} vehicles at {ALT_HOME_M:.0f} m, 1280 × 800; shares of one core.\n"
     yield "| shown | load average | page's main thread | of it script | server |"
     yield "|---|---|---|---|---|"

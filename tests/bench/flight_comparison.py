@@ -1,9 +1,9 @@
-"""How near a simulated flight comes to a real PX4's: error, rise, overshoot and settling.
+"""Compares a simulated flight with a real PX4's: error, rise, overshoot and settling.
 
-Error is the RMS over the controlled axes, both flights aligned at their first motion. Position flights are
-compared where they are; where no position is controlled (velocity, acceleration, attitude, rates, the ground)
-both start from zero. The limit is the larger of 5 % of the manoeuvre, a floor, and PX4's own spread. The
-response is read off one axis.
+The error is the RMS over the controlled axes, with both flights aligned at their first motion. Position
+flights are compared in absolute positions; without controlled position (velocity, acceleration, attitude,
+rates, the ground) both start from zero. The limit is the largest of 5 % of the manoeuvre, a floor, and PX4's
+own spread. The response is measured on one axis.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ GRID_S = 0.02
 MOVED = 0.1
 """Part of the manoeuvre that counts as first motion."""
 MOVED_ROWS = 3
-"""For so many rows on end: a single one may be gyro noise."""
+"""Number of consecutive rows: a single row may be gyro noise."""
 RISEN = 0.8
-"""Of the way; the last fifth of a slow approach is the wander of GPS."""
+"""As part of the distance; the last fifth of a slow approach is GPS drift."""
 SETTLED = 0.1
 HOLDS = 0.6
-"""A response that ends at more than this part of its farthest point is a step, else a pulse."""
+"""A response that ends above this part of its maximum is a step, otherwise a pulse."""
 END_ROWS = 25
 STEP_RISE = 0.1
 
@@ -55,13 +55,13 @@ RATE = Quantity("rad/s", 1.0, 0.15, False)
 
 @dataclass(frozen=True, slots=True)
 class Manoeuvre:
-    """What a flight is judged by, between two times."""
+    """The evaluation of a flight between two times."""
 
     quantity: Quantity
     axes: tuple[str, ...]
-    """Controlled: the error is over these."""
+    """Controlled axes, over which the error is computed."""
     rising: str | None
-    """The one whose response is read: of a step the axis it goes along. None: nothing is asked to move."""
+    """The axis of the response: for a step its direction. None: no motion is commanded."""
     from_s: float = 0.0
     until_s: float = math.inf
 
@@ -114,20 +114,20 @@ MANOEUVRES: dict[str, Manoeuvre] = {
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What is read off one response."""
+    """Properties of one response."""
 
     first_motion_s: float
     rise_s: float
-    """From the first motion to 80 % of the way."""
+    """Time from the first motion to 80 % of the distance."""
     overshoot: float
-    """Part of the way."""
+    """As part of the distance."""
     settling_s: float
-    """After which it stays within 10 % of where it ends; NaN: it does not settle."""
+    """Time after which it stays within 10 % of its final value; NaN: it does not settle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One flight beside the real one."""
+    """One flight compared with the real one."""
 
     name: str
     quantity: Quantity
@@ -135,13 +135,13 @@ class Comparison:
     error: float
     limit: float
     path_error_m: float
-    """RMS of the position since the first motion, whatever was controlled."""
+    """RMS of the position since the first motion, for any controlled quantity."""
     path_limit_m: float
     sim: Shape
     real: Shape
     rise_limit_s: float
     comparable: bool
-    """Whether PX4's own repeat of it says anything."""
+    """Whether PX4's repeat of it is comparable."""
 
     @property
     def near(self) -> bool:
@@ -180,7 +180,7 @@ def compare(recording: Recording, replay: Replay, manoeuvre: Manoeuvre | None = 
         real_shape = shape_of(grid, real.at(manoeuvre.rising, grid), size)
         sim_shape = shape_of(grid, sim.at(manoeuvre.rising, grid), size)
     lag_s = sim_shape.first_motion_s - real_shape.first_motion_s
-    # Gyro noise hides the first motion of a rate; nothing moves where nothing was asked.
+    # Gyro noise hides the first motion of a rate, and without a command there is no motion.
     lag_s = 0.0 if math.isnan(lag_s) or quantity is RATE else lag_s
     last_s = min(float(grid[-1]) + GRID_S, float(sim.t_s[-1]))
     common = grid[(grid + lag_s >= sim.t_s[0]) & (grid + lag_s <= last_s)]
@@ -206,7 +206,7 @@ def grid_of(manoeuvre: Manoeuvre, *tracks: Track) -> FloatArray:
 def rms(
     a: Track, a_s: FloatArray, b: Track, b_s: FloatArray, axes: tuple[str, ...], *, from_zero: bool
 ) -> float:
-    """How far apart two flights are over these axes, each at its own times (or from their start)."""
+    """Distance of two flights over these axes, each at its own times (or relative to their start)."""
     total = np.zeros(len(a_s))
     for axis in axes:
         gap = a.at(axis, a_s) - b.at(axis, b_s)
@@ -215,13 +215,13 @@ def rms(
 
 
 def size_of(values: FloatArray) -> float:
-    """The way from the start to the farthest point, with its sign."""
+    """The distance from the start to the farthest point, with its sign."""
     way = values - values[0]
     return float(way[np.argmax(np.abs(way))])
 
 
 def shape_of(grid: FloatArray, values: FloatArray, sign: float) -> Shape:
-    """Read a response against its own way: to where it ends, or to its peak where it comes back."""
+    """Measures a response relative to its own distance: to its final value, or to its peak if it returns."""
     farthest = float((values - values[0]).max()) if sign > 0.0 else float((values - values[0]).min())
     ends = float(np.mean(values[-END_ROWS:])) - values[0]
     size = ends if abs(ends) > HOLDS * abs(farthest) else farthest

@@ -1,4 +1,4 @@
-"""The reference flights of a real PX4, read into columns: what was sent, and what the vehicle did."""
+"""The reference flights of a real PX4, read into columns: the stimulus, and the vehicle's motion."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ SETPOINT_FIELDS = (
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How far a second real flight of the same stimulus was from the first; NaN: not measured."""
+    """Difference of a second real flight with the same stimulus from the first; NaN: not measured."""
 
     position_m: float
     velocity_m_s: float
     attitude_deg: float
     rise_s: float
     comparable: bool
-    """False where the state it began in could not be made again from outside."""
+    """False if its initial state cannot be reproduced from outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +46,15 @@ class Recording:
     columns: dict[str, FloatArray]
     spread: Spread
     controllers_told_s: float = math.nan
-    """When the controllers learnt of a new kind of setpoint, where a message shows it."""
+    """Time at which the controllers received a new kind of setpoint, if a message shows it."""
 
     def at(self, column: str, t_s: float) -> float:
-        """A column's value at a time (nearest earlier row)."""
+        """A column's value at a time (the nearest earlier row)."""
         k = max(0, int(np.searchsorted(self.t_s, t_s, side="right")) - 1)
         return float(self.columns[column][k])
 
     def sends(self) -> Iterator[tuple[float, str, dict[str, Any]]]:
-        """Every message of the stimulus at its own time, streams unrolled."""
+        """Every message of the stimulus at its time, with streams expanded."""
         for entry in self.stimulus:
             name, start_s = entry["message"], float(entry["t_s"])
             if "setpoints" in entry:
@@ -72,7 +72,7 @@ class Recording:
 
     @property
     def mission(self) -> list[dict[str, Any]]:
-        """The items uploaded before the start; empty where there was no mission."""
+        """The items uploaded before the start; empty without a mission."""
         return next((entry["items"] for entry in self.stimulus if "items" in entry), [])
 
 
@@ -93,7 +93,7 @@ def load(name: str, folder: Path = FLIGHTS) -> Recording:
 
 
 def spread_of(name: str, folder: Path = FLIGHTS) -> Spread:
-    """How far PX4's own repeat of a flight was from the first."""
+    """Difference of PX4's own repeat of a flight from the first."""
     raw = json.loads((folder / "spread.json").read_text())[name]
     keys = ("pos_rms_m", "vel_rms_m_s", "att_rms_deg", "rise_diff_s")
     position, velocity, attitude, rise = (float(raw.get(key, math.nan)) for key in keys)

@@ -1,7 +1,7 @@
-"""Flies recorded stimuli on the simulated PX4: on no clock, through MAVLink, all flights side by side.
+"""Flies recorded stimuli on the simulated PX4 by MAVLink, without a clock, all flights in one simulation.
 
-Each vehicle is first brought to where the real one stood when its recording began; then it is sent the same
-messages at the same times. Sensors are perfect here: the wander that GPS noise causes is no part of a shape.
+Each vehicle is first brought to the initial state of its recording, then it receives the same messages at the
+same times. Sensors have no noise: drift caused by GPS noise is not part of the response.
 """
 
 from __future__ import annotations
@@ -43,24 +43,24 @@ CALM, CALM_NOISY = (0.05, 0.3), (0.3, 1.5)
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
 """Radius, speed and yaw behaviour of the orbit that `orbit_to_hold` ends."""
 STEADY_ORBIT_M = 21.05
-"""The radius that such an orbit settles at."""
+"""The radius of such an orbit in steady state."""
 CENTRE_M = {"orbit_r10_v3": (0.01, -0.49)}
 """Centre of a commanded orbit in the frame of its recording (north, east), read off the headings there:
 that frame begins as far off as the GPS was when it was set."""
 SPEED_BEFORE = {"reposition_50m_then_stop": 8.0}
-"""Cruise speed left over from the flight before [m/s]."""
+"""Cruise speed remaining from the previous flight [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What the simulated vehicle did; the names of the columns are the recordings'."""
+    """The motion of the simulated vehicle; the columns have the recordings' names."""
 
     t_s: FloatArray
     columns: dict[str, FloatArray]
 
 
 class CannotStart(Exception):
-    """The state in which a recording began was not reached."""
+    """The initial state of a recording was not reached."""
 
 
 class _Pilot:
@@ -89,7 +89,7 @@ class _Pilot:
         self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
 
     def hand(self, name: str, fields: dict[str, Any]) -> None:
-        """Part of the stimulus: over MAVLink, or by the inner interface."""
+        """Sends a part of the stimulus: by MAVLink, or by the internal interface."""
         if name in INNER:
             getattr(self.sim.autopilots[self.row].offboard, name)(**fields)
         else:
@@ -135,7 +135,7 @@ class _Pilot:
     # --- waiting ---------------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """Once a simulation step."""
+        """Called once per simulation step."""
         if self.now_s >= self._heartbeat_s:
             self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
             self._heartbeat_s += 1.0
@@ -172,7 +172,7 @@ class _Pilot:
             self.hand(name, fields)
 
     def _in_our_frame(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """An orbit about the same place of the local frame as in the recording."""
+        """The orbit with its centre at the same local position as in the recording."""
         centre = CENTRE_M.get(self.recording.name)
         if centre is None or name != "COMMAND_INT":
             return fields
@@ -316,7 +316,7 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
 
 
 def _silence(sim: VehicleSim, row: int) -> None:
-    """No streams: nobody listens, and they cost most of a step."""
+    """Stops all streams: nothing reads them, and they take most of the computing time."""
     for context_link in sim.nodes[row].context.links:
         for msg_id in context_link.streamed():
             context_link.set_interval(msg_id, 0, 0)

@@ -1,7 +1,7 @@
-"""How far simulated flights of one stimulus lie from each other with sensor noise, beside two of a real PX4.
+"""Differences between simulated flights of one stimulus with sensor noise, compared with two of a real PX4.
 
-PX4's own repeats (`spread.json`) are one pair of each flight, and none of some. Ours are as many as are asked
-for, so they also say how much one pair is worth.
+PX4's repeats (`spread.json`) are one pair for most flights. The number of simulated flights can be
+chosen, so they also show how significant one pair is.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ _SPEEDS = ("vx", "vy", "vz")
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
-    """What simulated flights of one stimulus differ by: a number a pair of them (rises: a flight)."""
+    """Differences between simulated flights of one stimulus: one number per pair (rises: per flight)."""
 
     positions_m: tuple[float, ...]
     velocities_m_s: tuple[float, ...]
     errors: tuple[float, ...]
-    """Over the controlled axes, in the unit of the manoeuvre."""
+    """RMS over the controlled axes, in the unit of the manoeuvre."""
     rises_s: tuple[float, ...]
 
 
 def measure(wanted: Sequence[str], flights: int = FLIGHTS) -> dict[str, Repeats]:
-    """Fly each of these so many times, with another seed of the noise each time."""
+    """Flies each of these this many times, each time with another noise seed."""
     recordings = [flight_recordings.load(name) for name in wanted]
     flown = [flight_replay.fly(recordings, noise=True, seed=seed) for seed in range(flights)]
     return {each.name: _repeats(each, [Track(flight[each.name]) for flight in flown]) for each in recordings}
@@ -95,5 +95,5 @@ def table() -> Iterator[str]:
 
 
 def pair(sim: float, real: float, digits: int = 2) -> str:
-    """Ours and PX4's in a cell of a table."""
+    """The simulated and PX4's value in a cell of a table."""
     return " / ".join("–" if math.isnan(value) else f"{value:.{digits}f}" for value in (sim, real))

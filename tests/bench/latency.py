@@ -1,4 +1,5 @@
-"""What the server adds: REST round trip over the vehicle's own, and UDP datagram → WebSocket sample."""
+"""Time added by the server: REST round trip compared with the vehicle's own, and UDP datagram → WebSocket
+sample."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ PARAMETER = "MPC_XY_CRUISE"
 
 
 def vehicle_round_trips_s(tcp_port: int, system_id: int) -> list[float]:
-    """PARAM_REQUEST_READ → PARAM_VALUE on a link of our own, without the server."""
+    """PARAM_REQUEST_READ → PARAM_VALUE on a direct link, without the server."""
     mav = mavlink.MAVLink(None, srcSystem=250, srcComponent=190)
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
@@ -42,7 +43,7 @@ def _has_parameter(messages: list[mavlink.MAVLink_message] | None) -> bool:
 
 
 def rest_round_trips_s(url: str, path: str) -> list[float]:
-    """The same question asked through the server."""
+    """The same request through the server."""
     taken: list[float] = []
     with httpx.Client(base_url=url, timeout=10) as client:
         client.get(path).raise_for_status()
@@ -54,7 +55,8 @@ def rest_round_trips_s(url: str, path: str) -> list[float]:
 
 
 def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
-    """From the datagram's sending to the sample's arrival at a WebSocket client, at 50 messages a second."""
+    """From sending a datagram to the arrival of the sample at a WebSocket client, at 50 messages per
+    second."""
     mav = mavlink.MAVLink(None, srcSystem=77, srcComponent=1)
     target = ("127.0.0.1", udp_port)
     sent_at: dict[int, float] = {}
@@ -88,7 +90,7 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
 
 
 def vehicle_is_there(url: str) -> bool:
-    """Whether the server has heard vehicle 101."""
+    """Whether vehicle 101 is connected to the server."""
     return httpx.get(f"{url}/api/v1/vehicles/101").status_code == 200
 
 

@@ -1,4 +1,5 @@
-"""MAVSDK streaming a position: `python -m tests.bench.mavsdk_streamer UDP_PORT`; says so once it does."""
+"""MAVSDK streaming a position: `python -m tests.bench.mavsdk_streamer UDP_PORT`; prints a line when it
+streams."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from tests.station import free_port
 
 
 async def main(port: str) -> None:
-    """Until it is ended."""
+    """Runs until it is terminated."""
     drone = System(port=free_port())
     await drone.connect(system_address=f"udpin://127.0.0.1:{port}")
     async for state in drone.core.connection_state():

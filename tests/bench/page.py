@@ -1,7 +1,7 @@
-"""The page in a real Chromium with ten vehicles in the air: what is loaded, its CPU, its heap, its frames.
+"""The page in a real Chromium with ten vehicles in flight: loaded bytes, CPU time, heap, frames.
 
-There is no graphics card here: WebGL is drawn by the processor, in Chromium's GPU process. So that process is
-told apart, and the page is measured once more without the 3D view.
+Without a graphics card, WebGL is rendered by the processor in Chromium's GPU process. So that process is
+measured separately, and the page is measured again without the 3D view.
 """
 
 from __future__ import annotations
@@ -50,21 +50,22 @@ class Measured:
 
     title: str
     page_share: float
-    """Of one core: tasks of the page's main thread, its frames' included."""
+    """CPU share of the page's main thread, including its frames, of one core."""
     script_share: float
     renderer_share: float
     gpu_share: float
     server_share: float
     heap_start_mb: float
     heap_end_mb: float
-    """After a garbage collection, as the one before."""
+    """After a garbage collection, like the value before."""
     frames_s: list[float]
     load: str
 
 
 @contextmanager
 def flying(*, scene: bool) -> Generator[tuple[str, int]]:
-    """Ten simulated vehicles hovering at ten metres: the page's address, and the server's process id."""
+    """Ten simulated vehicles hovering at ten metres; yields the page's address and the server's process
+    id."""
     udp, http = free_port(), free_port()
     url = f"http://127.0.0.1:{http}"
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as data:
@@ -88,7 +89,7 @@ def _ids(api: httpx.Client) -> list[str]:
 
 
 def _part(path: str) -> str | None:
-    """Which part of the page a file belongs to; None: no file of it."""
+    """The part of the page that a file belongs to; None: not a file of the page."""
     if path.startswith("/api/"):
         return None
     if path.startswith("/scene/"):
@@ -97,13 +98,13 @@ def _part(path: str) -> str | None:
 
 
 def _weighs(url: str) -> int:
-    """Bytes of a file as gzip makes it; what is compressed in itself as it is."""
+    """Size of a file after gzip; files that are already compressed keep their size."""
     body = httpx.get(url).raise_for_status().content
     return min(len(body), len(gzip.compress(body, 6)))
 
 
 def _sizes(url: str, asked: set[str]) -> dict[str, int]:
-    """Bytes by part of the page, of the files that a browser asked for."""
+    """Bytes of the loaded files, by part of the page."""
     sizes = dict.fromkeys(PARTS, 0)
     for file in asked:
         part = _part(urlsplit(file).path)

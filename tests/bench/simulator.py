@@ -1,4 +1,4 @@
-"""What the simulated PX4 costs: fastest factor, share of a core in real time, a hundred vehicles, a step."""
+"""Speed of the simulated PX4: fastest factor, CPU share in real time, a hundred vehicles, one step."""
 
 from __future__ import annotations
 
@@ -65,25 +65,26 @@ sim.close()
 
 
 def _cpu(script: str, *arguments: object) -> float:
-    """What a program of its own prints: CPU seconds for each unit of its work."""
+    """Runs a script in a separate process; returns the number that it prints: CPU seconds per unit of
+    work."""
     command = [sys.executable, "-c", script, *map(str, arguments)]
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
 def step_cost_s(vehicles: int) -> float:
-    """CPU seconds of a 4 ms step of physics and control in flight."""
+    """CPU seconds for a 4 ms step of physics and control in flight."""
     return _cpu(_STEPS, vehicles, {1: 4000, 10: 3000, 100: 1000}.get(vehicles, 200))
 
 
 def flying_share(vehicles: int, links: str, seconds: float, *, log: bool = False) -> float:
-    """CPU seconds a simulated second of the whole stack in flight, without sockets."""
+    """CPU seconds per simulated second of the whole simulator in flight, without sockets."""
     return _cpu(_WHOLE, vehicles, links, seconds, "log" if log else "no log")
 
 
 def real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple[float, float]:
-    """CPU share (1: one core) of its processes on their sockets, and how much of real time they kept.
+    """CPU share (1: one core) of the simulator's processes with sockets, and their part of real time.
 
-    A socket of ours hears the ground-station link; how far the first vehicle's clock came there is the speed.
+    The first vehicle's clock, received on the ground-station link, gives the speed.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8_000_000)
@@ -104,16 +105,16 @@ def real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple[float,
 
 
 def _take_off(station: socket.socket, vehicles: int) -> None:
-    """Arm all and lift them, each by the port it was heard from.
+    """Arms all vehicles and takes off, each by the port that it sends from.
 
     Raises:
-        TimeoutError: not all of them were heard, or not all flew, within two minutes.
+        TimeoutError: not all vehicles were flying within two minutes.
     """
     station.settimeout(20.0)
     deadline_s, in_air, asked_at_s = time.monotonic() + 120.0, set[int](), dict[int, float]()
     while len(in_air) < vehicles:
         if time.monotonic() > deadline_s:
-            raise TimeoutError(f"{len(in_air)} of {vehicles} vehicles fly after two minutes")
+            raise TimeoutError(f"{len(in_air)} of {vehicles} vehicles are flying after two minutes")
         data, peer = station.recvfrom(65536)
         for system, message, payload in _messages(data):
             if message == _EXTENDED_SYS_STATE and payload[1:2] in (b"\x02", b"\x03"):
@@ -140,7 +141,7 @@ def _command(system: int, command: int, first: float) -> bytes:
 
 
 def _newest_clock_s(station: socket.socket) -> float:
-    """Time since boot in vehicle 1's newest ATTITUDE; whatever waits in the socket is read first."""
+    """Time since boot in vehicle 1's newest ATTITUDE; older datagrams in the socket are skipped."""
     station.setblocking(False)
     try:
         while True:
@@ -169,7 +170,7 @@ def table() -> Iterator[str]:
     yield f"| one vehicle in real time on its sockets | {share:.1%} of a core, {kept:.1%} kept | 15 % |"
     flying = flying_share(MANY, "gcs", 3.0)
     yield f"| {MANY} in flight with the 14550 streams, one process | {1 / flying:.2f} x real time | 1 |"
-    for how in ("standing", "in flight"):
+    for how in ("on the ground", "in flight"):
         share, kept = real_time(MANY, api=False, flying=how == "in flight")
         yield f"| {MANY} {how}, on their sockets | {share:.0%} of a core, {kept:.1%} kept | 100 % kept |"
     yield ""

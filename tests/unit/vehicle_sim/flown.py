@@ -1,4 +1,4 @@
-"""Vehicles that stand or hover: each is brought there once, and every test that begins there gets a copy."""
+"""Vehicles on the ground or in hover: each is flown there once, and every test gets a copy."""
 
 from typing import Any, TypeVar
 

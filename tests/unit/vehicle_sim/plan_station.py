@@ -1,4 +1,4 @@
-"""A station that uploads plans: missions, fences and rally points about the vehicle's home."""
+"""A station that uploads plans: missions, fences and rally points around the vehicle's home."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class PlanStation(Station):
         }  # fmt: skip
 
     def action(self, command: int, *p: float) -> dict[str, Any]:
-        """An item without a place."""
+        """An item without a position."""
         return self.item(command, p=(*p, 0.0, 0.0, 0.0, 0.0)[:4], frame=2)
 
     def upload(self, items: Sequence[dict[str, Any]], kind: int = 0) -> int:
@@ -67,7 +67,7 @@ class PlanStation(Station):
         return self.sim.autopilots[0].navigator.mission
 
     def reached(self) -> list[int]:
-        """Items told as reached, in order, each once."""
+        """Reached items in order, each once."""
         seen: list[int] = []
         for message in self.heard("MISSION_ITEM_REACHED"):
             if not seen or seen[-1] != message.seq:

@@ -1,4 +1,4 @@
-"""A ground station in a test's hands: speaks MAVLink bytes to a VehicleSim on a fake clock."""
+"""A ground station for tests: exchanges MAVLink bytes with a VehicleSim on a fake clock."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Station:
             self.collect()
 
     def run_until(self, condition: Callable[[], bool], timeout_s: float, each: Any = None) -> float:
-        """Run until the condition holds; returns how long it took."""
+        """Runs until the condition is true; returns the time it took."""
         start_s = self.now_s
         while not condition():
             assert self.now_s - start_s < timeout_s, f"not within {timeout_s} s; heard {self.texts()[-5:]}"
@@ -108,7 +108,7 @@ class Station:
 
     @property
     def log(self) -> list[tuple[float, str, Message]]:
-        """All that was heard: time, link, message; in order of time on each link."""
+        """All received messages: time, link, message; in order of time on each link."""
         self._read()
         return self._log
 
@@ -152,7 +152,7 @@ class Station:
         return status is not None and bool(status.onboard_control_sensors_health & 0x10000000)
 
     def fly_to(self, height_m: float) -> None:
-        """Boot, arm, take off and settle."""
+        """Boots, arms, takes off and waits until the vehicle hovers."""
         self.run_until(lambda: self.ready, 15)
         self.command(400, 1)
         self.run(0.1)

@@ -47,7 +47,7 @@ def test_commands_are_answered_as_recorded(
     assert ask(s, command, *parameters) == answers
 
 
-def test_what_is_requested_arrives(s: PlanStation) -> None:
+def test_requested_messages_are_sent(s: PlanStation) -> None:
     begun_s = s.now_s
     ask(s, 512, PING)
     ask(s, 512, BASIC_ID)
@@ -65,14 +65,14 @@ def test_a_vtol_take_off_is_a_mode_of_a_multicopter_on_the_ground(s: PlanStation
 
 
 @pytest.mark.parametrize("command", [183, 531])
-def test_an_item_that_px4_does_not_know_ends_the_upload_in_its_place(s: PlanStation, command: int) -> None:
+def test_an_unknown_item_is_refused_when_it_is_uploaded(s: PlanStation, command: int) -> None:
     begun_s = s.now_s
     plan = [s.item(22), s.item(16, 10.0), s.action(command, 1, 1500)]
     assert s.upload(plan) == UNSUPPORTED_ITEM
     assert "IGN MISSION_ITEM: Invalid item\t" in s.texts(begun_s)
 
 
-def test_a_mission_with_a_vtol_transition_is_stored_and_told_of(s: PlanStation) -> None:
+def test_a_mission_with_a_vtol_transition_is_stored_and_reported(s: PlanStation) -> None:
     begun_s = s.now_s
     assert s.upload([s.item(22), s.action(3000, 4), s.item(16, 20.0)]) == 0
     s.run(0.2)

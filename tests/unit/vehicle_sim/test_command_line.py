@@ -1,4 +1,4 @@
-"""Arguments of `python -m vehicle_sim`: what is wrong with bad ones, and its help."""
+"""Arguments of `python -m vehicle_sim`: errors for invalid ones, and the help."""
 
 import pytest
 
@@ -29,7 +29,7 @@ from vehicle_sim.options import build_parser
         (["--tcp-port", "70000"], "65535"),
     ],
 )
-def test_bad_arguments_are_explained(
+def test_invalid_arguments_are_explained(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:

@@ -1,4 +1,4 @@
-"""The fence and the ways home, on bytes and a fake clock."""
+"""The fence and the kinds of return, on bytes and a fake clock."""
 
 import math
 
@@ -79,7 +79,7 @@ def test_beyond_the_fence_the_vehicle_holds_then_returns() -> None:
 
 
 @pytest.mark.parametrize(("action", "mode"), [(2, HOLD), (5, LAND), (4, 0x0A0000)])
-def test_the_height_limit_acts_as_asked(action: int, mode: int) -> None:
+def test_the_height_limit_triggers_its_action(action: int, mode: int) -> None:
     s = flying(2.5, GF_ACTION=action, COM_FAIL_ACT_T=0.0)
     s.run(1)
     s.sim.autopilots[0].view.parameters.set("GF_MAX_VER_DIST", 1.5)
@@ -88,7 +88,7 @@ def test_the_height_limit_acts_as_asked(action: int, mode: int) -> None:
     assert any("maximum altitude" in text for text in s.texts())
 
 
-def test_a_fence_that_only_warns_lets_go_and_an_operator_takes_over() -> None:
+def test_a_fence_that_only_warns_does_not_act_and_an_operator_can_take_over() -> None:
     s = flying(2.5, GF_ACTION=1, GF_MAX_VER_DIST=1.5)
     s.run(1)
     assert s.flown_mode == HOLD
@@ -101,7 +101,7 @@ def test_a_fence_that_only_warns_lets_go_and_an_operator_takes_over() -> None:
     assert s.flown_mode == HOLD, "who chooses a mode has it, though the fence is still broken"
 
 
-def test_the_nearest_rally_point_is_returned_to() -> None:
+def test_the_vehicle_returns_to_the_nearest_rally_point() -> None:
     s = flying(RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=3.0)
     assert s.upload([s.item(5100, 14, 0, 0, frame=3), s.item(5100, 0, 40, 0, frame=3)], kind=2) == 0
     s.send(
@@ -114,7 +114,7 @@ def test_the_nearest_rally_point_is_returned_to() -> None:
     assert s.place == pytest.approx((14, 0), abs=1.5)
 
 
-def test_rally_points_in_a_frame_px4_does_not_know_are_told_of() -> None:
+def test_rally_points_in_an_unsupported_frame_are_reported() -> None:
     s = PlanStation(sensor_noise=False)
     s.ready_to_arm()
     s.upload([s.item(5100, 10, 0, 10, frame=6)], kind=2)
@@ -123,7 +123,7 @@ def test_rally_points_in_a_frame_px4_does_not_know_are_told_of() -> None:
 
 
 @pytest.mark.story
-def test_a_return_may_stay_in_the_air_and_may_follow_the_mission_back() -> None:
+def test_a_return_may_end_in_flight_and_may_follow_the_mission_back() -> None:
     s = flying(RTL_TYPE=2, RTL_LAND_DELAY=-1.0, RTL_DESCEND_ALT=2.5)
     s.upload([s.item(22, height_m=3), s.item(16, 8, 0, 3), s.item(16, 8, 8, 3), s.item(17, 12, 8, 3)])
     s.start()
@@ -139,7 +139,7 @@ def test_a_return_may_stay_in_the_air_and_may_follow_the_mission_back() -> None:
 
 
 @pytest.mark.story
-def test_a_return_without_a_delay_lands_from_where_it_arrives_and_tells_each_place_it_flies_to() -> None:
+def test_a_return_without_a_delay_lands_directly_and_reports_each_target() -> None:
     s = flying(12.0, RTL_RETURN_ALT=20.0)
     home = s.sim.autopilots[0].home
     item = s.item(192, 30.0, 0.0)
@@ -159,7 +159,7 @@ def test_a_return_without_a_delay_lands_from_where_it_arrives_and_tells_each_pla
 
 @pytest.mark.parametrize("sub_mode", [6, 9])
 @pytest.mark.story
-def test_each_kind_of_landing_tells_the_place_under_the_vehicle(sub_mode: int) -> None:
+def test_each_kind_of_landing_reports_the_position_under_the_vehicle(sub_mode: int) -> None:
     s = flying(6.0)
     item = s.item(192, 10.0, 5.0)
     height_m = s.sim.autopilots[0].home.alt_amsl_m + 6

@@ -1,4 +1,4 @@
-"""Whole flights as stories, on bytes and a fake clock."""
+"""Whole flights, on bytes and a fake clock."""
 
 import math
 
@@ -20,7 +20,7 @@ from tests.unit.vehicle_sim.sim_station import (
 pytestmark = pytest.mark.flight
 
 
-def test_from_power_up_to_the_ground_again() -> None:
+def test_a_flight_from_boot_to_landing() -> None:
     s = Station()
     assert s.run_until(lambda: s.ready, 10) < 10
 
@@ -71,13 +71,13 @@ def test_from_power_up_to_the_ground_again() -> None:
 
 
 @pytest.mark.parametrize("armed_first", [True, False])
-def test_take_off_keeps_its_height_in_both_orders(armed_first: bool) -> None:
+def test_a_take_off_reaches_its_altitude_in_both_orders_of_commands(armed_first: bool) -> None:
     s = Station()
     s.run_until(lambda: s.ready, 15)
     wanted_m = 6.0
     takeoff = (22, -1, 0, 0, NAN, NAN, NAN, s.sim.autopilots[0].home.alt_amsl_m + wanted_m)
     for command in ((400, 1), takeoff) if armed_first else (takeoff, (400, 1)):
-        s.command(*command)
+        s.command(int(command[0]), *command[1:])
         s.run(0.3)
     assert (s.acks(22), s.acks(400), s.flown_mode) == ([0], [0], TAKEOFF)
     s.run_until(lambda: s.flown_mode == HOLD, 20)
@@ -86,7 +86,7 @@ def test_take_off_keeps_its_height_in_both_orders(armed_first: bool) -> None:
     assert not any("default takeoff altitude" in text for text in s.texts())
 
 
-def test_offboard_stream_lost_lands_disarms_and_says_offboard_again() -> None:
+def test_a_lost_offboard_stream_lands_disarms_and_reports_offboard_again() -> None:
     s = Station(links=BOTH)
     s.run_until(lambda: s.ready, 15)
 
@@ -124,7 +124,7 @@ def test_offboard_stream_lost_lands_disarms_and_says_offboard_again() -> None:
     assert s.mode == OFFBOARD
 
 
-def test_a_stream_that_comes_back_flies_on() -> None:
+def test_a_recovered_stream_is_flown_again() -> None:
     s = flown(Station, 6)
 
     def stream() -> None:
@@ -143,7 +143,7 @@ def test_a_stream_that_comes_back_flies_on() -> None:
 
 
 @pytest.mark.parametrize(("action", "mode"), [(1, 0x20000), (3, RTL), (5, HOLD)])
-def test_offboard_loss_does_what_its_parameter_says(action: int, mode: int) -> None:
+def test_a_lost_offboard_stream_triggers_the_action_of_its_parameter(action: int, mode: int) -> None:
     s = flown(Station, 4, {"COM_OBL_RC_ACT": action})
     s.run(1.1, lambda: s.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0))
     s.command(176, 1, 6)
@@ -174,7 +174,7 @@ def test_return_to_launch_climbs_flies_home_lands_and_stays_down() -> None:
     assert s.mode == HOLD
 
 
-def test_nobody_takes_off_so_the_vehicle_disarms_itself() -> None:
+def test_without_a_take_off_the_vehicle_disarms_itself() -> None:
     s = Station()
     s.run_until(lambda: s.ready, 15)
     s.command(400, 1)
@@ -182,7 +182,7 @@ def test_nobody_takes_off_so_the_vehicle_disarms_itself() -> None:
     assert s.texts()[-1] == "Disarmed by auto preflight disarming\t"
 
 
-def test_kill_and_termination_fall() -> None:
+def test_after_kill_and_termination_the_vehicle_falls() -> None:
     s = flown(Station, 4)
     s.command(400, 0)
     s.run(0.1)
@@ -204,7 +204,7 @@ def test_kill_and_termination_fall() -> None:
     assert s.acks(185) == [0, 2]
 
 
-def test_a_lost_ground_station_is_waited_for_then_returned_from() -> None:
+def test_a_lost_ground_station_triggers_a_return_after_the_delay() -> None:
     s = flown(Station, 4, {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
     s.heartbeats, lost_s = False, s.now_s
     s.run(3.2)
@@ -230,7 +230,7 @@ def test_a_critical_battery_returns_and_an_operator_may_take_over() -> None:
     assert s.flown_mode == LAND
 
 
-def test_without_a_position_nothing_that_needs_one_arms() -> None:
+def test_without_a_position_modes_that_need_one_cannot_be_armed() -> None:
     s = Station()
     s.sim.simulation.set_gps_enabled(0, False)
     s.run(8)
@@ -244,7 +244,7 @@ def test_without_a_position_nothing_that_needs_one_arms() -> None:
     assert {"check_modes_local_pos", "check_modes_global_pos"} <= set(s.events())
 
 
-def test_autotuning_is_wished_for_on_the_ground_and_refused_in_the_air() -> None:
+def test_autotuning_is_accepted_on_the_ground_and_refused_in_flight() -> None:
     station = Station()
     station.run_until(lambda: station.ready, 15)
     station.run(1.0)

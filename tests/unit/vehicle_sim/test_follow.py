@@ -1,4 +1,4 @@
-"""Follow Target: the vehicle flies beside the sender of FOLLOW_TARGET."""
+"""Follow Target: the vehicle follows the sender of FOLLOW_TARGET."""
 
 import math
 
@@ -78,7 +78,7 @@ def test_it_reaches_its_height_before_it_moves_horizontally() -> None:
 
 
 @pytest.mark.story
-def test_a_height_below_the_ground_is_not_flown_into_the_ground() -> None:
+def test_with_a_height_below_the_ground_the_vehicle_stays_above_the_ground() -> None:
     s = Beacon(20.0, -30.0, FLW_TGT_ALT_M=2, FLW_TGT_HT=8.0)
     s.fly_to(5.0)
     s.command(176, 1, 4, 8)

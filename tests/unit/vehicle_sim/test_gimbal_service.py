@@ -1,4 +1,4 @@
-"""The gimbal manager on the wire: who may command, and that the gimbal really moves."""
+"""The gimbal manager over MAVLink: control, and the motion of the gimbal."""
 
 import math
 
@@ -63,7 +63,7 @@ def test_without_control_commands_are_denied_and_messages_ignored() -> None:
     assert q_pitch(s) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_servos_are_there_at_once_and_stop_at_half_their_range() -> None:
+def test_servos_move_at_once_and_stop_at_half_their_range() -> None:
     s = ready()
     take(s)
     gimbal = s.sim.autopilots[0].gimbal
@@ -80,7 +80,7 @@ def test_servos_are_there_at_once_and_stop_at_half_their_range() -> None:
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-35, abs=0.5), "it waited at its stop"
 
 
-def test_a_device_of_its_own_turns_at_a_limited_rate_and_holds_north() -> None:
+def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> None:
     s = Station(parameters={"MNT_MODE_OUT": 2})
     take(s)
     s.command(1000, -60, 90, NAN, NAN, 16)
@@ -131,7 +131,7 @@ def test_minus_two_gives_control_to_the_vehicle_itself() -> None:
     assert (status.primary_control_sysid, status.primary_control_compid) == (1, 1)
 
 
-def test_yaw_lock_holds_north_and_follow_turns_along() -> None:
+def test_with_yaw_lock_the_heading_is_kept_and_without_it_the_gimbal_turns_with_the_vehicle() -> None:
     s = ready()
     take(s)
     gimbal = s.sim.autopilots[0].gimbal
@@ -160,7 +160,7 @@ def test_rates_turn_until_angles_stop_them_and_angles_alone_with_nan_change_noth
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(held, abs=0.3)
 
 
-def test_a_region_of_interest_is_looked_at_without_control() -> None:
+def test_the_gimbal_points_at_a_region_of_interest_without_control() -> None:
     s = ready()
     s.run(4)
     place = s.last["GLOBAL_POSITION_INT"]
@@ -175,7 +175,7 @@ def test_a_region_of_interest_is_looked_at_without_control() -> None:
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(0, abs=0.5)
 
 
-def test_switched_off_it_says_nothing() -> None:
+def test_a_disabled_gimbal_sends_nothing() -> None:
     s = Station(parameters={"MNT_MODE_IN": -1})
     s.run(2)
     s.command(1000, -20, 0, NAN, NAN)
@@ -188,7 +188,7 @@ def test_switched_off_it_says_nothing() -> None:
     assert not s.heard("GIMBAL_MANAGER_STATUS")
 
 
-def test_the_next_waypoint_is_looked_at_while_there_is_one() -> None:
+def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
     s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": 2})
     s.ready_to_arm()
     s.command(196)
@@ -210,7 +210,7 @@ def test_the_next_waypoint_is_looked_at_while_there_is_one() -> None:
 
 
 @pytest.mark.parametrize(("output", "locks"), [(0, 28), (2, 12)])
-def test_neutral_looks_ahead_of_the_vehicle_whatever_was_locked(output: int, locks: int) -> None:
+def test_neutral_points_ahead_of_the_vehicle_with_any_lock(output: int, locks: int) -> None:
     s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": output})
     s.ready_to_arm()
     take(s)

@@ -1,7 +1,8 @@
-"""When is the vehicle on the ground? The detector, the range finder's height, and landings of both kinds."""
+"""Detection of a landing: the detector, the height above ground, and landings of both kinds."""
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def test_three_stages_of_a_third_each_and_three_times_that_where_the_ground_is_n
         {"rates_frd_rad_s": (0.3, 0.3, 0.0)},
     ],
 )
-def test_each_condition_alone_keeps_it_from_having_landed(change: dict[str, object]) -> None:
+def test_each_condition_alone_prevents_a_landing(change: dict[str, object]) -> None:
     watch = flying()
     assert watch.until_landed(PRESSED._replace(**change), 5.0) == pytest.approx(5.0, abs=0.1)
     assert not watch.detector.landed
@@ -91,7 +92,7 @@ def test_without_a_controlled_climb_rate_no_descent_need_be_asked_for() -> None:
     assert not flying().see(by_hand._replace(thrust=0.12), 5.0).landed
 
 
-def test_blind_in_height_eight_seconds_without_thrust_are_a_landing() -> None:
+def test_without_a_height_eight_seconds_without_thrust_are_a_landing() -> None:
     assert flying().until_landed(PRESSED._replace(vertical_known=False), 20.0) == pytest.approx(8.7, abs=0.1)
 
 
@@ -139,13 +140,13 @@ def test_just_above_the_ground_the_height_is_lost_and_found_again() -> None:
 
 def test_the_height_follows_the_range_a_little_late() -> None:
     ranger = Ranger()
-    ranger.see(5.0)
+    height = ranger.see(5.0)
     for k in range(100):
         height = ranger.see(5.0 - 0.028 * (k + 1), down_m=-5.0 + 0.028 * (k + 1))
     assert height - 2.2 == pytest.approx(0.7 * 0.13, abs=0.03)
 
 
-def test_ranges_that_are_not_used_say_nothing() -> None:
+def test_unused_ranges_have_no_effect() -> None:
     ranger = Ranger()
     ranger.terrain.configure(0, Parameters({"EKF2_RNG_CTRL": 0}))
     assert math.isnan(ranger.see(3.0, for_s=1.0))
@@ -165,7 +166,7 @@ def hover(height_m: float) -> Station:
     return s
 
 
-def set_points(s: Station, mask: int, **fields: float):
+def set_points(s: Station, mask: int, **fields: Any):
     return lambda: s.send(
         "SET_POSITION_TARGET_LOCAL_NED", via="api", target_system=1, target_component=1,
         coordinate_frame=1, type_mask=mask, **fields,
@@ -221,7 +222,7 @@ HALF_SET_POINTS = (
 )
 
 
-def test_what_leaves_an_axis_open_stops_the_vehicle() -> None:
+def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
     """As a real PX4 does (its echo then says velocity zero); half of a setpoint is not flown."""
     s = hover(3.0)
     before = s.sim.simulation.truth.position_ned_m[0].copy()
@@ -255,14 +256,16 @@ class Lagging:
         )  # fmt: skip
         self.row = self.parameter_changes = 0
         self.parameter = Parameters().usable
-        self.choice = lambda name: int(Parameters().get(name))
+
+    def choice(self, name: str) -> int:
+        return int(Parameters().get(name))
 
     def trajectory(self, position_ned_m: tuple[float, float, float], *_: object) -> None:
         self.down_m = position_ned_m[2]
 
 
 @pytest.mark.parametrize(("beside_m", "part"), [(0.0, 1.0), (0.5, 0.75), (1.0, 0.5)])
-def test_a_vehicle_beside_its_trajectory_lands_more_slowly(beside_m: float, part: float) -> None:
+def test_a_vehicle_away_from_its_trajectory_descends_more_slowly(beside_m: float, part: float) -> None:
     """MPC_XY_ERR_MAX is 2 m; a real PX4 that wandered by half a metre sank at three quarters of its speed."""
     body = Lagging(-beside_m)
     path = Path(body, body)  # type: ignore[arg-type]

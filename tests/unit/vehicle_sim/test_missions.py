@@ -66,7 +66,7 @@ def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(s: PlanStati
 
 
 @pytest.mark.parametrize("first_item", [-1, 1])
-def test_a_mission_is_started_in_the_moment_its_upload_ends(s: PlanStation, first_item: int) -> None:
+def test_a_mission_can_be_started_directly_after_its_upload(s: PlanStation, first_item: int) -> None:
     plan = [s.item(TAKEOFF, height_m=4), s.item(WAYPOINT, 6, 0, 4), s.item(WAYPOINT, 6, 6, 4)]
     s.send("MISSION_COUNT", target_system=1, target_component=1, count=len(plan), mission_type=0)
     for seq, item in enumerate(plan):
@@ -125,7 +125,7 @@ def test_region_of_interest_turns_the_nose_and_return_ends_it(s: PlanStation) ->
     assert numbers == [195, 197, 20, 2003, 1000, 1001, 1001, 1000, 1001]
 
 
-def test_what_cannot_be_flown_is_stored_and_refused(s: PlanStation) -> None:
+def test_an_infeasible_mission_is_stored_and_refused(s: PlanStation) -> None:
     cases = {
         "navigator_mis_takeoff_not_first": [s.item(WAYPOINT, 5), s.item(TAKEOFF)],
         "navigator_mis_vtol_items": [s.item(TAKEOFF), s.item(85, 5)],
