@@ -308,8 +308,7 @@ class Autopilot:
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Applies a setpoint of PX4's own topics, in any mode: the controllers follow the newest one.
 
-        Outside Offboard the mode's own output follows within a tick. Motors, thrust and torque have no effect
-        there: PX4's own output follows them within 4 ms.
+        In other modes the mode's own output follows within a tick; after motors, thrust and torque in 4 ms.
         """
         self.offboard.put(setpoint)
         commander, level = self.commander, LEVELS.get(setpoint.kind, ControlLevel.TRAJECTORY)
@@ -321,6 +320,8 @@ class Autopilot:
                 self._steer_offboard()
         elif setpoint.kind in (Kind.ATTITUDE, Kind.RATES):
             self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+        elif setpoint.kind in (Kind.THRUST_TORQUE, Kind.ACTUATORS):
+            self._row.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
         elif level is ControlLevel.TRAJECTORY and not streamed and not self._row.below_trajectory:
             self._write_trajectory(setpoint)
 

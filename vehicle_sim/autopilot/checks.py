@@ -18,6 +18,8 @@ from vehicle_sim.vehicle_view import VehicleView
 QUIET_AFTER_BOOT_S = 1.0
 POSITION_BACK_S = 1.0
 """A lost position must be valid for this long before modes may use it again."""
+GCS_SILENT_S = 2.5
+"""A ground station counts as connected for this long after a heartbeat; then COM_DL_LOSS_T starts."""
 COMPANION_SILENT_S = 3.0
 """An onboard computer counts as connected for this long after a heartbeat; then COM_OBC_LOSS_T starts."""
 REPORT_EVERY_S = 2.05
@@ -145,8 +147,8 @@ class Checks:
         return self._view.time_s - self.manual_control_at_s < self._view.parameter("COM_RC_LOSS_T")
 
     def gcs_alive(self) -> bool:
-        """Whether a ground station's heartbeat was received within COM_DL_LOSS_T."""
-        return self._view.time_s - self.gcs_heard_at_s < self._view.choice("COM_DL_LOSS_T")
+        """Whether a ground station was connected within COM_DL_LOSS_T."""
+        return self._view.time_s - self.gcs_heard_at_s < GCS_SILENT_S + self._view.choice("COM_DL_LOSS_T")
 
     def gcs_lost(self) -> bool:
         """Whether the connection to a ground station was lost."""

@@ -112,6 +112,16 @@ class SetpointRow:
             s.rates_frd_rad_s[i] = rates_frd_rad_s
             s.override_level[i] = ControlLevel.RATES
 
+    def override_motors(self, thrust: float, torque_frd: Vector, signals: tuple[float, ...]) -> None:
+        """Overrides the motors with their signals, or by thrust and torque without any, for one step."""
+        s, i = self._all, self._i
+        if signals:
+            s.motors[i, : len(signals)] = signals
+            s.override_level[i] = ControlLevel.MOTORS
+        else:
+            s.thrust[i], s.torque_frd[i] = thrust, torque_frd
+            s.override_level[i] = ControlLevel.THRUST_TORQUE
+
     def thrust_torque(self, thrust: float, torque_frd: Vector) -> None:
         """Writes collective thrust 0..1 and normalised torques, which bypass the rate controller."""
         s, i = self._all, self._i

@@ -110,6 +110,21 @@ class Cascade:
             np.copyto(self.torque_frd, torque, where=(groups.level == _THRUST_TORQUE)[:, None])
         self._allocation.update(groups.powered, self.torque_frd, self._thrust, self.motor_signal)
         _write_motors(groups.level, setpoints.armed, setpoints.motors, self.motor_signal, self.motors_us)
+        if any_nonzero(setpoints.override_level):
+            self._override_motors(setpoints)
+
+    def _override_motors(self, setpoints: Setpoints) -> None:
+        """Applies thrust and torque, or motor signals, for this step; then the vehicle's own follow again."""
+        rows = (setpoints.override_level == _THRUST_TORQUE) & self._groups.powered
+        if any_of(rows):
+            torque = np.nan_to_num(setpoints.torque_frd)
+            self._allocation.update(rows, torque, np.nan_to_num(setpoints.thrust), self.motor_signal)
+            setpoints.override_level[rows] = _DISARMED
+        rows = (setpoints.override_level == _MOTORS) & self._groups.powered
+        if any_of(rows):
+            signals = np.clip(np.nan_to_num(setpoints.motors), 0.0, 1.0)
+            np.copyto(self.motor_signal, signals, where=rows[:, None])
+            setpoints.override_level[rows] = _DISARMED
 
     def _override_rates(self, setpoints: Setpoints) -> None:
         """Applies body rates at once that arrived between two outputs of the outer controllers."""

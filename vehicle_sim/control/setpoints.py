@@ -70,8 +70,9 @@ class Setpoints:
     motors: FloatArray
     """(N, 4) 0..1, level MOTORS; a motor with NaN or a negative value stops."""
     override_level: IntArray
-    """(N,) RATES or ATTITUDE: a setpoint of this level has arrived during a trajectory, and holds until the
-    outer controllers write again; DISARMED: none. The cascade resets it."""
+    """(N,) a setpoint of this level has arrived, but the vehicle is controlled at a higher one; DISARMED:
+    none. ATTITUDE and RATES hold until the outer controllers write again, THRUST_TORQUE and MOTORS for one
+    step. The cascade resets it."""
     ramp_thrust: BoolArray
     """(N,) the take-off ramp runs: MPC_THR_HOVER is used unchanged, without feed-forward of acceleration in
     z."""

@@ -207,7 +207,7 @@ def test_after_kill_and_termination_the_vehicle_falls() -> None:
 def test_a_lost_ground_station_triggers_a_return_after_the_delay() -> None:
     s = flown(Station, 4, {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 3, "COM_FAIL_ACT_T": 2.0})
     s.heartbeats, lost_s = False, s.now_s
-    s.run(3.2)
+    s.run(5.7)  # 2.5 s of silence, then COM_DL_LOSS_T
     assert "commander_failsafe_enter_hold" in s.events(lost_s)
     assert s.flown_mode == HOLD
     s.run(2.5)

@@ -1,0 +1,172 @@
+"""Recorded ROS 2 dialogues in flight: what PX4 did before each of them is done first."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tests.contract.ros2_dialogues import (
+    GCS,
+    REPLY,
+    REQUEST,
+    SLACK_S,
+    STATUS,
+    Dialogue,
+    Player,
+    Scene,
+    recorded_changes,
+    recorded_modes,
+)
+from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.external_modes.registry import EXECUTOR_COMPONENT
+from vehicle_sim.external_modes.slots import FIRST_MODE, LAST_MODE
+from vehicle_sim.mavlink.dialect import pack
+from vehicle_sim.mavlink.framing import frame_v2
+from vehicle_sim.ros2.topics import EXECUTOR_COMMAND
+
+RTL, LAND_COMMAND, TAKEOFF_COMMAND, ARM, SET_NAV_STATE = 5, 21, 22, 400, 100_001
+CONTROLLERS = ("position", "velocity", "altitude", "climb_rate", "acceleration", "attitude", "rates")
+TRAJECTORY = {f"flag_control_{name}_enabled": True for name in (*CONTROLLERS, "allocation")}
+SETTLE_S = 9.0
+"""From the take-off command to Hold, at least."""
+LOWEST_M = 2.5
+HEARTBEAT_S = 1.0
+STEP_S = 0.02
+LANDING_S = 12.0
+DISARMED = 1
+FIRST_ENTRY = 18
+"""Entry of AVAILABLE_MODES of the first external mode."""
+
+
+class FlightPlayer(Player):
+    """Plays dialogues that begin in flight, with the heartbeats of a ground station."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._silences: list[tuple[float, float]] = []
+        """Times without heartbeats, since boot."""
+        self._heartbeat_at_s = 0.0
+        self._answered = 0
+        self._prepares = False
+
+    def _boot(self) -> None:
+        self._silences, self._heartbeat_at_s = [], 0.0
+
+    def _prepare(self, dialogue: Dialogue) -> None:
+        """Brings the vehicle into the state in which the dialogue began."""
+        state = dialogue["state"]
+        self._prepares, self._answered = True, len(self.vehicle.received)
+        missing = state["can_set_nav_states_mask"] & ~self._status()["can_set_nav_states_mask"]
+        for mode in range(FIRST_MODE, LAST_MODE + 1):
+            if missing >> mode & 1:
+                self._register(dialogue, mode)
+        landed = self.vehicle.sim.autopilots[0].commander.landed
+        if landed and not state["landed"]:
+            self._take_off(-state["z"])
+        elif state["landed"] and not landed:
+            self.vehicle.command(LAND_COMMAND)
+            self._run(20.0)
+        if self._status()["nav_state_user_intention"] != state["nav_state_user_intention"]:
+            self.vehicle.command(SET_NAV_STATE, float(state["nav_state_user_intention"]))
+            self._run(1.0)
+        self._put_in_charge(state["executor_in_charge"])
+        self._prepares = False
+
+    def _put_in_charge(self, executor: int) -> None:
+        """Makes an executor select the mode that is selected already."""
+        status = self._status()
+        if executor and not status["executor_in_charge"]:
+            intended = float(status["nav_state_user_intention"])
+            self.vehicle.command(SET_NAV_STATE, float(FIRST_MODE - 1 + executor))
+            self._run(0.2)
+            self.vehicle.command(
+                SET_NAV_STATE,
+                intended,
+                topic=EXECUTOR_COMMAND,
+                source_component=EXECUTOR_COMPONENT + executor,
+            )
+            self._run(1.0)
+
+    def _status(self) -> dict[str, Any]:
+        self._run(0.6)
+        return self.vehicle.last(STATUS)
+
+    def _register(self, dialogue: Dialogue, mode: int) -> None:
+        sent = [each["fields"] for each in dialogue["send"] if "unregister" in each["topic"]]
+        entry = mode - FIRST_MODE + FIRST_ENTRY
+        listed = [each for each in recorded_modes(dialogue) if each["mode_index"] == entry]
+        names = [each["name"] for each in sent if each["mode_id"] == mode]
+        names += [each["mode_name"] for each in listed if not each["properties"]] + ["Lost Mode"]
+        replaces = not dialogue["state"]["can_set_nav_states_mask"] >> RTL & 1
+        request = {
+            "name": names[0], "register_arming_check": True, "register_mode": True,
+            "register_mode_executor": _has_executor(dialogue), "enable_replace_internal_mode": replaces,
+            "replace_internal_mode": RTL if replaces else 0,
+        }  # fmt: skip
+        self.vehicle.send("/fmu/in/register_ext_component_request", request)
+        self._run(0.1)
+        self.vehicle.send("/fmu/in/config_control_setpoints", {"source_id": mode} | TRAJECTORY)
+        self._run(0.5)
+
+    def _take_off(self, height_m: float) -> None:
+        autopilot = self.vehicle.sim.autopilots[0]
+        altitude_m = autopilot.view.estimate.alt_amsl_m + max(LOWEST_M, height_m)
+        self.vehicle.command(ARM, 1.0)
+        self.vehicle.command(TAKEOFF_COMMAND, *[math.nan] * 6, altitude_m)
+        self._run(SETTLE_S)
+        while autopilot.commander.active is NavState.TAKEOFF:
+            self._run(1.0)
+
+    def _lands(self, dialogue: Dialogue) -> bool:
+        changes = recorded_changes(dialogue, STATUS, "arming_state")
+        return any(after == DISARMED for _, (_, after) in changes)
+
+    def _over(self, now_s: float, scene: Scene) -> bool:
+        if now_s < scene.lasts_s:
+            return False
+        if self._lands(scene.dialogue) and self.vehicle.sim.autopilots[0].commander.armed:
+            self._until_s = self.vehicle.sim.time_s + SLACK_S
+        return self.vehicle.sim.time_s >= self._until_s or now_s >= scene.lasts_s + LANDING_S
+
+    def _begin(self, dialogue: Dialogue) -> None:
+        marks = {each["text"]: self.began_s + each["dt_s"] for each in dialogue.get("marks") or []}
+        if "GCS heartbeats stop" in marks:
+            self._silences = [(marks["GCS heartbeats stop"], marks.get("GCS heartbeats back", math.inf))]
+
+    def _run(self, seconds: float) -> None:
+        end_s = self.vehicle.sim.time_s + seconds - 1e-6
+        while self.vehicle.sim.time_s < end_s:
+            now_s = self.vehicle.sim.time_s
+            if now_s >= self._heartbeat_at_s:
+                self._heartbeat_at_s = now_s + HEARTBEAT_S
+                if not any(begin_s <= now_s < back_s for begin_s, back_s in self._silences):
+                    self._heartbeat()
+            if self._prepares:
+                self._answer_all()
+            super()._run(min(STEP_S, end_s - now_s + 1e-6))
+
+    def _heartbeat(self) -> None:
+        layout, payload = pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
+        self.vehicle.sim.feed(0, "gcs", frame_v2(layout, payload, 0, *GCS))
+
+    def _answer_all(self) -> None:
+        for _, topic, fields in self.vehicle.received[self._answered :]:
+            if topic == REQUEST:
+                for check in range(2):
+                    reply = {"request_id": fields["request_id"], "registration_id": check}
+                    self.vehicle.send(REPLY, reply, can_arm_and_run=True, mode_req_local_position=True)
+        self._answered = len(self.vehicle.received)
+
+
+def landed_s(dialogue: Dialogue) -> float:
+    """Recorded time of the first landing; infinite without one."""
+    texts = [each for each in dialogue["received"] if each.get("msg") == "STATUSTEXT"]
+    landings = [each["dt_s"] for each in texts if "Landing detected" in each["fields"]["text"]]
+    return min(landings, default=math.inf)
+
+
+def _has_executor(dialogue: Dialogue) -> bool:
+    state = dialogue["state"]
+    overrides = [each["fields"] for each in dialogue["send"] if "config_overrides" in each["topic"]]
+    sources = [each.get("source_type") for each in overrides]
+    return bool(state["executor_in_charge"]) or 1 in sources or "exec" in dialogue["id"]

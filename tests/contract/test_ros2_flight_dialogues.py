@@ -1,0 +1,46 @@
+"""Recorded ROS 2 dialogues of a real PX4 in flight: external modes flown, lost and replaced, executors,
+overrides. Compared by answers and by the vehicle's state; times are compared until the first landing, which
+depends on the height.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.contract.ros2_dialogues import Scene, compare, load, scenes
+from tests.contract.ros2_flight_dialogues import FlightPlayer, landed_s
+
+GROUPS = ("component_lost_in_flight", "executor", "overrides", "mode_replacement", "mode_flight")
+IGNORED = frozenset({"pre_flight_checks_pass"})
+"""In flight PX4 reports the checks of the failed mode for one cycle of 12 ms, until it has left it."""
+LOW_RETURN = "The return lands earlier here and is disarmed before the next mode is selected."
+EXPLAINED = {
+    "lost_rtl_armchk0": LOW_RETURN,
+    "lost_rtl": LOW_RETURN,
+    "lost_stop": LOW_RETURN,
+    "no_auto_disarm": "PX4 was in Hold before the landing of a failsafe; here that landing has begun.",
+}
+
+pytestmark = pytest.mark.flight
+
+
+@pytest.fixture(scope="module")
+def player() -> FlightPlayer:
+    return FlightPlayer()
+
+
+@pytest.mark.parametrize("scene", scenes(load(GROUPS)), ids=lambda scene: scene.dialogue["id"])
+def test_a_recorded_dialogue_in_flight_goes_the_same_way(player: FlightPlayer, scene: Scene) -> None:
+    player.play(scene)
+    found = compare(player, scene.dialogue, until_s=landed_s(scene.dialogue), ignored=IGNORED)
+    if scene.dialogue["id"] in EXPLAINED:
+        assert found, f"{scene.dialogue['id']} is as recorded: take it off EXPLAINED"
+    else:
+        assert not found
+
+
+def test_every_explained_dialogue_was_recorded(shared: Path) -> None:
+    assert shared
+    assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load(GROUPS)}
