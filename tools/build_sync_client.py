@@ -38,7 +38,7 @@ LEFT_OUT = ("socket",)
 
 HEADER = '''"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
 
-Each call runs its asynchronous twin on a loop of its own thread and waits for it.
+Each call runs the asynchronous call in an event loop on a separate thread, and waits for its result.
 Made by tools/build_sync_client.py from the asynchronous client: change that, then run `make types`.
 """
 
@@ -57,7 +57,7 @@ from gcs_server.client.control import OnLost
 from gcs_server.client.dry_runs import RUN_S
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_S
-from gcs_server.client.offboard import Answer, Steering
+from gcs_server.client.offboard import Answer, SetpointCalls
 from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
 from gcs_server.client.setpoints import Body, Expiry, PathPoints
@@ -73,7 +73,7 @@ class Twin:
 
     def lines(self) -> str:
         """The blocking class as source."""
-        bases = {ROOT: "(LoopThread)"} | dict.fromkeys(STEERING, "(Steering[Answer])")
+        bases = {ROOT: "(LoopThread)"} | dict.fromkeys(STEERING, "(SetpointCalls[Answer])")
         head = f"class Sync{self.node.name}{bases.get(self.node.name, '')}:\n"
         body = [_doc(self.node), _init(self), *(_method(m) for m in _public(self.node))]
         return head + "\n\n".join(part for part in body if part)

@@ -78,7 +78,7 @@ class Admission:
     """ASGI middleware, behind the guard.
 
     Args:
-        connections: the server's.
+        connections: the server's connections.
         in_control: whether the client of this key controls a vehicle.
     """
 

@@ -99,7 +99,7 @@ class Connections:
     """All connections of the server.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         limits: their limits.
         in_control: whether the client of this key controls a vehicle.
     """

@@ -90,7 +90,7 @@ class Guard:
         now_s = self._clock.monotonic_s()
         if now_s - self._logged_s < QUIET_S:
             return
-        caller = scope["client"][0] if scope.get("client") else "somebody"
+        caller = scope["client"][0] if scope.get("client") else "an unknown client"
         log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_since)
         self._wrong_since, self._logged_s = 0, now_s
 

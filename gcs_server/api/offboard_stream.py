@@ -54,7 +54,7 @@ class SetpointSocket:
     """One client's setpoints for one vehicle.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         station: the parts of the server.
         principal: the caller.
         vehicle_id: the vehicle.

@@ -28,7 +28,7 @@ class PlanContext:
     """A vehicle's data for the check of a plan; empty without a vehicle."""
 
     parameters: dict[str, float] = field(default_factory=dict[str, float])
-    """By PX4 name."""
+    """Parameters by PX4 name."""
     home: dict[str, float] | None = None
     """Home position: `lat_deg`, `lon_deg`, `alt_amsl_m`."""
     origin: dict[str, float] | None = None

@@ -264,7 +264,7 @@ class ElevationFileModel(AnswerBody):
     south_deg: float = Field(description="Southern edge [deg].")
     east_deg: float = Field(description="Eastern edge [deg].")
     north_deg: float = Field(description="Northern edge [deg].")
-    spacing_m: float = Field(description="Between two rows, over the ground [m].")
+    spacing_m: float = Field(description="Distance between two rows of the grid, on the ground [m].")
 
 
 class ElevationFiles(AnswerBody):

@@ -99,7 +99,7 @@ class Problem(BaseModel):
     holder: str | None = Field(
         default=None, description="With `not_in_control`: name of the client in control."
     )
-    holder_key: str | None = Field(default=None, description="Distinguishes holders of the same name.")
+    holder_key: str | None = Field(default=None, description="Distinguishes clients with the same name.")
     permission: str | None = Field(default=None, description="With `not_permitted`: the missing permission.")
     vehicles: list[str] | None = Field(
         default=None, description="With `not_together`: ids of the vehicles that prevent the group's start."
@@ -110,9 +110,11 @@ class Problem(BaseModel):
     )
     plan: str | None = Field(default=None, description="With `conflict`: the plan's id.")
     version: int | None = Field(default=None, description="With `conflict`: the plan's newest version.")
-    changed_by: str | None = Field(default=None, description="With `conflict`: who saved that version.")
+    changed_by: str | None = Field(
+        default=None, description="With `conflict`: name of the client that saved that version."
+    )
     changed_unix_s: float | None = Field(
-        default=None, description="With `conflict`: when it was saved [s since 1970 UTC]."
+        default=None, description="With `conflict`: time at which that version was saved [s since 1970 UTC]."
     )
     codes: list[str] | None = Field(
         default=None, description="With `plan_findings`: the codes to list in `despite`."

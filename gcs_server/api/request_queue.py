@@ -58,7 +58,7 @@ class RequestQueue:
         self._lanes = (_Lane(), _Lane(), _Lane())
         """Lanes of clients in control, known clients and new clients."""
         self._seen: dict[str, tuple[float, float]] = {}
-        """By client key: time of the first and the last request."""
+        """Time of the first and the last request, by client key."""
 
     async def wait(self, client: Principal) -> None:
         """Returns when the request may start; immediately if no other request waits."""

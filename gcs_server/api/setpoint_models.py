@@ -261,7 +261,9 @@ class ActuatorsSetpoint(SetpointBody):
 class PathPointBody(StrictBody):
     """A position and its time."""
 
-    t_s: float = Field(allow_inf_nan=False, ge=0, le=3600, description="Since the path began [s].")
+    t_s: float = Field(
+        allow_inf_nan=False, ge=0, le=3600, description="Time since the start of the path [s]."
+    )
     position_ned_m: PositionNed = Field(description=POSITION_WORDS)
     yaw_ned_rad: Angle | None = Field(
         default=None, description="Heading clockwise from north [rad]; given for all points or for none."
@@ -272,7 +274,7 @@ class PathSetpoint(SetpointBody):
     """A smooth curve through points in time, flown by the server even if its client disconnects.
 
     It starts at the vehicle's position (the first point within 5 m) and at `t_s` 0.
-    `valid_for_s` counts from its end.
+    `valid_for_s` starts at the end of the path.
     """
 
     model_config = example(
@@ -286,7 +288,7 @@ class PathSetpoint(SetpointBody):
 
     type: Literal["path"]
     points: Annotated[tuple[PathPointBody, ...], Field(min_length=2, max_length=5000), FailFast()] = Field(
-        description="In the order of their times; the last is held."
+        description="Points in the order of their times; the vehicle holds the last point."
     )
 
     @model_validator(mode="after")

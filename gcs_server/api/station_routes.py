@@ -80,8 +80,8 @@ async def remove_link(
 ) -> Response:
     """Closes a link; 409 if that would disconnect a vehicle.
 
-    `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
-    a vehicle that is armed or flown by setpoints, and `confirm` is not the required text.
+    The code is `not_in_control` if another client controls a vehicle on this link. It is `refused` if this is
+    the last link of a vehicle that is armed or flown by setpoints, and `confirm` is not the required text.
     """
     arguments: dict[str, object] = {"name": name} if confirm is None else {"name": name, "confirm": confirm}
     with authorized_command(station, principal, "links/remove", None, arguments):

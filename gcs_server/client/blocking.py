@@ -1,6 +1,6 @@
 """The same client for programs without an event loop: `with SyncGcs() as gcs`.
 
-Each call runs its asynchronous twin on a loop of its own thread and waits for it.
+Each call runs the asynchronous call in an event loop on a separate thread, and waits for its result.
 Made by tools/build_sync_client.py from the asynchronous client: change that, then run `make types`.
 """
 

@@ -1,6 +1,6 @@
 """The same client for programs without an event loop: `with SyncGcs() as gcs`.
 
-Each call runs its asynchronous twin on a loop of its own thread and waits for it.
+Each call runs the asynchronous call in an event loop on a separate thread, and waits for its result.
 Made by tools/build_sync_client.py from the asynchronous client: change that, then run `make types`.
 """
 
@@ -23,7 +23,7 @@ from gcs_server.client import (
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_S
-from gcs_server.client.offboard import Answer, Steering
+from gcs_server.client.offboard import Answer, SetpointCalls
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body, PathPoints
 
@@ -237,7 +237,7 @@ class SyncMission:
         self._portal.call(lambda: self._inner.resume())
 
 
-class SyncOffboard(Steering[Answer]):
+class SyncOffboard(SetpointCalls[Answer]):
     """A running setpoint stream.
 
     Args:
@@ -289,7 +289,7 @@ class SyncOffboard(Steering[Answer]):
         self._portal.call(lambda: self._inner.stop())
 
 
-class SyncLiveOffboard(Steering[Answer]):
+class SyncLiveOffboard(SetpointCalls[Answer]):
     """Setpoints over a WebSocket."""
 
     def __init__(self, inner: offboard.LiveOffboard, portal: BlockingPortal) -> None:

@@ -1,6 +1,7 @@
 """Setpoint calls of a program; each call immediately replaces the setpoint of the running stream.
 
-`Steering` has the calls for all clients; they return the result of `send`, which is a value or an awaitable.
+`SetpointCalls` contains the calls for all clients; they return the result of `send`, which is a value or an
+awaitable.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ from gcs_server.client.setpoints import Body, Partial, PathPoints
 R_co = TypeVar("R_co", covariant=True)
 POLL_S = 0.1
 Answer = dict[str, Any]
-"""State of the stream (`GET …/offboard`); over the WebSocket `applied` and `limited`."""
+"""Answer to a setpoint: the state of the stream (as `GET …/offboard`), or `applied` and `limited` over the
+WebSocket."""
 
 
-class Steering(ABC, Generic[R_co]):
+class SetpointCalls(ABC, Generic[R_co]):
     """One call for each kind of setpoint; subclasses implement `send`."""
 
     @abstractmethod
@@ -186,7 +188,7 @@ class Requester(Protocol):
     async def socket(self, path: str) -> ClientConnection: ...
 
 
-class Offboard(Steering[Awaitable[Answer]]):
+class Offboard(SetpointCalls[Awaitable[Answer]]):
     """A running setpoint stream.
 
     Args:
@@ -246,7 +248,7 @@ class Offboard(Steering[Awaitable[Answer]]):
         await self._vehicle.request("POST", "/offboard/stop")
 
 
-class LiveOffboard(Steering[Awaitable[Answer]]):
+class LiveOffboard(SetpointCalls[Awaitable[Answer]]):
     """Setpoints over a WebSocket."""
 
     def __init__(self, socket: ClientConnection, life: Body) -> None:

@@ -40,7 +40,7 @@ class Command:
     name: str
     """Name in the journal."""
     permission: Permission | None
-    """None: no permission beyond the token."""
+    """The required permission; None: only the token."""
     calls: tuple[str, ...]
     """`METHOD /path`, below `/api/v1` unless it begins with `//`; for a WebSocket message `WS /path
     message`."""

@@ -35,7 +35,7 @@ class Acceptor:
         listener: bound, listening, not blocking.
         protocol: creates the protocol of a new connection.
         connections: decides whether there is room.
-        clock: the server's.
+        clock: the server's clock.
     """
 
     def __init__(

@@ -9,7 +9,7 @@ log = logging.getLogger(__name__)
 
 WANTED = 4096
 KEPT = 256
-"""Reserved for MAVLink links, recordings, the streams' process, the journal and the page's files."""
+"""Reserved for MAVLink links, recordings, the stream process, the journal and the page's files."""
 
 
 def for_connections() -> int:

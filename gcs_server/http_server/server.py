@@ -23,7 +23,7 @@ class HttpServer(uvicorn.Server):
     Args:
         app: the application.
         connections: its connections and their limits.
-        clock: the server's.
+        clock: the server's clock.
         addresses: printed when it is ready.
         trusted_proxies: proxies whose headers for the caller's address and scheme are trusted.
     """

@@ -10,7 +10,7 @@ class Stall:
     """Monitors one connection.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
     """
 
     def __init__(self, clock: Clock) -> None:

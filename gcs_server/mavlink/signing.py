@@ -73,7 +73,7 @@ class SecretKey:
         raise TypeError("a signing key is not pickled by chance; see `reveal`")
 
     def reveal(self) -> bytes:
-        """The bytes, only for the streams' process and the key's file."""
+        """The bytes, only for the stream process and the key's file."""
         return self._bytes
 
     def signature(self, frame: bytes) -> bytes:

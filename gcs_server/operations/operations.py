@@ -2,7 +2,7 @@
 permission can cancel it. An operation is an asyncio task with a status. It does not depend on a connection,
 so that a reloaded page or a reconnected client finds it again. It ends when:
 
-- it returns: `succeeded`, with a small result; it raises: `failed`, with the error;
+- its work returns: `succeeded`, with a small result; its work raises an exception: `failed`, with the error;
 - a client cancels it: `cancelled`, once the work has cleaned up;
 - its vehicle's link is lost, or the vehicle is removed, and the work needs the vehicle: `failed`, by its own
 error, or after `LINK_GRACE_S` with `disconnected`; other work continues;
@@ -88,7 +88,7 @@ class Operations:
     """All operations of one server.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         supervisor: owns the tasks.
         on_change: called with each change. Operations are not part of a vehicle's history.
     """

@@ -58,8 +58,8 @@ def of_mission(
 
 
 def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Resolves a plan: `plan` (JSON text), `elevation` (paths), `tolerance_m` (null: no waypoints are
-    added)."""
+    """Resolves the altitudes of a plan. Arguments: `plan` (JSON text), `elevation` (paths), `tolerance_m`
+    (null: no waypoints are added)."""
     plan = plan_document.read(arguments["plan"])
     ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), _places(plan))
     found = follow_ground(plan, ground, arguments["tolerance_m"])
@@ -73,7 +73,7 @@ def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def files(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The area that each file covers: `elevation` (paths)."""
+    """The area of each elevation file. Argument: `elevation` (paths of the files)."""
     elevation = Elevation.of(map(Path, arguments["elevation"]))
     found: list[ElevationFile] = [file for _, file in elevation.files]
     return {"files": [dataclasses.asdict(each) for each in found], "unreadable": list(elevation.problems)}

@@ -89,7 +89,7 @@ class PlanWork:
                 )
         except WorkerFailed as error:
             raise Refused(
-                f"The {task} exceeded its limit of memory or time, or failed: {error}",
+                f"The {task} took more memory or time than allowed, or failed: {error}",
                 remedy="Make the plan, file or area smaller.",
             ) from error
 

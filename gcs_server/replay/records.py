@@ -152,7 +152,7 @@ def read_at(file: BinaryIO, offset: int) -> bytes:
 
 
 def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
-    """The complete records of `data`, which was read at the cursor. Pure."""
+    """Parses the complete records of `data`, which was read at the cursor."""
     records: list[Record] = []
     position, skipped, size = 0, 0, len(data)
     time_us, shift_us = cursor.time_us, cursor.shift_us

@@ -1,5 +1,5 @@
 """Finds the cause of a vehicle's mode: this server's command, the vehicle itself, its pilot or another
-station. Pure.
+station. No I/O.
 
 The vehicle does not report the cause. It is inferred from this server's commands, the vehicle's
 acknowledgements to other stations, the intended mode and the current mode, and the RC link.

@@ -13,7 +13,7 @@ from gcs_server.mavlink import dialect as d
 HASH_NAME = "_HASH_CHECK"
 NO_INDEX = 65535
 MAX_PARAMETERS = 5_000
-"""A vehicle with PX4 v1.16 has 929 of the firmware's 1,821."""
+"""Maximum number of parameters; a vehicle with PX4 v1.16 has 929 of the firmware's 1,821."""
 CACHE_VERSION = 1
 _value = struct.Struct("<4sHH16sB")
 _float = struct.Struct("<f")
@@ -45,7 +45,8 @@ class ParamReport:
 
 
 def read_report(payload: bytes) -> ParamReport | None:
-    """From a full PARAM_VALUE payload with PX4's bytewise encoding; None for types of more than 32 bits."""
+    """Decodes a full PARAM_VALUE payload with PX4's bytewise encoding; None for types with more than 32
+    bits."""
     bits, count, index, raw_name, kind = _value.unpack_from(payload)
     name = raw_name.split(b"\0", 1)[0].decode("ascii", "replace")
     if kind == d.MAV_PARAM_TYPE_REAL32:
@@ -64,14 +65,15 @@ def checksum_of(param: Param) -> int | None:
 class ParamTable:
     """Values by name, and their indexes in the vehicle's list.
 
-    At most `MAX_PARAMETERS` names. An entry with an invalid name only marks its index as received.
+    The table has at most `MAX_PARAMETERS` names. For an entry with an invalid name, only the index is marked
+    as received.
     """
 
     def __init__(self) -> None:
         self._values: dict[str, Param] = {}
         self._filled: set[int] = set()
         self.count: int | None = None
-        """Length of the vehicle's list; None until it is known."""
+        """Length of the vehicle's list; None if unknown."""
         self.hash: int | None = None
         """The vehicle's checksum over names and values."""
         self.left_out = 0

@@ -1,4 +1,4 @@
-"""Updates the flight state from each message; safety functions read it. Pure."""
+"""Updates the flight state, which safety functions use, from each message. No I/O."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class FlightState:
     autopilot: int = d.MAV_AUTOPILOT_INVALID
     hil: bool = False
     heartbeat_s: float = float("-inf")
-    """When `armed` was last reported."""
+    """Time at which `armed` was last reported."""
     mode_s: float = float("-inf")
-    """When `custom_mode` was last reported (HEARTBEAT or CURRENT_MODE)."""
+    """Time at which `custom_mode` was last reported (HEARTBEAT or CURRENT_MODE)."""
     landed_s: float = float("-inf")
 
 
 def heartbeat(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:
-    """HEARTBEAT of the autopilot."""
+    """Applies a HEARTBEAT of the autopilot."""
     custom_mode, vehicle_type, autopilot, base_mode, system_status, _version = _heartbeat.unpack(payload)
     return replace(
         flight_state,
@@ -48,7 +48,7 @@ def heartbeat(flight_state: FlightState, payload: bytes, now_s: float) -> Flight
 
 
 def current_mode(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:
-    """CURRENT_MODE; an intended mode of 0 means unknown, unless the mode is 0 as well."""
+    """Applies CURRENT_MODE. An intended mode of 0 means unknown, unless the current mode is also 0."""
     custom_mode, intended, _standard = _current_mode.unpack(payload)
     return replace(flight_state, custom_mode=custom_mode, intended_custom_mode=intended or None, mode_s=now_s)
 

@@ -21,10 +21,12 @@ from gcs_server.vehicle.samples import Gimbal, GimbalReading, Sample, Status
 log = logging.getLogger(__name__)
 
 LINK_LOST_AFTER_S = 3.5
-"""Connection lost after this silence of the autopilot. QGroundControl counts only heartbeats; but on a link
-with 20 % loss three in a row are lost every two minutes, and a lost connection ends the setpoint stream."""
+"""Time without any message of the autopilot after which the connection is lost [s]. QGroundControl counts
+only heartbeats, but on a link with 20 % loss three in a row are lost every two minutes, and a lost connection
+ends the setpoint stream."""
 HEARTBEAT_OVERDUE_AFTER_S = 10.0
-"""Connection lost after this time without a heartbeat, because only heartbeats report whether it is armed."""
+"""Time without a heartbeat after which the connection is lost [s], because only heartbeats report the armed
+state."""
 
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
 TOPIC_MESSAGES: dict[str, tuple[int, ...]] = {
@@ -40,18 +42,20 @@ TOPICS_OF_MESSAGE: dict[int, tuple[str, ...]] = {
     msg_id: tuple(topic for topic, ids in INPUT_MESSAGES.items() if msg_id in ids)
     for msg_id in {msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids}
 }
-"""Topics that depend on a message."""
+"""The topics that depend on each message."""
 PAIR_WITHIN_S = 1.0
 KEEPS_LAST = frozenset({"home"})
-"""Topics whose last valid value is kept: limits refer to home, and one bad message must not remove them."""
+"""Topics whose last valid value is kept, because limits refer to home, and one invalid message must not
+remove them."""
 Frames = tuple[Frame | None, ...]
 
 
 class VehicleState:
-    """State of one vehicle. Only `take` writes it; reading decodes and caches.
+    """State of one vehicle. Only `take` changes it; samples are decoded and cached when they are read.
 
     Args:
-        component_id: the autopilot's; frames of other components are ignored, except those of gimbals.
+        component_id: component id of the autopilot. Frames of other components are ignored, except those of
+            gimbals.
     """
 
     def __init__(self, component_id: int, clock: Clock) -> None:
@@ -60,7 +64,7 @@ class VehicleState:
         """Newest frame of each (component, message, instance), by key (`instances.py`)."""
         self._instances = Instances(component_id)
         self.unusable: dict[str, str] = {}
-        """Topics whose newest message cannot be used, and why; as of the last reading."""
+        """Topics whose newest message could not be used at the last reading, with the reasons."""
         self._component_id = component_id
         self._clock = clock
         self._cache: dict[str, Sample | None] = {}
@@ -68,19 +72,19 @@ class VehicleState:
         """Decoded topics without a new message since then."""
         self._history = History({msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids})
         self._received_s = float("-inf")
-        """Time of the last heartbeat, or of later messages without a gap."""
+        """Time of the last heartbeat, or of a later message that followed without a gap."""
         self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
-        """(time, sources, sample) of the last minutes."""
+        """(time, sources, sample) for the last minutes."""
 
     def take(self, frame: Frame) -> bool:
-        """Stores a frame; False if it is ignored: another component sent it."""
+        """Stores a frame; returns False if it is ignored, because another component sent it."""
         own = frame.component_id == self._component_id
-        if not frame.known:  # there are 16 million ids: storing them all would fill the memory
+        if not frame.known:  # storing all 16 million possible ids would fill the memory
             return own
         if own:
             self._note_received(frame)
         if own and frame.msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
-            self.topic("home")  # decoded before the newer one replaces it
+            self.topic("home")  # decode the previous frame before the new one replaces it
         key = self._instances.key_of(frame)
         if key is None:
             return own
@@ -93,13 +97,13 @@ class VehicleState:
 
     def _note_received(self, frame: Frame) -> None:
         now_s = frame.received_monotonic_s
-        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # it shows that a lost vehicle is back
+        is_heartbeat = frame.msg_id == d.MAVLINK_MSG_ID_HEARTBEAT  # a lost vehicle is back
         if is_heartbeat or now_s - self._received_s <= LINK_LOST_AFTER_S:
             self._received_s = now_s
 
     @property
     def link_lost(self) -> bool:
-        """Whether the connection is lost: no message of the autopilot, or no heartbeat, for too long."""
+        """Whether the connection is lost, because no message or no heartbeat was received for too long."""
         return self._clock.monotonic_s() > self._lost_from_s()
 
     def _lost_from_s(self) -> float:
@@ -137,7 +141,7 @@ class VehicleState:
         )
 
     def topic(self, name: str) -> Sample | None:
-        """The newest sample of a topic; None before the first, and if the newest cannot be used.
+        """The newest sample of a topic; None if there is none, or if the newest message cannot be used.
 
         Raises:
             KeyError: there is no such topic.
@@ -154,7 +158,7 @@ class VehicleState:
         except Unusable as error:
             self.unusable[name] = str(error)
             sample = self._cache.get(name) if name in KEEPS_LAST else None
-        except Exception as error:  # a fault of this program: only this topic is missing
+        except Exception as error:  # a fault of this program affects only this topic
             if name not in self._cache or self._cache[name] is not None:
                 log.exception("topic %s could not be decoded", name)
             self.unusable[name] = f"it could not be decoded ({type(error).__name__}: {error})"
@@ -164,8 +168,8 @@ class VehicleState:
         return sample
 
     def newest(self, msg_id: int, component_id: int | None, instance: int | None) -> Frame | None:
-        """The newest frame of a message, of this component and instance if they are given: of several the
-        autopilot's, then that of the lowest component and instance."""
+        """The newest frame of a message from a component and instance. By default the autopilot's frame is
+        used, or else that of the lowest component and instance."""
         for key in self._instances.keys((msg_id,)):
             frame = self.latest.get(key)
             if (
@@ -182,14 +186,14 @@ class VehicleState:
         return frozenset(frame.component_id for frame in frames if frame is not None)
 
     def gimbals(self) -> tuple[GimbalAddress, ...]:
-        """The gimbals that are heard, the autopilot's first."""
+        """The connected gimbals, the autopilot's first."""
         keys = self._instances.keys(gimbal_decoder.IDS)
         frames = {key: self.latest[key] for key in keys if key in self.latest}
         return tuple(address for address, _ in by_gimbal(frames, self._component_id))
 
     def topic_received_s(self, name: str) -> float | None:
-        """Time of reception of the topic's newest sample [s, monotonic]; None as `topic`. It costs much less
-        than `topic` for the status, which is made anew at each reading.
+        """Time of reception of the topic's newest sample [s, monotonic]; None if there is none. For the
+        status this is much faster than `topic`, which creates a new sample at each call.
         """
         if name == "status":
             changed_s = self._status_since_s()
@@ -225,7 +229,7 @@ class VehicleState:
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 
     def _status_since_s(self) -> float:
-        """When the status last changed: by a message, or by a lost connection."""
+        """Time at which the status last changed, by a message or a lost connection."""
         flight_state = self.flight_state
         lost_s = self._lost_from_s() if self.link_lost else float("-inf")
         return max(flight_state.heartbeat_s, flight_state.mode_s, flight_state.landed_s, lost_s)
@@ -260,7 +264,8 @@ class VehicleState:
         return self._sample(name, decoded[0], decoded[1], received_s)
 
     def _gimbal(self, read: dict[int, Frame]) -> decoders.Decoded | None:
-        """The first gimbal, with all if there are several; one that is not usable is left out."""
+        """The first gimbal, with a list of all gimbals if there are several. A gimbal whose messages cannot
+        be used is left out."""
         vehicle = {msg_id: full_payload(read.pop(msg_id)) for msg_id in ATTITUDE_IDS if msg_id in read}
         made: list[tuple[GimbalReading, float]] = []
         fault: Unusable | None = None
@@ -281,7 +286,8 @@ class VehicleState:
 
     @staticmethod
     def _attitude(present: list[Frame], payloads: dict[int, bytes]) -> decoders.Decoded:
-        """Of two messages that arrive in pairs: the quaternion, unless it has stopped or is invalid."""
+        """Selects one of two attitude messages: the quaternion, unless it is no longer received or
+        invalid."""
         received_s = {f.msg_id: f.received_monotonic_s for f in present}
         quaternion_s, angles_s = [received_s.get(msg_id, float("-inf")) for msg_id in ATTITUDE_IDS]
         if angles_s - quaternion_s > PAIR_WITHIN_S:

@@ -141,18 +141,18 @@ class Vehicle:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of the links on which it is heard, most recent first."""
+        """Names of the links over which the vehicle is connected, most recent first."""
         ordered = sorted(self._endpoints, key=lambda e: -e.received_s)
         return tuple(dict.fromkeys(e.connection.name for e in ordered))
 
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """The endpoints on which it is heard."""
+        """The endpoints over which the vehicle is connected."""
         return self._endpoints
 
     @property
     def known_links(self) -> frozenset[str]:
-        """Names of all links on which it was ever heard."""
+        """Names of all links over which the vehicle was ever connected."""
         return frozenset(self._known_links)
 
     def topic(self, name: str) -> Sample | None:
@@ -182,8 +182,8 @@ class Vehicle:
         return None if frame is None else (full_payload(frame), frame.received_monotonic_s)
 
     def require_commandable(self) -> None:
-        """Raises Refused for a replayed vehicle, NotVerified for an unverified type, Disconnected while its
-        link is lost."""
+        """Raises Refused for a replayed vehicle, NotVerified for an unverified type, or Disconnected while
+        the link is lost."""
         identity = self._identity
         if identity.replayed:
             raise Refused(f"Vehicle {self.id} is a recording; it cannot be commanded.")
@@ -225,7 +225,7 @@ class Vehicle:
         )
 
     def send_path(self) -> Endpoint | None:
-        """Link and peer in use now; None if nothing may be sent to it."""
+        """Current link and peer; None if nothing may be sent to the vehicle."""
         return None if self._identity.replayed else self._choose_endpoint()
 
     def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
@@ -294,7 +294,7 @@ class Vehicle:
         self._identity = replace(self._identity, warnings=())
 
     def tick(self) -> None:
-        """Four times a second: history, held texts, the link's age."""
+        """Called four times a second: updates history, waiting texts and the age of the link."""
         self._state.remember()
         self.components.tick()
         self._event_logger.tick()

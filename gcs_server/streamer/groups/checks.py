@@ -46,7 +46,7 @@ class GroupChecks:
     """The checks of a group, before its start and before new setpoints.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         streams: sends the setpoints.
     """
 

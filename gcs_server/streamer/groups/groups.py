@@ -36,7 +36,7 @@ class Groups:
     """All groups of the server.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         streams: sends the setpoints.
         find: returns a vehicle's stream by its id; raises UnknownVehicle.
     """
@@ -164,7 +164,7 @@ class Groups:
             raise NoReply(
                 " ".join(f"Vehicle {v} did not confirm Hold: {error}" for v, error in failed.items()),
                 deadline_s=HOLD_TIMEOUT_S,
-                remedy="Watch the vehicle; anybody may command its Hold, Land now and Stop motors.",
+                remedy="Watch the vehicle; any client may command Hold, Land now and Stop motors.",
             )
         if group.guard is not None:
             self._end(group, None)

@@ -47,7 +47,7 @@ class GroupFinding:
     text: str
     """Message for the operator."""
     distance_m: float | None
-    """With code separation: distance between the two at that time [m]."""
+    """For the code separation: distance between the two vehicles at that time [m]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""Keeps each sent setpoint within the vehicle's and the operator's limits and inside the fence. Pure."""
+"""Keeps each sent setpoint within the vehicle's and the operator's limits and inside the fence. No I/O."""

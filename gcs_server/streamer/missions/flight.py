@@ -91,7 +91,7 @@ class MissionFlight:
     """A mission of one vehicle, from its start to its end.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         control: the vehicle's setpoint stream.
         streams: the streams of all vehicles.
         spawn: starts a background task.

@@ -19,7 +19,7 @@ class JointMission:
     Args:
         name: name of the mission's guard.
         flights: each vehicle's flight, by role.
-        clock: the server's.
+        clock: the server's clock.
         streams: sends the setpoints, and runs the guard.
         minimum_m: the minimum separation of any two vehicles.
     """

@@ -24,7 +24,7 @@ class OffboardMissions:
     """The newest mission of each vehicle.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         streamer: the setpoint streams of all vehicles.
         streams: the streams of all vehicles.
         supervisor: runs background tasks.

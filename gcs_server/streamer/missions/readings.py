@@ -12,7 +12,7 @@ from missions.runner.reading import Reading, StreamPhase
 from missions.setpoints import Estimate
 
 DISTANCE_FRESH_S, WIND_FRESH_S = 3.0, 10.0
-"""By default PX4 sends DISTANCE_SENSOR and WIND_COV every two seconds."""
+"""Maximum age of these messages [s]; by default PX4 sends DISTANCE_SENSOR and WIND_COV every two seconds."""
 PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
 
 

@@ -33,7 +33,7 @@ class AvoidanceControl:
     """Avoidance of one vehicle; off when the server starts.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         vehicle: the vehicle.
         estimates: the vehicle's estimates, with the measurements of its sensors.
     """

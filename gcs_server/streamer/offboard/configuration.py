@@ -22,7 +22,7 @@ class OffboardConfiguration:
     """Reads these parameters and keeps their values.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         vehicle: the vehicle.
         estimates: the vehicle's estimates, including whether an RC transmitter is connected.
     """

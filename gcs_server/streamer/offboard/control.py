@@ -49,7 +49,7 @@ class OffboardControl:
     """The attribute `offboard` of a vehicle.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         vehicle: the vehicle.
         streams: sends the setpoints.
         find: finds other vehicles by id, for following them; raises UnknownVehicle.

@@ -24,7 +24,7 @@ class VehicleSnapshots:
     """Snapshots of one vehicle.
 
     Args:
-        clock: the server's.
+        clock: the server's clock.
         vehicle: the vehicle.
         estimates: its estimates.
         configuration: its parameters.

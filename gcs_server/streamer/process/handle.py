@@ -130,7 +130,7 @@ class WorkerHandle:
                 try:
                     self._on_value(value)  # pyright: ignore[reportUnknownArgumentType]
                 except Exception as error:  # its other values are still read
-                    self._faults.add(error, "handling a value from the streams' process")
+                    self._faults.add(error, "handling a value from the stream process")
 
     def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, Route | None]:
         """Each vehicle's route for the process, after passing the socket to it; None: the server sends. The
@@ -248,7 +248,7 @@ class WorkerHandle:
                 self._hand_on(*pickle.loads(data))
             # the thread continues, because it also sends the setpoints of other vehicles
             except Exception as error:
-                self._faults.add(error, "passing on a report of the streams' process")
+                self._faults.add(error, "passing on a report of the stream process")
         self._reap()
         self._side_channel.close()
 

@@ -1,1 +1,1 @@
-"""Keeps the vehicles of a group apart in flight, even if the event loop stalls. Pure."""
+"""Keeps the vehicles of a group apart in flight, even if the event loop stalls. No I/O."""

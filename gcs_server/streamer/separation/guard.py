@@ -66,7 +66,7 @@ class Finding:
     code: str
     """separation, place_unknown, left, late, fault."""
     vehicles: tuple[str, ...]
-    """Vehicles concerned."""
+    """Affected vehicles."""
     held: tuple[str, ...]
     """Vehicles that were stopped because of it."""
     text: str
@@ -94,7 +94,7 @@ class GuardState:
     held: frozenset[str] = frozenset()
     """Members that no longer follow the group's orders."""
     nearest: tuple[str, str, float] | None = None
-    """The two nearest members now, and their distance [m]."""
+    """The two closest members and their distance [m]."""
     margin_m: float | None = None
     """Largest margin of any two members now."""
 
@@ -154,11 +154,11 @@ class GroupGuard:
         return min(self._next_look_s, self.start_s) if self.phase == "waiting" else self._next_look_s
 
     def state(self) -> GuardState:
-        """State for status and updates."""
+        """The state for the group's status and for updates."""
         return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest, self.margin_m)
 
     def pending_order(self, vehicle: str) -> Order | None:
-        """A member's first order; None once it has started."""
+        """A member's first order; None after the common start."""
         return self._orders[vehicle] if self.phase == "waiting" else None
 
     def renewed(self, until_s: float) -> None:
@@ -177,7 +177,7 @@ class GroupGuard:
 
         Args:
             now_s: monotonic.
-            seen: newest view of each member.
+            views: newest view of each member.
         """
         if now_s < self.due_s:
             return Actions()
@@ -335,10 +335,10 @@ def moving(snapshot: Snapshot, now_s: float, position: Vector3, setpoint: Setpoi
     """Motion of a vehicle for the separation check.
 
     Args:
-        snapshot: with a position.
+        snapshot: snapshot of the vehicle, with a position.
         now_s: monotonic.
-        place: its position in the common frame [m].
-        setpoint: the setpoint that it flies.
+        position: the vehicle's position in the common frame [m].
+        setpoint: the setpoint that the vehicle flies.
     """
     accuracy_m = snapshot.accuracy_m
     return MovingVehicle(

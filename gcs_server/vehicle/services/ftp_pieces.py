@@ -1,4 +1,4 @@
-"""Keeps track of the received and the missing parts of a file; pure.
+"""Keeps track of the received and the missing parts of a file. No I/O.
 
 The work for one piece does not grow with the number of pieces before it: the missing parts stay sorted, and
 there are never more than `MAX_HOLES` of them.

@@ -54,8 +54,8 @@ class GimbalService:
     Raises as `CommandService`; `Refused` names the controller if it is not this server.
 
     Args:
-        vehicle: whose gimbal.
-        address: which one; None: the vehicle's first.
+        vehicle: the vehicle of the gimbal.
+        address: the gimbal's address; None: the vehicle's first gimbal.
         rois: locations that this server has set, by gimbal; shared by all services of the vehicle.
     """
 
@@ -215,7 +215,7 @@ class GimbalService:
         return address.component_id, float(address.device_id if several else 0)
 
     def _which(self) -> GimbalAddress | None:
-        """The address; None while no gimbal is heard."""
+        """The gimbal's address; None while no gimbal is connected."""
         return self._address or next(iter(self._vehicle.gimbals.heard()), None)
 
     def _device(self) -> float:

@@ -31,7 +31,7 @@ class Gimbals:
         """Commands the first gimbal."""
 
     def heard(self) -> tuple[GimbalAddress, ...]:
-        """The gimbals that are heard, the autopilot's first."""
+        """The connected gimbals, the autopilot's first."""
         return self._state.gimbals()
 
     def at(self, component_id: int | None, device_id: int | None) -> GimbalService:

@@ -1,4 +1,4 @@
-"""Compares a vehicle's items with those that were sent; pure.
+"""Compares a vehicle's items with those that were sent. No I/O.
 
 PX4 returns items in its own form: frames with _INT, and `current` at its current item. A parameter that it
 does not store is returned as 0 or NaN: this is reported, not refused. Any other difference means another

@@ -1,8 +1,9 @@
 """A vehicle's parameters: reads or sets single ones with verification, or reads all, with a cache by the
 vehicle's checksum.
 
-All are read only on request; then PX4's checksum (`_HASH_CHECK`) shows whether the cached values are still
-valid. It excludes parameters that PX4 changes by itself (`volatile`), so such a value may be older.
+All parameters are read only on request. PX4's checksum (`_HASH_CHECK`) then shows whether the cached values
+are still valid. The checksum excludes parameters that PX4 changes by itself (`volatile`), so the cached value
+of such a parameter may be older.
 
 PX4 carries integers as their bits in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
 knows INT32 and FLOAT only, does not answer for unknown names (v1.17: PARAM_ERROR), and accepts any value
@@ -54,23 +55,23 @@ class ParamList:
     """State of the server's copy of the vehicle's parameters."""
 
     state: ListState
-    """unknown (never read), reading, ready, outdated (the link was lost since), failed."""
+    """unknown (never read), reading, ready, outdated (the link was lost after reading), failed."""
     received: int
     """Number of parameters received."""
     count: int | None
-    """Number of parameters on the vehicle; null until it is known."""
+    """Number of parameters on the vehicle; null if unknown."""
     source: Literal["vehicle", "cache"] | None
     """Source of the values; `cache`: unchanged according to the vehicle's checksum."""
     hash: str | None
-    """The vehicle's checksum when they were read, hexadecimal."""
+    """The vehicle's checksum at the time of reading, hexadecimal."""
     read_unix_s: float | None
-    """Time when they were last known to be valid [s since 1970 UTC]."""
+    """Time at which the values were last confirmed to be valid [s since 1970 UTC]."""
     problem: str | None
-    """Why they could not be read."""
+    """Why the parameters could not be read."""
     facts: bool
     """Whether the vehicle's metadata (unit, range, default) is available."""
     facts_problem: str | None
-    """Why it is not available, or what was dropped."""
+    """Why the metadata is not available, or which entries were dropped."""
     left_out: int
     """Number of entries with an invalid name, or beyond the server's limit."""
 
@@ -80,7 +81,7 @@ class ParamService:
 
     Args:
         vehicle: the vehicle.
-        metadata: their metadata; None: none.
+        metadata: metadata of the parameters; None: not available.
     """
 
     def __init__(self, vehicle: VehiclePort, metadata: MetadataService | None = None) -> None:
@@ -193,7 +194,9 @@ class ParamService:
         after = await reader.hash() if before is not None else None
         if after is not None and self._table.complete:
             self._table.hash = after[0]
-            if before == after:  # otherwise something changed meanwhile: the next reading asks the vehicle
+            if (
+                before == after
+            ):  # otherwise a value has changed meanwhile, and the next reading asks the vehicle
                 await self._keep()
 
     async def _from_cache(self, wanted_hash: int, count: int) -> ParamTable | None:
@@ -228,9 +231,9 @@ class ParamService:
         """PARAM_VALUE, requested by any station."""
         report = read_report(payload)
         if report is None or report.param.name == HASH_NAME or self._state in ("unknown", "reading"):
-            return  # during a reading, the reader handles them
+            return  # during a reading, the reader handles the message
         if not self._table.put(report) and self._state == "ready":
-            self._state = "outdated"  # the length of the list has changed, so indexes have moved
+            self._state = "outdated"  # the length of the list has changed, so the indexes have changed, too
 
     def link_was_away(self) -> None:
         """Marks the list as outdated: changes during the loss were not received."""
@@ -287,10 +290,12 @@ class ParamService:
             INT32 if is_integer else REAL32,
         )
         payload = encode_payload(request)
-        if is_integer:  # as bits: Python floats would change some patterns (signalling NaN)
+        if (
+            is_integer
+        ):  # the value is sent as bits, because Python floats would change some patterns (signalling NaN)
             payload = _int32.pack(int(value)) + payload[_int32.size :]
-        # an earlier read's answer may still arrive with the old value: it is a refusal only if the new value
-        # is not reported by the deadline
+        # An answer to an earlier request may still arrive with the old value. Therefore it is a refusal only
+        # if the new value is not reported by the deadline.
         reported: list[Param] = []
 
         def is_ours(param: Param) -> bool:

@@ -23,7 +23,7 @@ class HealthChecks(Protocol):
 
 
 class HeardGimbals(Protocol):
-    """The gimbals that are heard."""
+    """The connected gimbals."""
 
     def heard(self) -> tuple[GimbalAddress, ...]: ...
 

@@ -82,8 +82,8 @@ export interface paths {
          * Remove Link
          * @description Closes a link; 409 if that would disconnect a vehicle.
          *
-         *     `not_in_control`: somebody else controls a vehicle that is heard there. `refused`: it is the last link of
-         *     a vehicle that is armed or flown by setpoints, and `confirm` is not the required text.
+         *     The code is `not_in_control` if another client controls a vehicle on this link. It is `refused` if this is
+         *     the last link of a vehicle that is armed or flown by setpoints, and `confirm` is not the required text.
          */
         readonly delete: operations["remove_link_api_v1_links__name__delete"];
         readonly options?: never;
@@ -4318,7 +4318,7 @@ export interface components {
             readonly north_deg: number;
             /**
              * Spacing M
-             * @description Between two rows, over the ground [m].
+             * @description Distance between two rows of the grid, on the ground [m].
              */
             readonly spacing_m: number;
         };
@@ -5672,7 +5672,7 @@ export interface components {
             readonly text: string;
             /**
              * Distance M
-             * @description With code separation: distance between the two at that time [m].
+             * @description For the code separation: distance between the two vehicles at that time [m].
              */
             readonly distance_m: number | null;
         };
@@ -8903,7 +8903,7 @@ export interface components {
         readonly ParameterList: {
             /**
              * State
-             * @description unknown (never read), reading, ready, outdated (the link was lost since), failed.
+             * @description unknown (never read), reading, ready, outdated (the link was lost after reading), failed.
              * @enum {string}
              */
             readonly state: "unknown" | "reading" | "ready" | "outdated" | "failed";
@@ -8914,7 +8914,7 @@ export interface components {
             readonly received: number;
             /**
              * Count
-             * @description Number of parameters on the vehicle; null until it is known.
+             * @description Number of parameters on the vehicle; null if unknown.
              */
             readonly count: number | null;
             /**
@@ -8924,17 +8924,17 @@ export interface components {
             readonly source: ("vehicle" | "cache") | null;
             /**
              * Hash
-             * @description The vehicle's checksum when they were read, hexadecimal.
+             * @description The vehicle's checksum at the time of reading, hexadecimal.
              */
             readonly hash: string | null;
             /**
              * Read Unix S
-             * @description Time when they were last known to be valid [s since 1970 UTC].
+             * @description Time at which the values were last confirmed to be valid [s since 1970 UTC].
              */
             readonly read_unix_s: number | null;
             /**
              * Problem
-             * @description Why they could not be read.
+             * @description Why the parameters could not be read.
              */
             readonly problem: string | null;
             /**
@@ -8944,7 +8944,7 @@ export interface components {
             readonly facts: boolean;
             /**
              * Facts Problem
-             * @description Why it is not available, or what was dropped.
+             * @description Why the metadata is not available, or which entries were dropped.
              */
             readonly facts_problem: string | null;
             /**
@@ -9006,7 +9006,7 @@ export interface components {
         readonly PathPointBody: {
             /**
              * T S
-             * @description Since the path began [s].
+             * @description Time since the start of the path [s].
              */
             readonly t_s: number;
             /**
@@ -9029,7 +9029,7 @@ export interface components {
          * @description A smooth curve through points in time, flown by the server even if its client disconnects.
          *
          *     It starts at the vehicle's position (the first point within 5 m) and at `t_s` 0.
-         *     `valid_for_s` counts from its end.
+         *     `valid_for_s` starts at the end of the path.
          * @example {
          *       "points": [
          *         {
@@ -9068,7 +9068,7 @@ export interface components {
             readonly type: "path";
             /**
              * Points
-             * @description In the order of their times; the last is held.
+             * @description Points in the order of their times; the vehicle holds the last point.
              */
             readonly points: readonly components["schemas"]["PathPointBody"][];
         };
@@ -9979,7 +9979,7 @@ export interface components {
             readonly holder?: string | null;
             /**
              * Holder Key
-             * @description Distinguishes holders of the same name.
+             * @description Distinguishes clients with the same name.
              */
             readonly holder_key?: string | null;
             /**
@@ -10009,12 +10009,12 @@ export interface components {
             readonly version?: number | null;
             /**
              * Changed By
-             * @description With `conflict`: who saved that version.
+             * @description With `conflict`: name of the client that saved that version.
              */
             readonly changed_by?: string | null;
             /**
              * Changed Unix S
-             * @description With `conflict`: when it was saved [s since 1970 UTC].
+             * @description With `conflict`: time at which that version was saved [s since 1970 UTC].
              */
             readonly changed_unix_s?: number | null;
             /**
