@@ -203,7 +203,7 @@ class Checks:
         """0 normal, 1 low, 2 critical, 3 emergency."""
         if self._settings_of != self._view.parameter_changes:
             self._take_settings()
-        remaining = self._view.simulation.battery.remaining[self._view.row]
+        remaining = self._view.simulation.battery.remaining.item(self._view.row)
         for level, least in self._battery_levels:
             if remaining < least:
                 return level

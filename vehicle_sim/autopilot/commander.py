@@ -220,7 +220,7 @@ class Commander:
 
     def update_steady(self) -> bool:
         """The same in a steady flight, where only geofence and checks can act; False: they did."""
-        self._navigator.fence.update()
+        self._navigator.fence.check()
         self._ticks += 1
         if self._ticks % CHECK_EVERY_TICKS != 0:
             return True

@@ -49,14 +49,21 @@ class FenceWatch:
             self._revision = self._plans.revision(FENCE)
             self.zones = read_zones(self._plans.items(FENCE))
             self._check_against_home()
+        self.check()
+
+    def check(self) -> None:
+        """Checks the position if that is due; the fence has not changed since the last `update`."""
         now_s = self._view.time_s
         if now_s - self._checked_at_s < INTERVAL_S:
             return
         self._checked_at_s, estimate = now_s, self._view.estimate
         if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return
+        if not self.active or not (self.zones or any(self.limits())):
+            self.breached = frozenset()
+            return
         lat, lon, alt = self._point()
-        self.breached = breaches(self.zones, self.cylinder(), lat, lon, alt) if self.active else frozenset()
+        self.breached = breaches(self.zones, self.cylinder(), lat, lon, alt)
 
     def _point(self) -> tuple[float, float, float]:
         """Position to check: the current one, or with GF_PREDICT the stopping position."""

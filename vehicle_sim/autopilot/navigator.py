@@ -262,7 +262,7 @@ class Navigator:
 
     def situation(self) -> tuple[object, ...]:
         """What commands may change between two ticks."""
-        return *self.path.situation(), *self.mission.situation()
+        return self.path.situation(), self.mission.situation()
 
     def descend(self) -> None:
         """Descends level at landing speed; used without sticks or without a position."""

@@ -26,8 +26,8 @@ class SensorWatch:
         view, i = self._view, self._view.row
         now_s, sensors = view.time_s, view.simulation.sensors
         for name, fresh, stale in (
-            ("baro", sensors.baro_fresh[i], sensors.baro_stale[i]),
-            ("mag", sensors.mag_fresh[i], sensors.mag_stale[i]),
+            ("baro", sensors.baro_fresh.item(i), sensors.baro_stale.item(i)),
+            ("mag", sensors.mag_fresh.item(i), sensors.mag_stale.item(i)),
         ):
             if fresh or stale:
                 self._heard_at_s[name] = now_s
