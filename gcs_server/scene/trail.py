@@ -39,7 +39,7 @@ class Trail:
             return False
         if self._newest and math.dist(self._newest[-1], position_enu_m) > JUMP_M:
             self.clear()
-        if any(math.dist(other, position_enu_m) < SPACING_M for other in self._newest):
+        if any(math.dist(other, position_enu_m) < SPACING_M for other in reversed(self._newest)):
             return False
         self._newest.append(position_enu_m)
         self.recent.append(position_enu_m)

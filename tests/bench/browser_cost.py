@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,31 +61,48 @@ def _start(stack: contextlib.ExitStack, name: str, python: str, tree: Path | Non
     return Version(name, url, process.pid)
 
 
-def _read(connection: ClientConnection) -> None:
+@dataclass(frozen=True, slots=True)
+class Used:
+    """What one server did in one window."""
+
+    share: float
+    """Of one core, with its processes."""
+    pictures_s: float
+    """Messages of the 3D view a second: a server that lacks the processor draws fewer pictures."""
+
+
+def _read(connection: ClientConnection, received: Counter[str], name: str) -> None:
     with contextlib.suppress(ConnectionClosed):
         for _ in connection:
-            pass
+            received[name] += 1
 
 
-def _shares(versions: Sequence[Version], opened: str) -> dict[str, float]:
-    """CPU share of each server with its processes over one window, by name."""
+def _used(versions: Sequence[Version], opened: str) -> dict[str, Used]:
+    """By name, over one window."""
+    received: Counter[str] = Counter()
     with contextlib.ExitStack() as stack:
         for version in versions:
             for opens in OPENS[opened]:
                 connection = opens(version.url)
                 stack.callback(connection.socket.close)
-                threading.Thread(target=_read, args=(connection,), daemon=True).start()
+                name = version.name if opens is open_scene else "telemetry"
+                threading.Thread(target=_read, args=(connection, received, name), daemon=True).start()
         time.sleep(WARM_UP_S)
+        received.clear()
         before = [family_cpu_s(version.pid) for version in versions]
         began_s = time.monotonic()
         time.sleep(WINDOW_S)
         after = [family_cpu_s(version.pid) for version in versions]
         took_s = time.monotonic() - began_s
-    return {v.name: (b - a) / took_s for v, a, b in zip(versions, before, after, strict=True)}
+        pictures = Counter(received)
+    return {
+        v.name: Used((b - a) / took_s, pictures[v.name] / took_s)
+        for v, a, b in zip(versions, before, after, strict=True)
+    }
 
 
-def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, float]]]:
-    """CPU share of each version, for each round and each case."""
+def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Used]]]:
+    """For each round and each case: what each version used."""
     trees = {"now": (sys.executable, None)}
     if other is not None:
         trees = {"before": (str(other / ".venv/bin/python"), other), **trees}
@@ -99,24 +117,26 @@ def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, flo
         assert sending.stdout is not None
         sending.stdout.readline()  # the feed is encoded and starts
         for _ in range(rounds):
-            yield {opened: _shares(versions, opened) for opened in OPENS}
+            yield {opened: _used(versions, opened) for opened in OPENS}
 
 
 def table(rounds: int = ROUNDS, other: Path | None = None) -> Iterator[str]:
     """Rows of Markdown: medians over the rounds of what the browser adds, in points of one core."""
     added: dict[str, dict[str, list[float]]] = {}
+    pictures: dict[str, dict[str, list[float]]] = {}
     for one in measure(rounds, other):
-        print(one, load_average(), file=sys.stderr, flush=True)
-        for opened, shares in one.items():
-            for name, share in shares.items():
-                plus = share - (one["nothing"][name] if opened != "nothing" else 0.0)
+        for opened, used in one.items():
+            for name, each in used.items():
+                plus = each.share - (one["nothing"][name].share if opened != "nothing" else 0.0)
                 added.setdefault(opened, {}).setdefault(name, []).append(plus * 100)
+                pictures.setdefault(opened, {}).setdefault(name, []).append(each.pictures_s)
     yield f"{VEHICLES} × 100 msg/s, moving; {rounds} rounds of {WINDOW_S:.0f} s, load {load_average()}.\n"
-    yield "| the browser has | before | now | ratio: median (range) |"
-    yield "|---|---|---|---|"
+    yield "| the browser has | before | now | ratio: median (range) | pictures a second: before, now |"
+    yield "|---|---|---|---|---|"
     for opened, by_name in added.items():
         now, before = by_name["now"], by_name.get("before")
-        cells = ["–", f"{statistics.median(now):.1f}", "–"]
+        drawn = [f"{statistics.median(each):.0f}" for each in pictures[opened].values()]
+        cells = ["–", f"{statistics.median(now):.1f}", "–", ", ".join(drawn)]
         if before is not None:
             ratios = [n / b for n, b in zip(now, before, strict=True)]
             cells[0] = f"{statistics.median(before):.1f}"
