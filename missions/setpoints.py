@@ -190,10 +190,19 @@ class Follow:
 
 
 DirectSetpoint = (
-    Position | PositionGlobal | Velocity | VelocityBody | Acceleration | Trajectory | Attitude | Rates
+    Position
+    | PositionGlobal
+    | Velocity
+    | VelocityBody
+    | Acceleration
+    | Trajectory
+    | Attitude
+    | Rates
+    | ThrustTorque
+    | Actuators
 )
-"""Kinds that are sent without conversion."""
-Setpoint = DirectSetpoint | PositionBody | ThrustTorque | Actuators | Path | Follow
+"""Kinds that are sent without conversion, if the vehicle's link carries them."""
+Setpoint = DirectSetpoint | PositionBody | Path | Follow
 """Every kind."""
 KINDS: dict[str, type[Setpoint]] = {kind.type: kind for kind in get_args(Setpoint)}
 """Every kind by its `type`."""

@@ -21,11 +21,24 @@ OPENING_FAILED = "The link could not be opened: a fault in this server (see its 
 
 
 @dataclass(frozen=True, slots=True)
+class DdsAddress:
+    """A vehicle's ROS 2 topics."""
+
+    domain_id: int
+    interface: str | None
+    """Network interface; None: loopback."""
+    namespace: str
+    """Empty: the topics have none."""
+
+
+@dataclass(frozen=True, slots=True)
 class Peer:
     """The remote end: `host:port` for UDP, one for the whole link otherwise."""
 
     name: str
     address: tuple[str, int] | None = None
+    dds: DdsAddress | None = None
+    """Its ROS 2 topics, to which another process may send too; None over MAVLink."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +151,8 @@ class Link(ABC):
     Everything but `submit` and `send` happens in the event loop.
     """
 
+    protocol = "MAVLink"
+    """MAVLink or ROS 2: decides which kinds of setpoint the link can carry."""
     replay = False
     """Whether the link plays a recording, so that nothing can be sent."""
     clock: Clock | None = None

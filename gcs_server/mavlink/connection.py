@@ -129,9 +129,6 @@ class Connection:
         on_frame: called with each received frame.
     """
 
-    protocol = "MAVLink"
-    """The link's protocol, which determines the supported kinds of setpoint."""
-
     def __init__(
         self,
         link: Link,
@@ -166,6 +163,11 @@ class Connection:
     def name(self) -> str:
         """The link's name."""
         return self.link.name
+
+    @property
+    def protocol(self) -> str:
+        """The link's protocol, which determines the supported kinds of setpoint."""
+        return self.link.protocol
 
     def start(self) -> None:
         """Opens the link."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
@@ -21,6 +21,7 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.message_types import MESSAGES, MessageType
 from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS, Subscription, wire_name
@@ -156,10 +157,13 @@ class Writers:
     Args:
         participant: this process's.
         namespace: the vehicle's; may be empty.
+        domain: kept open as long as these writers; None: somebody else does so.
     """
 
-    def __init__(self, participant: DomainParticipant, namespace: str) -> None:
-        self._participant, self._namespace = participant, namespace
+    def __init__(
+        self, participant: DomainParticipant, namespace: str, domain: SharedDomain | None = None
+    ) -> None:
+        self._participant, self._namespace, self._domain = participant, namespace, domain
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
 
     def prepare(self, topic: str, message: MessageType) -> None:
@@ -185,6 +189,26 @@ class Writers:
             writer.write(kind.of(data))
         except DDSException as problem:
             raise OSError(f"DDS cannot send: {problem.msg}") from None
+
+    def connected(self, topic: str) -> bool:
+        """Whether a program subscribes to a prepared topic."""
+        return bool(self._writers[topic][1].get_matched_subscriptions())
+
+
+def open_writers(address: DdsAddress, topics: Mapping[str, MessageType]) -> Writers:
+    """Writers for a vehicle's topics, in a participant of their own.
+
+    Raises:
+        DdsUnavailable: DDS cannot create them.
+    """
+    domain = open_domain(address.domain_id, address.interface)
+    try:
+        writers = Writers(DomainParticipant(address.domain_id), address.namespace, domain)
+        for topic, message in topics.items():
+            writers.prepare(topic, message)
+    except DDSException as problem:
+        raise DdsUnavailable(_not_opened(address.domain_id, address.interface, problem)) from None
+    return writers
 
 
 @dataclass(slots=True)

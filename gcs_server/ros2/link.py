@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from gcs_server.links.base import Link, Peer
+from gcs_server.links.base import DdsAddress, Link, Peer
 from gcs_server.links.writer import LinkWriter
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import STATUS, STATUS_VERSION, vehicle_of, wire_type
@@ -31,7 +31,7 @@ MAX_VEHICLES: Final = 64
 """Namespaces read by one link."""
 MAX_OTHERS: Final = 16
 """Remembered topics of vehicles that cannot be read."""
-NO_NAMESPACE: Final = "fmu"
+NO_NAMESPACE: Final = "/"
 """Name of the peer without a namespace."""
 OTHERS_S: Final = 10.0
 OpenPort = Callable[[int, "str | None"], "DdsPort"]
@@ -52,6 +52,8 @@ class Ros2Link(Link):
         own_system_id: the server's system id.
         open_port: opens DDS.
     """
+
+    protocol = "ROS 2"
 
     def __init__(
         self,
@@ -122,9 +124,13 @@ class Ros2Link(Link):
         for name, data in batch:
             peer = self._peers.get(name)
             if peer is None:
-                peer = self._peers[name] = Peer(name)
+                peer = self._peers[name] = self._peer(name)
                 self._changed()
             self._received(data, peer, taken_s)
+
+    def _peer(self, name: str) -> Peer:
+        namespace = "" if name == NO_NAMESPACE else name
+        return Peer(name, dds=DdsAddress(self.domain_id, self.interface, namespace))
 
 
 class _Run:

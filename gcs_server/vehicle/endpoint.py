@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import enum
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -49,6 +50,12 @@ BOOT_TIME_IDS = frozenset(
     }
 )
 _boot_ms = struct.Struct("<I")
+
+
+MAVLINK, ROS2 = "MAVLink", "ROS 2"
+"""Protocols of links."""
+HEARD_WITHIN_S = 1.5
+"""A link whose newest message is this much older than that of another link is not preferred to it."""
 
 
 class SameVehicle(enum.Enum):
@@ -112,6 +119,30 @@ class Endpoint:
     def unique_uid(self) -> str | None:
         """The vehicle's uid, if it is unique."""
         return self.version.uid if self.version is not None and self.version.unique else None
+
+
+def carries_mavlink(endpoints: Sequence[Endpoint]) -> bool:
+    """Whether a link of the vehicle carries MAVLink, and with it parameters, missions and files."""
+    return any(endpoint.connection.protocol == MAVLINK for endpoint in endpoints)
+
+
+def preferred(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint]:
+    """The endpoints of this protocol that are heard; all endpoints if there are none.
+
+    A vehicle that is reached over both protocols is commanded over MAVLink, and its state is that of MAVLink.
+    Its setpoints take ROS 2, which carries every kind.
+    """
+    those = [endpoint for endpoint in endpoints if endpoint.connection.protocol == protocol]
+    if not those or len(those) == len(endpoints):
+        return endpoints
+    newest_s = max(endpoint.received_s for endpoint in endpoints)
+    return [e for e in those if newest_s - e.received_s < HEARD_WITHIN_S] or endpoints
+
+
+def setpoint_protocol(endpoints: Sequence[Endpoint]) -> str:
+    """Protocol that the vehicle's setpoints take now."""
+    first = next(iter(preferred(endpoints, ROS2)), None)
+    return MAVLINK if first is None else first.connection.protocol
 
 
 def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:

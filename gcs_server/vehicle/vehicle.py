@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.attached import AttachedControl, AttachedMission, AttachedStream
 from gcs_server.vehicle.components import Components
-from gcs_server.vehicle.endpoint import Endpoint
+from gcs_server.vehicle.endpoint import MAVLINK, ROS2, Endpoint, preferred
 from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
@@ -215,7 +215,7 @@ class Vehicle:
         """Like `send`, for an already packed payload of the streamer, made at `created_s`."""
         if self._identity.replayed:
             return False
-        chosen = self._choose_endpoint()
+        chosen = self._choose_endpoint(preferred(self._endpoints, MAVLINK))
         if chosen is None:
             return False
         others = sorted((e for e in self._endpoints if e is not chosen), key=lambda e: -e.received_s)
@@ -225,8 +225,13 @@ class Vehicle:
         )
 
     def send_path(self) -> Endpoint | None:
-        """Current link and peer; None if nothing may be sent to the vehicle."""
-        return None if self._identity.replayed else self._choose_endpoint()
+        """Link and peer that setpoints take now; None if nothing may be sent to the vehicle."""
+        if self._identity.replayed:
+            return None
+        ros2 = preferred(self._endpoints, ROS2)
+        if len(ros2) < len(self._endpoints):
+            return max(ros2, key=lambda e: e.received_s)
+        return self._choose_endpoint(self._endpoints)
 
     def in_background(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
         """Starts a background task; its service reports errors of the vehicle."""
@@ -245,6 +250,12 @@ class Vehicle:
 
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """Handles a frame of this vehicle from one of its endpoints."""
+        if (
+            endpoint.connection.protocol == ROS2
+            and frame.msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK
+            and endpoint not in preferred(self._endpoints, MAVLINK)
+        ):
+            return  # MAVLink has the same data; alternating between two delays would show changes twice
         state, msg_id = self._state, frame.msg_id
         if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
             self.components.heartbeat(frame)
@@ -337,11 +348,12 @@ class Vehicle:
                 "link", self.clock.unix_s(), "Connection restored", severity=d.MAV_SEVERITY_NOTICE
             )
 
-    def _choose_endpoint(self) -> Endpoint | None:
-        endpoints, sending = self._endpoints, self._sending
+    def _choose_endpoint(self, endpoints: Sequence[Endpoint]) -> Endpoint | None:
+        sending = self._sending
         newest = max(endpoints, key=lambda e: e.received_s, default=None)
         if (
             newest is not None
+            and sending is not None
             and sending in endpoints
             and newest.received_s - sending.received_s < STAY_ON_LINK_S
         ):

@@ -23,11 +23,15 @@ from missions.setpoints import (
     Rates,
     Setpoint,
     Trajectory,
+    Velocity,
+    VelocityBody,
 )
 
 LEADER_FRESH_S = 1.0
 RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
 """Kinds that this module converts into a kind that can be sent."""
+LOCAL_KINDS = frozenset(kind.type for kind in (VelocityBody, PositionGlobal))
+"""Kinds that this module converts to the local frame for links that carry no other."""
 
 
 class ResolvedSetpoint:
@@ -59,6 +63,8 @@ class ResolvedSetpoint:
         self.player: Player | None = None
         """The player of an offboard mission's path; None for other setpoints."""
         self._fixed: DirectSetpoint | None = None
+        self._local: DirectSetpoint | None = None
+        """`_fixed` in the local frame, for links that carry no other."""
         if isinstance(setpoint, Script):
             self.player = Player(setpoint, now_s)
         elif isinstance(setpoint, Path):
@@ -67,6 +73,8 @@ class ResolvedSetpoint:
             self._follow = setpoint
         else:
             self._fixed = _fixed(setpoint, now_s, snapshot, yaw_kept_rad)
+            if snapshot.local_only and _local(self._fixed, snapshot) is None:
+                raise ValueError(f"{setpoint.type} needs a fresh estimate to be sent in the local frame")
 
     @property
     def follows(self) -> str | None:
@@ -99,6 +107,9 @@ class ResolvedSetpoint:
             return self._curve.at(0.0 if waiting else now_s - self._began_s)
         if self._follow is not None:
             return _with_offset(self._follow, now_s, snapshot, self._yaw_kept_rad)
+        if snapshot.local_only and self._fixed is not None:
+            self._local = _local(self._fixed, snapshot) or self._local
+            return self._local
         return self._fixed
 
     def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
@@ -140,10 +151,26 @@ def _fixed(
             raise ValueError("alt_home_m needs a home position")
         alt_amsl_m = snapshot.home_alt_amsl_m + setpoint.alt_home_m
         setpoint = replace(setpoint, alt_amsl_m=alt_amsl_m, alt_home_m=None)
-    if not isinstance(setpoint, DirectSetpoint):
-        raise ValueError(f"no MAVLink message carries {setpoint.type}")
+    assert isinstance(setpoint, DirectSetpoint)
     if keeps_heading(setpoint):
         return replace(setpoint, yaw_ned_rad=yaw_kept_rad)  # type: ignore[call-arg]
+    return setpoint
+
+
+def _local(setpoint: DirectSetpoint, snapshot: Snapshot) -> DirectSetpoint | None:
+    """A setpoint in the local frame; None if the vehicle's heading or the frame's origin is not known."""
+    if isinstance(setpoint, VelocityBody):
+        yaw = snapshot.yaw_ned_rad
+        if yaw is None:
+            return None
+        velocity = ned_from_heading(setpoint.velocity_frd_m_s, yaw)
+        return Velocity(velocity, setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s)
+    if isinstance(setpoint, PositionGlobal):
+        origin, alt_amsl_m = snapshot.bounds.origin, setpoint.alt_amsl_m
+        if origin is None or alt_amsl_m is None:
+            return None
+        position = origin.to_ned(setpoint.lat_deg, setpoint.lon_deg, alt_amsl_m)
+        return Position(position, setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s)
     return setpoint
 
 

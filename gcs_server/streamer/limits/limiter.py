@@ -19,12 +19,14 @@ from missions.fence import NorthEast
 from missions.frames import Vector3, limit_rotation, limit_tilt, ned_from_heading
 from missions.setpoints import (
     Acceleration,
+    Actuators,
     Attitude,
     DirectSetpoint,
     Partial3,
     Position,
     PositionGlobal,
     Rates,
+    ThrustTorque,
     Trajectory,
     Velocity,
     VelocityBody,
@@ -119,6 +121,8 @@ class _Limiter:
     def limited(self, s: DirectSetpoint) -> DirectSetpoint:
         if isinstance(s, Rates):
             return self._rates(s)
+        if isinstance(s, ThrustTorque | Actuators):
+            return self._unlimited(s)
         if isinstance(s, Attitude):
             return self._attitude(s)
         if isinstance(s, PositionGlobal):
@@ -198,6 +202,12 @@ class _Limiter:
         if (p, q, r) != s.rates_frd_rad_s:
             self.notes.append("body rates limited to the vehicle's limits")
         return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
+
+    def _unlimited(self, s: ThrustTorque | Actuators) -> DirectSetpoint:
+        """Bypasses all controllers: only the fence and the brake can stop it."""
+        self._region.require_stoppable()
+        self._must_stop = self._brake.must_stop()
+        return s
 
     def _yaw_rate(self, s: S) -> S:
         rate, most = s.yaw_rate_ned_rad_s, self._bounds.rates_rad_s[2]

@@ -9,6 +9,7 @@ from gcs_server.errors import GcsError, NoReply
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.failsafe import Failsafe
 from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
+from gcs_server.vehicle.endpoint import carries_mavlink
 from gcs_server.vehicle.numbers import number
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -36,8 +37,14 @@ class OffboardConfiguration:
         self._read_s: float | None = None
 
     async def read(self) -> Failsafe:
-        """Reads the limits and the offboard-loss action from the vehicle; missing values stay unknown."""
+        """Reads the limits and the offboard-loss action from the vehicle; missing values stay unknown.
+
+        ROS 2 carries no parameters: without a MAVLink link nothing is requested.
+        """
         values: dict[str, float] = {}
+        if self._vehicle.endpoints and not carries_mavlink(self._vehicle.endpoints):
+            self._read_s = self._clock.monotonic_s()
+            return self._failsafe_of(self.parameters())
 
         async def read(name: str) -> None:
             try:

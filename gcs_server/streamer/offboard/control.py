@@ -28,6 +28,7 @@ from gcs_server.streamer.validation.targets import check_segments, check_target
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.vehicle.endpoint import setpoint_protocol
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
 from missions.runner.script import Script
@@ -153,6 +154,11 @@ class OffboardControl:
             if short_s <= 0.0:
                 return
             if self._clock.monotonic_s() >= until_s:
+                if self._streams.state(self.vehicle.id).sends_failed:
+                    raise Refused(
+                        f"Vehicle {self.vehicle.id}'s link did not accept setpoints.",
+                        remedy="Check the link and its counters (GET /links), then start again.",
+                    )
                 raise Refused(
                     "Setpoints could not be sent without a pause: the ground station's computer is too busy.",
                     remedy="Close other programs on it, then start again.",
@@ -320,8 +326,7 @@ class OffboardControl:
     # --- inside -------------------------------------------------------------------------------------
 
     def _protocol(self) -> str:
-        endpoints = self.vehicle.endpoints
-        return endpoints[0].connection.protocol if endpoints else "MAVLink"
+        return setpoint_protocol(self.vehicle.endpoints)
 
     def check(self, order: Order) -> None:
         """Raises Refused if the order cannot be flown now, InvalidRequest if it can never be flown."""

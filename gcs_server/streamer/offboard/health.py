@@ -10,12 +10,14 @@ from gcs_server.streamer.offboard.status import Echo, StreamHealth
 from gcs_server.streamer.schedule.streams import StreamState
 from missions.frames import Quaternion, Vector3, ned_from_heading
 from missions.setpoints import (
+    Actuators,
     Attitude,
     DirectSetpoint,
     Partial3,
     Position,
     PositionGlobal,
     Rates,
+    ThrustTorque,
     Trajectory,
     Velocity,
     VelocityBody,
@@ -60,6 +62,8 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 
 
 def _echo(sent: DirectSetpoint, estimates: VehicleEstimates) -> Echo | None:
+    if isinstance(sent, ThrustTorque | Actuators):
+        return None  # PX4 sends no echo of them
     if isinstance(sent, Attitude | Rates):
         attitude = estimates.target_attitude()
         if attitude is None:

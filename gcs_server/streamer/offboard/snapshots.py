@@ -14,6 +14,7 @@ from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds, bounds_of
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Leader, Snapshot
+from gcs_server.vehicle.endpoint import ROS2, setpoint_protocol
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Follow
 
@@ -59,6 +60,7 @@ class VehicleSnapshots:
         return self._estimates.snapshot(
             q_ned_frd=None if attitude is None else attitude.q_ned_frd,
             bounds=self._current_bounds(),
+            local_only=setpoint_protocol(self._vehicle.endpoints) == ROS2,
             hover_thrust=self._configuration.parameters().get("MPC_THR_HOVER"),
             leader=self.leader(order.setpoint) if order and isinstance(order.setpoint, Follow) else None,
             avoidance=self._avoidance.way,

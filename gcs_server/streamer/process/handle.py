@@ -20,7 +20,7 @@ from gcs_server.faults import FaultLog
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.signing import TICKS_PER_S
 from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
-from gcs_server.streamer.process.messages import Numbered, Post, Request, Route, RouteSigning
+from gcs_server.streamer.process.messages import AnyRoute, Numbered, Post, Request, Route, RouteSigning
 from gcs_server.streamer.transport.sender import PayloadSender
 
 log = logging.getLogger(__name__)
@@ -132,12 +132,12 @@ class WorkerHandle:
                 except Exception as error:  # its other values are still read
                     self._faults.add(error, "handling a value from the stream process")
 
-    def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, Route | None]:
+    def routes(self, senders: Mapping[str, PayloadSender]) -> dict[str, AnyRoute | None]:
         """Each vehicle's route for the process, after passing the socket to it; None: the server sends. The
         process closes all other sockets.
         """
         routes = {vehicle_id: self._route(sender) for vehicle_id, sender in senders.items()}
-        used = {route.socket_number for route in routes.values() if route is not None}
+        used = {route.socket_number for route in routes.values() if isinstance(route, Route)}
         if len(used) < len(self._numbers):
             self._numbers = {s: number for s, number in self._numbers.items() if number in used}
             late = self._handed_over - LATE_REPORT_SOCKETS
@@ -156,8 +156,10 @@ class WorkerHandle:
         """
         return any(link_socket.fileno() < 0 for link_socket in self._numbers)
 
-    def _route(self, sender: PayloadSender) -> Route | None:
+    def _route(self, sender: PayloadSender) -> AnyRoute | None:
         path = sender.send_path()
+        if path is not None and path.peer.dds is not None:
+            return path.peer.dds
         if path is None or path.peer.address is None:
             return None
         link_socket = path.connection.link.datagrams()

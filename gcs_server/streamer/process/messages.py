@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
+from gcs_server.links.base import DdsAddress
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
@@ -47,6 +48,10 @@ class Route:
     """None: frames are sent unsigned."""
 
 
+AnyRoute = Route | DdsAddress
+"""How the process reaches a vehicle: by datagrams of MAVLink, or by ROS 2 topics."""
+
+
 class WorkerInterface(Protocol):
     """The interface of the process, which the messages call."""
 
@@ -57,7 +62,7 @@ class WorkerInterface(Protocol):
         """See `Attach`."""
         ...
 
-    def set_routes(self, routes: Mapping[str, Route | None]) -> None:
+    def set_routes(self, routes: Mapping[str, AnyRoute | None]) -> None:
         """See `Routes`."""
         ...
 
@@ -111,7 +116,7 @@ class Attach(Post):
 class Routes(Post):
     """Routes of all streamed vehicles (None: the server sends); all other sockets are closed."""
 
-    routes: Mapping[str, Route | None]
+    routes: Mapping[str, AnyRoute | None]
 
     def apply(self, worker: WorkerInterface) -> None:
         worker.set_routes(self.routes)

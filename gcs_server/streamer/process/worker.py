@@ -26,11 +26,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gcs_server.clock import Clock, SystemClock
+from gcs_server.links.base import DdsAddress
 from gcs_server.mavlink.codec import encode_frame
 from gcs_server.mavlink.signing import FrameSigner, SecretKey, SigningClock
 from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
 from gcs_server.streamer.process.messages import (
     Answer,
+    AnyRoute,
     Numbered,
     Request,
     Route,
@@ -38,8 +40,10 @@ from gcs_server.streamer.process.messages import (
     Update,
     WorkerStarted,
 )
+from gcs_server.streamer.process.ros2_senders import Ros2Senders
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.transport.ros2 import TopicSender
 from gcs_server.streamer.values.order import Order
 
 log = logging.getLogger(__name__)
@@ -117,6 +121,12 @@ class WorkerSender:
         self._worker = worker
         self._seq = 0
         self.route: Route | None = None
+        self.dds: DdsAddress | None = None
+        """Set while the vehicle is reached over ROS 2."""
+
+    def topics(self) -> TopicSender | None:
+        """The vehicle's ROS 2 topics; None while it is reached over MAVLink."""
+        return None if self.dds is None else self._worker.ros2.at(self.dds)
 
     def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
         """Sends a datagram, or asks the server to send it."""
@@ -166,6 +176,7 @@ class Worker:
         self.own_ids = own_ids
         self.reports = WorkerReports(side_channel)
         self.sockets: dict[int, socket.socket] = {}
+        self.ros2 = Ros2Senders()
         self._signing_clock = SigningClock(lambda: clock.unix_s())
         """One signer per key and link for all vehicles, because all setpoints of a link belong to one signing
         stream."""
@@ -230,9 +241,9 @@ class Worker:
     def attach(self, vehicle_id: str, target: tuple[int, int], number: int) -> None:
         """See `Attach`."""
         sender = self._senders[vehicle_id] = WorkerSender(vehicle_id, self)
-        self.scheduler.attach(vehicle_id, sender, target, number)
+        self.scheduler.attach(vehicle_id, sender, target, number, sender.topics)
 
-    def set_routes(self, routes: Mapping[str, Route | None]) -> None:
+    def set_routes(self, routes: Mapping[str, AnyRoute | None]) -> None:
         """See `Routes`."""
         with contextlib.suppress(BlockingIOError):  # all passed sockets have arrived
             while True:
@@ -242,8 +253,13 @@ class Worker:
                 self.sockets[int(head)] = socket.socket(fileno=descriptors[0])
         for vehicle_id, sender in self._senders.items():
             route = routes.get(vehicle_id)
-            sender.route = route if route is not None and route.socket_number in self.sockets else None
-        used = {route.socket_number for route in routes.values() if route is not None}
+            by_socket = route if isinstance(route, Route) else None
+            sender.route = by_socket if by_socket and by_socket.socket_number in self.sockets else None
+            sender.dds = route if isinstance(route, DdsAddress) else None
+            if sender.dds is not None:
+                self.ros2.at(sender.dds)  # opened before the first setpoint
+        self.ros2.keep({route for route in routes.values() if isinstance(route, DdsAddress)})
+        used = {route.socket_number for route in routes.values() if isinstance(route, Route)}
         for number in [n for n in self.sockets if n not in used]:
             self.sockets.pop(number).close()
 
@@ -343,8 +359,9 @@ def main(arguments: list[str]) -> None:
     side_channel = socket.socket(fileno=int(arguments[1]))
     side_channel.setblocking(False)
     clock = SystemClock()
-    scheduler = StreamScheduler(clock, server_silent_limit_s=float(arguments[4]))
-    worker = Worker(messages, side_channel, (int(arguments[2]), int(arguments[3])), clock, scheduler)
+    own_ids = (int(arguments[2]), int(arguments[3]))
+    scheduler = StreamScheduler(clock, server_silent_limit_s=float(arguments[4]), own_ids=own_ids)
+    worker = Worker(messages, side_channel, own_ids, clock, scheduler)
     gc.collect()
     gc.freeze()
     messages.send((WorkerStarted(take_priority()),))

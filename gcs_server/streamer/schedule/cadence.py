@@ -41,6 +41,10 @@ class Cadence:
         missed = math.floor((now_s - self.next_s) * self.rate_hz + 1e-6)
         self.next_s += (missed + 1) / self.rate_hz
 
+    def not_sent(self, now_s: float) -> None:
+        """The link did not take the last setpoint: the steady time begins again."""
+        self._steady_from_s = now_s
+
     def achieved_hz(self, now_s: float) -> float | None:
         """Rate of the last sent setpoints; None before two were sent within two seconds."""
         recent = [sent_s for sent_s in tuple(self._sent_at) if now_s - sent_s <= RECENT_S]

@@ -17,8 +17,20 @@ from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import fresh, measures_outwards
 from missions.avoidance.values import AvoidanceWay
 from missions.runner.script import Played, Script, Steering
-from missions.setpoints import Attitude, DirectSetpoint, Position, Rates, Setpoint, Trajectory, Velocity
+from missions.setpoints import (
+    Actuators,
+    Attitude,
+    DirectSetpoint,
+    Position,
+    Rates,
+    Setpoint,
+    ThrustTorque,
+    Trajectory,
+    Velocity,
+)
 
+UNSTEERED = (Attitude, Rates, ThrustTorque, Actuators)
+"""Kinds that control neither position nor velocity nor acceleration."""
 REPORT_PERIOD_S = 10.0
 """Minimum time between two reports of the same limit [s]."""
 
@@ -100,9 +112,9 @@ class SetpointPipeline:
         position, yaw, sent = snapshot.position_at(now_s), snapshot.yaw_ned_rad, self.sent
         if position is not None:
             held_setpoint: DirectSetpoint = Position(position, yaw)
-        elif isinstance(sent, Attitude | Rates) and snapshot.velocity_ned_m_s is None:
+        elif isinstance(sent, UNSTEERED) and snapshot.velocity_ned_m_s is None:
             held_setpoint = level(
-                yaw, sent.thrust if snapshot.hover_thrust is None else snapshot.hover_thrust
+                yaw, thrust_of(sent) if snapshot.hover_thrust is None else snapshot.hover_thrust
             )
         else:
             held_setpoint = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
@@ -235,6 +247,16 @@ class SetpointPipeline:
             return None
         self._held_without_sensor = None
         return self._measured.around(now_s, snapshot.scans, position, velocity)
+
+
+def thrust_of(setpoint: Attitude | Rates | ThrustTorque | Actuators) -> float:
+    """The collective thrust of a setpoint, 0 to 1."""
+    if isinstance(setpoint, ThrustTorque):
+        return min(1.0, max(0.0, -setpoint.thrust_frd[2]))
+    if isinstance(setpoint, Actuators):
+        values = [max(0.0, value or 0.0) for value in setpoint.motors]
+        return sum(values) / max(1, len(values))
+    return setpoint.thrust
 
 
 def level(yaw_ned_rad: float | None, thrust: float) -> Attitude:

@@ -15,8 +15,9 @@ from gcs_server.clock import Clock
 from gcs_server.streamer.schedule.stream import VehicleStream
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Actions, Finding, GroupGuard, GuardState, MemberView
-from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
+from gcs_server.streamer.transport.ros2 import Ros2Transport
 from gcs_server.streamer.transport.sender import NoSender, PayloadSender
+from gcs_server.streamer.transport.vehicle_transport import Topics, VehicleTransport, no_topics
 from gcs_server.streamer.values.events import WARNING, StreamEvent
 from gcs_server.streamer.values.order import Order
 from gcs_server.streamer.values.snapshot import Snapshot
@@ -28,7 +29,7 @@ log = logging.getLogger(__name__)
 @dataclass(slots=True)
 class _Stream:
     core: VehicleStream
-    transport: MavlinkTransport
+    transport: VehicleTransport
     snapshot: Snapshot
     sends_failed: int = 0
     number: int = 0
@@ -42,12 +43,15 @@ class StreamScheduler:
     group's members are held; all others continue.
 
     Args:
-        clock: only `monotonic_s` is used.
+        clock: monotonic time, and the time of ROS 2 messages.
         server_silent_limit_s: time without a message from the event loop after which sending stops.
+        own_ids: system and component id of mode requests over ROS 2.
     """
 
-    def __init__(self, clock: Clock, *, server_silent_limit_s: float = 1.5) -> None:
-        self._clock = clock
+    def __init__(
+        self, clock: Clock, *, server_silent_limit_s: float = 1.5, own_ids: tuple[int, int] = (255, 191)
+    ) -> None:
+        self._clock, self._own_ids = clock, own_ids
         self._silent_limit_s = server_silent_limit_s
         self._streams: dict[str, _Stream] = {}
         self._guards: dict[str, GroupGuard] = {}
@@ -75,6 +79,7 @@ class StreamScheduler:
                 for out in core.tick(self._clock.monotonic_s(), stream.snapshot, self._beat_s):
                     if not stream.transport.send(out):
                         stream.sends_failed += 1
+                        core.cadence.not_sent(self._clock.monotonic_s())
             except Exception as error:
                 self._failed(vehicle_id, error)
             due_s = min(due_s, core.due_s(self._beat_s))
@@ -94,17 +99,29 @@ class StreamScheduler:
     # --- one vehicle's stream ---------------------------------------------------------------------
 
     def attach(
-        self, vehicle_id: str, sender: PayloadSender, target: tuple[int, int], number: int = 0
+        self,
+        vehicle_id: str,
+        sender: PayloadSender,
+        target: tuple[int, int],
+        number: int = 0,
+        topics: Topics = no_topics,
     ) -> None:
-        """See `Streams`; `number` is the number of its last stream."""
-        transport = MavlinkTransport(sender, target)
+        """See `Streams`.
+
+        Args:
+            number: number of its last stream.
+            topics: the vehicle's ROS 2 topics, while it is reached over ROS 2.
+        """
+        ros2 = Ros2Transport(target, self._own_ids, lambda: int(self._clock.unix_s() * 1e6))
+        transport = VehicleTransport(sender, target, topics, ros2)
         core = VehicleStream(transport, server_silent_limit_s=self._silent_limit_s)
         nothing = Snapshot(-1.0, "", None, None, None)
         self._streams[vehicle_id] = _Stream(core, transport, nothing, number=number)
 
     def forget(self, vehicle_id: str) -> None:
         """See `Streams`."""
-        self._streams[vehicle_id].transport.sender = NoSender()
+        transport = self._streams[vehicle_id].transport
+        transport.mavlink.sender, transport.topics = NoSender(), no_topics
 
     def active(self) -> list[str]:
         return [vehicle_id for vehicle_id, stream in self._streams.items() if stream.core.streaming]

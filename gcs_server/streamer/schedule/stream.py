@@ -190,7 +190,7 @@ class VehicleStream:
             self._refresh_setpoint(now_s, snapshot)
             if not self.streaming:
                 return outgoing
-            outgoing.append(SetpointDue(now_s))
+            outgoing.append(SetpointDue(now_s, snapshot.mode == "offboard"))
             self.cadence.sent(now_s)
         return outgoing
 

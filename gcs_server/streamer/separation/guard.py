@@ -36,7 +36,7 @@ from missions.separation import (
     margin_m,
     stopping_m,
 )
-from missions.setpoints import Acceleration, Attitude, Rates, Setpoint
+from missions.setpoints import Acceleration, Actuators, Attitude, Rates, Setpoint, ThrustTorque
 
 CHECK_PERIOD_S = 0.05
 LATE_S = 1.0
@@ -328,7 +328,7 @@ class GroupGuard:
 def is_steered(setpoint: Setpoint | None) -> bool:
     """Whether the vehicle's velocity and position controllers are active; otherwise wind and tilt accelerate
     it."""
-    return not isinstance(setpoint, Acceleration | Attitude | Rates)
+    return not isinstance(setpoint, Acceleration | Attitude | Rates | ThrustTorque | Actuators)
 
 
 def moving(snapshot: Snapshot, now_s: float, position: Vector3, setpoint: Setpoint | None) -> MovingVehicle:

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from gcs_server.streamer.transport.mavlink import MSG_COMMAND_LONG, Packed, encode, mode_command, with_time
+from gcs_server.streamer.transport.mavlink import (
+    MAVLINK_CARRIES,
+    MSG_COMMAND_LONG,
+    Packed,
+    encode,
+    mode_command,
+    with_time,
+)
 from gcs_server.streamer.transport.sender import PayloadSender
 from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing
 from missions.setpoints import DirectSetpoint
@@ -23,6 +30,8 @@ class MavlinkTransport:
 
     def load(self, setpoint: DirectSetpoint) -> None:
         """See `SetpointLoader`."""
+        if setpoint.type not in MAVLINK_CARRIES:
+            raise ValueError(f"no MAVLink message carries {setpoint.type}")
         self._packed = encode(setpoint, self._target)
 
     def send(self, outgoing: Outgoing) -> bool:

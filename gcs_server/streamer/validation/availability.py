@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gcs_server.errors import Refused
-from gcs_server.streamer.frames.resolve import RESOLVED_KINDS
+from gcs_server.streamer.frames.resolve import LOCAL_KINDS, RESOLVED_KINDS
 from gcs_server.streamer.transport.mavlink import MAVLINK_CARRIES
+from gcs_server.streamer.transport.ros2 import ROS2_CARRIES
 from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
 
 CARRIED_BY: dict[str, frozenset[str]] = {
     "MAVLink": MAVLINK_CARRIES | RESOLVED_KINDS,
+    "ROS 2": ROS2_CARRIES | RESOLVED_KINDS | LOCAL_KINDS,
 }
 """Setpoint types by link protocol: types that its messages can carry, directly or after conversion."""
 WAIT_REMEDY = "Wait for GPS and the estimator (see the vehicle's messages), then try again."
@@ -104,7 +106,7 @@ class Availability:
         """Raises Refused if the setpoint cannot be flown now."""
         unable = why_not_carried(setpoint.type, self._protocol())
         if unable is not None:
-            raise Refused(unable, remedy="This type needs a ROS 2 link.")
+            raise Refused(unable, remedy="This type needs a ROS 2 link: add ros2://DOMAIN.")
         available = self.of(setpoint.type, needs_of(setpoint))
         if available.why_not is not None:
             raise Refused(available.why_not, remedy=WAIT_REMEDY)

@@ -14,6 +14,9 @@ class SetpointDue:
 
     now_s: float
     """Monotonic."""
+    in_offboard: bool = True
+    """Whether the vehicle reports Offboard. Before, it must receive that setpoints exist, but over ROS 2 it
+    would follow them in any mode."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,6 +44,8 @@ class Snapshot:
     estimate_s: float | None = None
     """Time at which the position was received; default: the time of the snapshot."""
     armed: bool = False
+    local_only: bool = False
+    """Whether the link carries setpoints in the local frame only (ROS 2)."""
     lost: bool = False
     """Whether the link is lost."""
     home_alt_amsl_m: float | None = None

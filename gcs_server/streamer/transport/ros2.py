@@ -1,0 +1,216 @@
+"""Packs setpoints into PX4's ROS 2 messages: OffboardControlMode and the setpoint's own topics.
+
+The flags of OffboardControlMode only choose the controllers. Its arrival alone keeps Offboard alive. PX4
+follows setpoint topics in any mode, so setpoints are sent only while the vehicle reports Offboard.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Protocol
+
+from gcs_server.ros2.message_types import HEADER, MESSAGES
+from gcs_server.ros2.topics import COMMAND
+from gcs_server.streamer.transport.mavlink import (
+    MAV_CMD_DO_SET_MODE,
+    MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+    PX4_AUTO_SUB_MODES,
+    PX4_MAIN_MODE_AUTO,
+)
+from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing
+from missions.frames import Vector3
+from missions.setpoints import (
+    NOTHING,
+    Acceleration,
+    Actuators,
+    Attitude,
+    DirectSetpoint,
+    Partial3,
+    Position,
+    Rates,
+    ThrustTorque,
+    Trajectory,
+    Velocity,
+)
+
+NAN: Final = math.nan
+MOTORS, SERVOS = 12, 8
+"""Values of ActuatorMotors and ActuatorServos."""
+CONTROL_MODE: Final = "/fmu/in/offboard_control_mode"
+SETPOINT_TOPICS: Final[Mapping[str, str]] = {
+    "TrajectorySetpoint": "/fmu/in/trajectory_setpoint",
+    "VehicleAttitudeSetpoint": "/fmu/in/vehicle_attitude_setpoint",
+    "VehicleRatesSetpoint": "/fmu/in/vehicle_rates_setpoint",
+    "VehicleThrustSetpoint": "/fmu/in/vehicle_thrust_setpoint",
+    "VehicleTorqueSetpoint": "/fmu/in/vehicle_torque_setpoint",
+    "ActuatorMotors": "/fmu/in/actuator_motors",
+    "ActuatorServos": "/fmu/in/actuator_servos",
+}
+"""Topic by type."""
+TOPIC_TYPES: Final[Mapping[str, str]] = {
+    CONTROL_MODE: "OffboardControlMode",
+    COMMAND: "VehicleCommand",
+    **{topic: kind for kind, topic in SETPOINT_TOPICS.items()},
+}
+"""Type of every topic that a stream sends."""
+_time = struct.Struct("<Q")
+Message = tuple[str, bytes]
+"""Topic, and message whose timestamp is zero."""
+Encoded = tuple[str, tuple[tuple[str, dict[str, Any]], ...]]
+"""Flag of OffboardControlMode, and types with their fields."""
+
+
+class TopicSender(Protocol):
+    """Sends to the ROS 2 topics of one vehicle."""
+
+    def send(self, topic: str, data: bytes) -> None:
+        """Raises OSError if the message cannot be sent now."""
+        ...
+
+
+def _axes(vector: Partial3) -> tuple[float, float, float]:
+    x, y, z = (NAN if axis is None else axis for axis in vector)
+    return x, y, z
+
+
+def _motion(
+    s: Position | Velocity | Acceleration | Trajectory,
+    position: Partial3 = NOTHING,
+    velocity: Partial3 = NOTHING,
+    acceleration: Partial3 = NOTHING,
+) -> Encoded:
+    controlled = {"position": position, "velocity": velocity, "acceleration": acceleration}
+    flag = next((name for name, vector in controlled.items() if vector != NOTHING), "position")
+    yaw, yaw_rate = s.yaw_ned_rad, s.yaw_rate_ned_rad_s
+    fields: dict[str, Any] = {name: _axes(vector) for name, vector in controlled.items()}
+    fields |= {
+        "jerk": (NAN, NAN, NAN),
+        "yaw": NAN if yaw is None else math.remainder(yaw, math.tau),
+        "yawspeed": NAN if yaw_rate is None else yaw_rate,
+    }
+    return flag, (("TrajectorySetpoint", fields),)
+
+
+def _trajectory(s: Trajectory) -> Encoded:
+    return _motion(s, s.position_ned_m, s.velocity_ned_m_s, s.acceleration_ned_m_s2)
+
+
+def _up(thrust: float) -> Vector3:
+    """A collective thrust of 0 to 1 as `thrust_body` [FRD, normalised]."""
+    return (0.0, 0.0, -thrust)
+
+
+def _attitude(s: Attitude) -> Encoded:
+    rate = s.yaw_rate_ned_rad_s or 0.0
+    fields = {"q_d": s.q_ned_frd, "thrust_body": _up(s.thrust), "yaw_sp_move_rate": rate}
+    return "attitude", (("VehicleAttitudeSetpoint", fields),)
+
+
+def _rates(s: Rates) -> Encoded:
+    roll, pitch, yaw = s.rates_frd_rad_s
+    fields = {"roll": roll, "pitch": pitch, "yaw": yaw, "thrust_body": _up(s.thrust)}
+    return "body_rate", (("VehicleRatesSetpoint", fields),)
+
+
+def _thrust_torque(s: ThrustTorque) -> Encoded:
+    thrust, torque = {"xyz": s.thrust_frd}, {"xyz": s.torque_frd}
+    return "thrust_and_torque", (("VehicleThrustSetpoint", thrust), ("VehicleTorqueSetpoint", torque))
+
+
+def _actuators(s: Actuators) -> Encoded:
+    used = (("ActuatorMotors", s.motors, MOTORS), ("ActuatorServos", s.servos, SERVOS))
+    return "direct_actuator", tuple(
+        (kind, {"control": tuple(NAN if v is None else v for v in values) + (NAN,) * (size - len(values))})
+        for kind, values, size in used
+        if values
+    )
+
+
+_ENCODERS: dict[type, Callable[[Any], Encoded]] = {
+    Position: lambda s: _motion(s, position=s.position_ned_m),
+    Velocity: lambda s: _motion(s, velocity=s.velocity_ned_m_s),
+    Acceleration: lambda s: _motion(s, acceleration=s.acceleration_ned_m_s2),
+    Trajectory: _trajectory,
+    Attitude: _attitude,
+    Rates: _rates,
+    ThrustTorque: _thrust_torque,
+    Actuators: _actuators,
+}
+ROS2_CARRIES = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
+"""Setpoint types for which PX4 has a ROS 2 message."""
+
+
+def encode(setpoint: DirectSetpoint) -> tuple[Message, tuple[Message, ...]]:
+    """OffboardControlMode, and the setpoint's messages; their timestamps are zero.
+
+    Raises:
+        ValueError: PX4 has no ROS 2 message for this kind.
+    """
+    encoder = _ENCODERS.get(type(setpoint))
+    if encoder is None:
+        raise ValueError(f"no ROS 2 message of PX4 carries {setpoint.type}")
+    flag, messages = encoder(setpoint)
+    mode = CONTROL_MODE, MESSAGES["OffboardControlMode"].encode({flag: True})
+    return mode, tuple((SETPOINT_TOPICS[kind], MESSAGES[kind].encode(fields)) for kind, fields in messages)
+
+
+def with_time(data: bytes, unix_us: int) -> bytes:
+    """The message with its timestamp set."""
+    start = len(HEADER)
+    return data[:start] + _time.pack(unix_us) + data[start + _time.size :]
+
+
+class Ros2Transport:
+    """Sends to one vehicle.
+
+    Args:
+        target: the vehicle's system id and its autopilot's component id.
+        source: system and component id of mode requests.
+        unix_us: the system clock [µs].
+    """
+
+    def __init__(
+        self,
+        target: tuple[int, int],
+        source: tuple[int, int],
+        unix_us: Callable[[], int],
+    ) -> None:
+        self._target, self._source, self._unix_us = target, source, unix_us
+        self._mode: Message = (CONTROL_MODE, b"")
+        self._setpoint: tuple[Message, ...] = ()
+
+    def load(self, setpoint: DirectSetpoint) -> None:
+        """See `SetpointLoader`."""
+        self._mode, self._setpoint = encode(setpoint)
+
+    def send(self, outgoing: Outgoing, sender: TopicSender) -> bool:
+        """False if not everything was sent."""
+        now_us = self._unix_us()
+        try:
+            if isinstance(outgoing, ModeRequest):
+                sender.send(COMMAND, self._mode_command(outgoing, now_us))
+                return True
+            for topic, data in (self._mode, *(self._setpoint if outgoing.in_offboard else ())):
+                sender.send(topic, with_time(data, now_us))
+        except OSError:
+            return False
+        return True
+
+    def _mode_command(self, request: ModeRequest, now_us: int) -> bytes:
+        return MESSAGES["VehicleCommand"].encode(
+            {
+                "timestamp": now_us,
+                "command": MAV_CMD_DO_SET_MODE,
+                "param1": MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+                "param2": PX4_MAIN_MODE_AUTO,
+                "param3": PX4_AUTO_SUB_MODES[request.mode],
+                "target_system": self._target[0],
+                "target_component": self._target[1],
+                "source_system": self._source[0],
+                "source_component": self._source[1],
+                "confirmation": min(request.attempt, 255),
+                "from_external": True,
+            }
+        )

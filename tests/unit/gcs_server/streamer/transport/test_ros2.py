@@ -1,0 +1,216 @@
+"""Setpoints as PX4's ROS 2 messages, and the choice between ROS 2 and MAVLink."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.streamer.frames.resolve import ResolvedSetpoint
+from gcs_server.streamer.limits.limiter import apply_limits
+from gcs_server.streamer.transport.ros2 import TOPIC_TYPES, Ros2Transport, encode
+from gcs_server.streamer.transport.sender import NoSender
+from gcs_server.streamer.transport.vehicle_transport import VehicleTransport
+from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.outgoing import ModeRequest, SetpointDue
+from gcs_server.streamer.values.snapshot import Snapshot
+from missions.fence import Circle, Region
+from missions.geodesy import LocalOrigin
+from missions.setpoints import (
+    Acceleration,
+    Actuators,
+    Attitude,
+    DirectSetpoint,
+    Position,
+    PositionGlobal,
+    Rates,
+    ThrustTorque,
+    Trajectory,
+    Velocity,
+    VelocityBody,
+)
+
+NOW_US = 1_795_000_000_000_000
+HALF = (0.0, 0.0, -0.5)
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+KINDS: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
+    (
+        Position((1.0, 2.0, -3.0), 0.5),
+        "position",
+        {"trajectory_setpoint": {"position": (1.0, 2.0, -3.0), "yaw": 0.5}},
+    ),
+    (
+        Velocity((1.0, None, None), yaw_rate_ned_rad_s=0.25),
+        "velocity",
+        {"trajectory_setpoint": {"velocity": (1.0, math.nan, math.nan), "yawspeed": 0.25, "yaw": math.nan}},
+    ),
+    (
+        Acceleration((0.0, 0.5, 0.0)),
+        "acceleration",
+        {"trajectory_setpoint": {"acceleration": (0.0, 0.5, 0.0), "position": (math.nan,) * 3}},
+    ),
+    (
+        Trajectory((1.0, 0.0, -3.0), (0.5, 0.0, 0.0)),
+        "position",
+        {"trajectory_setpoint": {"position": (1.0, 0.0, -3.0), "velocity": (0.5, 0.0, 0.0)}},
+    ),
+    (
+        Attitude(LEVEL, 0.5, 0.25),
+        "attitude",
+        {"vehicle_attitude_setpoint": {"q_d": LEVEL, "thrust_body": HALF, "yaw_sp_move_rate": 0.25}},
+    ),
+    (
+        Rates((0.5, 0.25, -0.5), 0.5),
+        "body_rate",
+        {"vehicle_rates_setpoint": {"roll": 0.5, "pitch": 0.25, "yaw": -0.5, "thrust_body": HALF}},
+    ),
+    (
+        ThrustTorque((0.0, 0.0, -0.5), (0.0, 0.25, 0.0)),
+        "thrust_and_torque",
+        {"vehicle_thrust_setpoint": {"xyz": HALF}, "vehicle_torque_setpoint": {"xyz": (0.0, 0.25, 0.0)}},
+    ),
+    (
+        Actuators((0.5, None, 0.5, 0.25), (0.0,)),
+        "direct_actuator",
+        {
+            "actuator_motors": {"control": (0.5, math.nan, 0.5, 0.25) + (math.nan,) * 8},
+            "actuator_servos": {"control": (0.0,) + (math.nan,) * 7},
+        },
+    ),
+]  # fmt: skip
+
+
+class Topics:
+    """The topics of a vehicle; remembers what was sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, dict[str, Any]]] = []
+        self.closed = False
+
+    def send(self, topic: str, data: bytes) -> None:
+        if self.closed:
+            raise OSError("closed")
+        self.sent.append((topic.rsplit("/", 1)[1], MESSAGES[TOPIC_TYPES[topic]].decode(data)))
+
+
+def _transport() -> Ros2Transport:
+    return Ros2Transport((1, 1), (255, 191), lambda: NOW_US)
+
+
+def _same(ours: Any, expected: Any) -> bool:
+    if isinstance(expected, tuple):
+        return len(ours) == len(expected) and all(map(_same, ours, expected))
+    return ours == expected or (math.isnan(ours) and math.isnan(expected))
+
+
+@pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
+def test_each_kind_has_its_control_mode_and_its_topics(
+    setpoint: DirectSetpoint, flag: str, expected: dict[str, dict[str, Any]]
+) -> None:
+    transport, topics = _transport(), Topics()
+    transport.load(setpoint)
+    assert transport.send(SetpointDue(0.0), topics)
+    (mode_topic, mode), *messages = topics.sent
+    assert mode_topic == "offboard_control_mode"
+    assert [name for name, value in mode.items() if value is True] == [flag]
+    assert [topic for topic, _ in messages] == list(expected)
+    for topic, values in messages:
+        assert values["timestamp"] == NOW_US
+        for name, value in expected[topic].items():
+            assert _same(values[name], value), (topic, name, values[name])
+
+
+def test_before_offboard_only_the_control_mode_is_sent() -> None:
+    transport, topics = _transport(), Topics()
+    transport.load(Position((1.0, 2.0, -3.0)))
+    assert transport.send(SetpointDue(0.0, in_offboard=False), topics)
+    assert [topic for topic, _ in topics.sent] == ["offboard_control_mode"]
+
+
+def test_a_mode_is_requested_as_the_streams_component() -> None:
+    transport, topics = _transport(), Topics()
+    assert transport.send(ModeRequest("land", 2), topics)
+    topic, command = topics.sent[0]
+    assert topic == "vehicle_command"
+    assert (command["command"], command["param2"], command["param3"]) == (176, 4.0, 6.0)
+    assert (command["source_system"], command["source_component"]) == (255, 191)
+    assert command["confirmation"] == 2
+
+
+@pytest.mark.parametrize("setpoint", [VelocityBody((1.0, 0.0, 0.0)), PositionGlobal(47.0, 8.0, 500.0)])
+def test_a_kind_of_another_frame_is_refused_by_the_transport(setpoint: DirectSetpoint) -> None:
+    with pytest.raises(ValueError, match=f"carries {setpoint.type}"):
+        encode(setpoint)
+
+
+class Mavlink(NoSender):
+    """A MAVLink link; remembers the ids of what was sent."""
+
+    def __init__(self) -> None:
+        self.ids: list[int] = []
+
+    def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
+        self.ids.append(msg_id)
+        return True
+
+
+def test_a_stream_continues_on_the_other_link_if_that_carries_the_setpoint() -> None:
+    mavlink, topics = Mavlink(), Topics()
+    reached: list[Topics | None] = [topics]
+    transport = VehicleTransport(mavlink, (1, 1), lambda: reached[0], _transport())
+    transport.load(Position((0.0, 0.0, -5.0)))
+    assert transport.send(SetpointDue(0.0))
+    reached[0] = None
+    assert transport.send(SetpointDue(0.02))
+    assert (len(topics.sent), mavlink.ids) == (2, [84])
+    reached[0] = topics
+    transport.load(Actuators((0.5,)))
+    assert transport.send(SetpointDue(0.04))
+    reached[0] = None
+    assert not transport.send(SetpointDue(0.06))
+    assert mavlink.ids == [84]
+
+
+def test_what_cannot_be_sent_is_reported() -> None:
+    topics = Topics()
+    transport = VehicleTransport(Mavlink(), (1, 1), lambda: topics, _transport())
+    transport.load(Position((0.0, 0.0, -5.0)))
+    topics.closed = True
+    assert not transport.send(SetpointDue(0.0))
+    with pytest.raises(ValueError, match="no MAVLink message carries actuators"):
+        VehicleTransport(Mavlink(), (1, 1), lambda: None, _transport()).load(Actuators((0.5,)))
+
+
+def _snapshot(yaw: float | None = math.pi / 2, origin: LocalOrigin | None = None) -> Snapshot:
+    return Snapshot(0.0, "offboard", None, None, yaw, local_only=True, bounds=Bounds(origin=origin))
+
+
+def test_a_velocity_along_the_heading_turns_with_the_vehicle() -> None:
+    resolved = ResolvedSetpoint(VelocityBody((2.0, 0.0, -1.0), None, 0.1), 0.0, _snapshot(0.0), None)
+    first, turned = resolved.at(0.0, _snapshot(0.0)), resolved.at(1.0, _snapshot())
+    assert isinstance(first, Velocity)
+    assert isinstance(turned, Velocity)
+    assert first.velocity_ned_m_s == pytest.approx((2.0, 0.0, -1.0))
+    assert turned.velocity_ned_m_s == pytest.approx((0.0, 2.0, -1.0))
+    assert turned.yaw_rate_ned_rad_s == 0.1
+    assert resolved.at(2.0, _snapshot(None)) == turned
+
+
+def test_a_global_position_is_sent_in_the_local_frame() -> None:
+    origin = LocalOrigin.from_pair(47.0, 8.0, 500.0, (0.0, 0.0, 0.0))
+    snapshot = _snapshot(origin=origin)
+    resolved = ResolvedSetpoint(PositionGlobal(47.0001, 8.0, 510.0), 0.0, snapshot, 0.5).at(0.0, snapshot)
+    assert isinstance(resolved, Position)
+    assert resolved.position_ned_m == pytest.approx((11.12, 0.0, -10.0), abs=0.02)
+    assert resolved.yaw_ned_rad == 0.5
+    with pytest.raises(ValueError, match="position_global needs a fresh estimate"):
+        ResolvedSetpoint(PositionGlobal(47.0001, 8.0, 510.0), 0.0, _snapshot(), 0.5)
+
+
+@pytest.mark.parametrize("setpoint", [ThrustTorque((0.0, 0.0, -0.5), (0.0, 0.0, 0.0)), Actuators((0.5,))])
+def test_with_a_fence_and_without_a_position_thrust_and_motors_must_stop(setpoint: DirectSetpoint) -> None:
+    fenced = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
+    assert apply_limits(setpoint, Bounds(), None).stop is None
+    assert "No valid position estimate" in (apply_limits(setpoint, fenced, None).stop or "")
