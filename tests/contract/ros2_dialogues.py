@@ -148,7 +148,6 @@ class Player:
         self._parser = FrameParser()
         self.modes: list[dict[str, Any]] = []
         """AVAILABLE_MODES received in this dialogue."""
-        self.texts: list[str] = []
 
     def play(self, scene: Scene) -> None:
         """Repeats one dialogue, and waits until the next one of the same boot begins."""
@@ -164,7 +163,7 @@ class Player:
             self._boot()
         self._prepare(dialogue)
         _use_slots(dialogue, self.vehicle)
-        self.modes, self.texts = [], []
+        self.modes = []
         self.began_s = self.vehicle.sim.time_s
         self._until_s = self.began_s + _end(dialogue) + SLACK_S
         self._begin(dialogue)
@@ -216,8 +215,6 @@ class Player:
         for message in self._parser.feed(self.vehicle.sim.drain(0, "gcs")):
             if message.name == "AVAILABLE_MODES":
                 self.modes.append(message.values)
-            elif message.name == "STATUSTEXT":
-                self.texts.append(message.values["text"])
 
     def events(self, topic: str) -> list[tuple[Any, ...]]:
         """What the vehicle published on an event topic."""
@@ -325,6 +322,16 @@ def by_mode(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
     return sorted(found, key=lambda each: (each[0], each[2]))
 
 
+def completed(messages: list[dict[str, Any]]) -> list[int]:
+    """Completed modes in order; a landing is repeated until the vehicle is disarmed, and counts once."""
+    return [state for state, _ in itertools.groupby(each["nav_state"] for each in messages)]
+
+
+def recorded_completed(dialogue: Dialogue) -> list[int]:
+    """Completed modes in order, as PX4 published them."""
+    return completed([each["fields"] for each in dialogue["received"] if each.get("topic") == COMPLETED])
+
+
 def recorded_modes(dialogue: Dialogue) -> list[dict[str, Any]]:
     """AVAILABLE_MODES as PX4 sent them; the complete list is kept once, the others have entries 18 to 25."""
     return [each["fields"] for each in dialogue["received"] if each.get("msg") == "AVAILABLE_MODES"]
@@ -364,6 +371,9 @@ def compare(
         found.append(f"{SETTABLE}: {ours}, recorded {theirs}")
     elif any(abs(a[2] - b[2]) > SLACK_S and b[2] < until_s for a, b in zip(ours, theirs, strict=True)):
         found.append(f"{SETTABLE} changed at {ours}, recorded {theirs}")
+    ours, theirs = completed(player.vehicle.all(COMPLETED, player.began_s)), recorded_completed(dialogue)
+    if ours != theirs:
+        found.append(f"{COMPLETED}: {ours}, recorded {theirs}")
     if _listed(player.modes, dialogue) != _listed(recorded_modes(dialogue), dialogue):
         found.append("AVAILABLE_MODES")
     return found

@@ -171,7 +171,7 @@ class _CompletedModes:
         now_us = self._view.time_boot_us()
         if now_us < self._landing_at_us:
             return False
-        self._landing_at_us = now_us + LAND_COMPLETED_EVERY_US
+        self._landing_at_us = (now_us // LAND_COMPLETED_EVERY_US + 1) * LAND_COMPLETED_EVERY_US
         return True
 
 
