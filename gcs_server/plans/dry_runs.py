@@ -13,7 +13,7 @@ from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.operations.process import WorkerFailed, run_process
 
-MAX_PROCESSES = 2
+AT_ONCE = 2
 """Maximum number of processes; they have low priority, but a small computer has only two cores."""
 MAX_KEPT = 10
 MAX_ANSWER_BYTES = 8 * 1024 * 1024
@@ -34,9 +34,9 @@ class DryRuns:
         Raises:
         Refused: the limit of running dry runs is reached.
         """
-        if self._running >= MAX_PROCESSES:
+        if self._running >= AT_ONCE:
             raise Refused(
-                f"{MAX_PROCESSES} dry runs are already running, which is the limit.",
+                f"{AT_ONCE} dry runs are already running, which is the limit.",
                 remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
             )
         self._count += 1
@@ -60,10 +60,8 @@ class DryRuns:
             Refused: the plan cannot be flown, the simulation takes too long, or too many dry runs are
                 running.
         """
-        if self._running >= MAX_PROCESSES:
-            raise Refused(
-                f"{MAX_PROCESSES} dry runs are already running.", remedy="Wait until one has ended."
-            )
+        if self._running >= AT_ONCE:
+            raise Refused(f"{AT_ONCE} dry runs are already running.", remedy="Wait until one has ended.")
         self._running += 1
         try:
             result = await run_process(
